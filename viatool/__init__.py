@@ -1,0 +1,60 @@
+"""Proofs, counterexamples and safety rates for learned navigation policies under bounded sensor error."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from viatool.policy import Policy, load_policy
+    from viatool.safety import Result
+    from viatool.simulate import roll_out
+    from viatool.taylor import ReachableSet, reach
+    from viatool.trajectory import Trajectory, load_trajectory
+    from viatool.verification import verify
+    from viatool.world import WorldMap, load_map
+
+__version__ = "0.1.0"
+
+_ROOM_OF = {
+    "Policy": "viatool.policy",
+    "ReachableSet": "viatool.taylor",
+    "Result": "viatool.safety",
+    "Trajectory": "viatool.trajectory",
+    "WorldMap": "viatool.world",
+    "load_map": "viatool.world",
+    "load_policy": "viatool.policy",
+    "load_trajectory": "viatool.trajectory",
+    "reach": "viatool.taylor",
+    "roll_out": "viatool.simulate",
+    "verify": "viatool.verification",
+}
+
+__all__ = [
+    "Policy",
+    "ReachableSet",
+    "Result",
+    "Trajectory",
+    "WorldMap",
+    "__version__",
+    "load_map",
+    "load_policy",
+    "load_trajectory",
+    "reach",
+    "roll_out",
+    "verify",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name from its room when it is first used, so that `import viatool` stays instant."""
+    if name not in _ROOM_OF:
+        raise AttributeError(f"module 'viatool' has no attribute '{name}'")
+    value = getattr(import_module(_ROOM_OF[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """List the public names."""
+    return sorted(__all__)

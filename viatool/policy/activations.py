@@ -1,0 +1,215 @@
+"""What each activation function is: one sympy expression, from which everything else is derived.
+
+To add an activation, add one declaration below: its ONNX name, its parameters with their defaults, and its
+expression. Evaluation, derivatives, kinks, monotone and convex pieces, and bounds follow from the expression.
+Expressions are written so that float64 evaluation neither overflows nor cancels on the branch that is taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+import sympy
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+X = sympy.Symbol("x", real=True)
+Expression = sympy.Expr
+
+_DECLARATIONS: dict[str, tuple[Callable[..., Expression], dict[str, float]]] = {}
+
+
+def _declare(name: str, **defaults: float) -> Callable[[Callable[..., Expression]], Callable[..., Expression]]:
+    def register(expression: Callable[..., Expression]) -> Callable[..., Expression]:
+        _DECLARATIONS[name] = (expression, defaults)
+        return expression
+
+    return register
+
+
+def _pieces(*pieces: tuple[object, object]) -> Expression:
+    return sympy.Piecewise(*pieces)
+
+
+@_declare("Relu")
+def _relu() -> Expression:
+    return _pieces((0, X < 0), (X, True))
+
+
+@_declare("LeakyRelu", alpha=0.01)
+def _leaky_relu(alpha: float) -> Expression:
+    return _pieces((alpha * X, X < 0), (X, True))
+
+
+@_declare("ThresholdedRelu", alpha=1.0)
+def _thresholded_relu(alpha: float) -> Expression:
+    return _pieces((0, X <= alpha), (X, True))
+
+
+@_declare("Elu", alpha=1.0)
+def _elu(alpha: float) -> Expression:
+    return _pieces((alpha * (sympy.exp(X) - 1), X < 0), (X, True))
+
+
+@_declare("Celu", alpha=1.0)
+def _celu(alpha: float) -> Expression:
+    return _pieces((alpha * (sympy.exp(X / alpha) - 1), X < 0), (X, True))
+
+
+@_declare("Selu", alpha=1.67326319217681884765625, gamma=1.05070102214813232421875)
+def _selu(alpha: float, gamma: float) -> Expression:
+    return _pieces((gamma * alpha * (sympy.exp(X) - 1), X < 0), (gamma * X, True))
+
+
+@_declare("Sigmoid")
+def _sigmoid() -> Expression:
+    return (1 + sympy.tanh(X / 2)) / 2
+
+
+@_declare("HardSigmoid", alpha=0.2, beta=0.5)
+def _hard_sigmoid(alpha: float, beta: float) -> Expression:
+    line = alpha * X + beta
+    return _pieces((0, X <= -beta / alpha), (1, X >= (1 - beta) / alpha), (line, True))
+
+
+@_declare("Tanh")
+def _tanh() -> Expression:
+    return sympy.tanh(X)
+
+
+@_declare("Softplus")
+def _softplus() -> Expression:
+    return _pieces((sympy.log(1 + sympy.exp(X)), X < 0), (X + sympy.log(1 + sympy.exp(-X)), True))
+
+
+@_declare("Softsign")
+def _softsign() -> Expression:
+    return _pieces((X / (1 - X), X < 0), (X / (1 + X), True))
+
+
+@_declare("Silu")
+def _silu() -> Expression:
+    return X * _sigmoid()
+
+
+@_declare("HardSwish")
+def _hard_swish() -> Expression:
+    return _pieces((0, X <= -3), (X, X >= 3), (X * (X + 3) / 6, True))
+
+
+@_declare("Gelu")
+def _gelu() -> Expression:
+    return X * (1 + sympy.erf(X / sympy.sqrt(2))) / 2
+
+
+@_declare("GeluTanh")
+def _gelu_tanh() -> Expression:
+    return X * (1 + sympy.tanh(sympy.sqrt(2 / sympy.pi) * (X + 0.044715 * X**3))) / 2
+
+
+@_declare("Mish")
+def _mish() -> Expression:
+    return X * sympy.tanh(_softplus())
+
+
+@_declare("Erf")
+def _erf() -> Expression:
+    return sympy.erf(X)
+
+
+@_declare("Exp")
+def _exp() -> Expression:
+    return sympy.exp(X)
+
+
+@_declare("Log")
+def _log() -> Expression:
+    return sympy.log(X)
+
+
+@_declare("Abs")
+def _abs() -> Expression:
+    return _pieces((-X, X < 0), (X, True))
+
+
+@_declare("Sqrt")
+def _sqrt() -> Expression:
+    return sympy.sqrt(X)
+
+
+@_declare("Pow", exponent=2.0)
+def _pow(exponent: float) -> Expression:
+    return X ** int(exponent)
+
+
+@_declare("Reciprocal")
+def _reciprocal() -> Expression:
+    return 1 / X
+
+
+@_declare("Clip", min=-np.inf, max=np.inf)
+def _clip(min: float, max: float) -> Expression:
+    return _pieces((min, X <= min), (max, X >= max), (X, True))
+
+
+@dataclass(frozen=True)
+class ActivationFunction:
+    """One elementwise function with its parameters; equal functions compare and hash equal.
+
+    Parameters
+    ----------
+    name : str
+        A declared name, mostly that of the ONNX operator.
+    parameters : tuple of (str, float)
+        In the order of the declaration.
+    """
+
+    name: str
+    parameters: tuple[tuple[str, float], ...] = ()
+
+    @cached_property
+    def expression(self) -> Expression:
+        """Return the function as a sympy expression in `X`."""
+        declaration, _ = _DECLARATIONS[self.name]
+        return declaration(**dict(self.parameters))
+
+    def __call__(self, x: Floats) -> Floats:
+        """Evaluate elementwise in float64; the error is far below one float32 rounding."""
+        return _compiled(self)(x)
+
+
+def activation(name: str, **parameters: float) -> ActivationFunction:
+    """Return a declared activation, its missing parameters taken from the ONNX defaults.
+
+    Raises
+    ------
+    ValueError
+        If the name or a parameter is not declared.
+    """
+    if name not in _DECLARATIONS:
+        raise ValueError(f"activation '{name}' is not declared; declared are {', '.join(sorted(_DECLARATIONS))}")
+    _, defaults = _DECLARATIONS[name]
+    unknown = parameters.keys() - defaults.keys()
+    if unknown:
+        raise ValueError(f"activation '{name}' has no parameter {', '.join(sorted(unknown))}")
+    return ActivationFunction(name, tuple((key, float(parameters.get(key, value))) for key, value in defaults.items()))
+
+
+def declared_activations() -> tuple[str, ...]:
+    """Return the names of all declared activations, sorted."""
+    return tuple(sorted(_DECLARATIONS))
+
+
+@lru_cache(maxsize=None)
+def _compiled(function: ActivationFunction) -> Callable[[Floats], Floats]:
+    evaluate = sympy.lambdify(X, function.expression, modules=["scipy", "numpy"])
+
+    def evaluated(x: Floats) -> Floats:
+        with np.errstate(all="ignore"):  # branches that are not taken may overflow
+            return np.broadcast_to(np.asarray(evaluate(x), dtype=np.float64), x.shape)
+
+    return evaluated

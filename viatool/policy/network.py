@@ -1,0 +1,231 @@
+"""The network as the engine sees it: a directed acyclic graph of a few kinds of vector-valued nodes.
+
+Every value is a flat vector per state, so an array of B states is ``(B, N)``. All linear operators of ONNX
+(Gemm, MatMul, Add, Sub, Mul by a constant, Concat, Slice, Gather, Transpose, ReduceMean, Conv, ...) are one
+kind, `Affine`; every elementwise function of one variable is `Activation`; what couples two computed vectors is
+`Product`, `Maximum` or `Minimum`. `Cast` changes the precision in which the runtime computes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.policy.activations import ActivationFunction
+
+Floats = NDArray[np.float64]
+Precision = Literal["float16", "bfloat16", "float32", "float64"]
+
+
+@dataclass(frozen=True, eq=False)
+class Input:
+    """The observation, ``(B, size)``; always node 0."""
+
+    size: int
+    precision: Precision = "float32"
+
+    @property
+    def sources(self) -> tuple[int, ...]:
+        """Return the indices of the nodes that this node reads."""
+        return ()
+
+
+@dataclass(frozen=True, eq=False)
+class Affine:
+    """``y = sum_k weights[k] @ x[sources[k]] + bias``.
+
+    Parameters
+    ----------
+    sources : tuple of int
+        Indices of the nodes that are read; empty for a constant.
+    weights : tuple of ndarray
+        One ``(size, N_k)`` float64 matrix for each source, holding the stored weights exactly.
+    bias : ndarray
+        ``(size,)`` float64.
+    precision : str
+        The precision in which the runtime computes this node. A row whose only nonzero weight is 1 and whose bias
+        is 0 copies a value and is exact in every precision.
+    """
+
+    sources: tuple[int, ...]
+    weights: tuple[Floats, ...]
+    bias: Floats
+    precision: Precision = "float32"
+
+    @property
+    def size(self) -> int:
+        """Return the length of the output vector."""
+        return int(self.bias.shape[0])
+
+
+@dataclass(frozen=True, eq=False)
+class Activation:
+    """``y_i = function(x_i)``."""
+
+    source: int
+    function: ActivationFunction
+    size: int
+    precision: Precision = "float32"
+
+    @property
+    def sources(self) -> tuple[int, ...]:
+        """Return the indices of the nodes that this node reads."""
+        return (self.source,)
+
+
+@dataclass(frozen=True, eq=False)
+class Product:
+    """``y_i = left_i * right_i``, one rounding."""
+
+    left: int
+    right: int
+    size: int
+    precision: Precision = "float32"
+
+    @property
+    def sources(self) -> tuple[int, ...]:
+        """Return the indices of the nodes that this node reads."""
+        return (self.left, self.right)
+
+
+@dataclass(frozen=True, eq=False)
+class Maximum:
+    """``y_i = max(left_i, right_i)``, exact in every precision."""
+
+    left: int
+    right: int
+    size: int
+    precision: Precision = "float32"
+
+    @property
+    def sources(self) -> tuple[int, ...]:
+        """Return the indices of the nodes that this node reads."""
+        return (self.left, self.right)
+
+
+@dataclass(frozen=True, eq=False)
+class Minimum:
+    """``y_i = min(left_i, right_i)``, exact in every precision."""
+
+    left: int
+    right: int
+    size: int
+    precision: Precision = "float32"
+
+    @property
+    def sources(self) -> tuple[int, ...]:
+        """Return the indices of the nodes that this node reads."""
+        return (self.left, self.right)
+
+
+@dataclass(frozen=True, eq=False)
+class Cast:
+    """The same real values in another precision; a narrower one costs one rounding."""
+
+    source: int
+    size: int
+    precision: Precision = "float32"
+
+    @property
+    def sources(self) -> tuple[int, ...]:
+        """Return the indices of the nodes that this node reads."""
+        return (self.source,)
+
+
+Node = Input | Affine | Activation | Product | Maximum | Minimum | Cast
+
+
+@dataclass(frozen=True, eq=False)
+class Network:
+    """A feedforward network.
+
+    Parameters
+    ----------
+    nodes : tuple of Node
+        In topological order; ``nodes[0]`` is the only `Input`, the last node is the output.
+
+    Raises
+    ------
+    ValueError
+        If a node reads a later node, or sizes do not fit.
+    """
+
+    nodes: tuple[Node, ...]
+
+    def __post_init__(self) -> None:
+        if not self.nodes or not isinstance(self.nodes[0], Input):
+            raise ValueError("nodes[0] must be the Input")
+        for index, node in enumerate(self.nodes[1:], start=1):
+            if isinstance(node, Input):
+                raise ValueError(f"node {index} is a second Input; a network has one")
+            for source in node.sources:
+                if not 0 <= source < index:
+                    raise ValueError(f"node {index} reads node {source}, which does not stand before it")
+            self._check_sizes(index, node)
+
+    def _check_sizes(self, index: int, node: Node) -> None:
+        if isinstance(node, Affine):
+            for source, weight in zip(node.sources, node.weights, strict=True):
+                if weight.shape != (node.size, self.nodes[source].size):
+                    raise ValueError(
+                        f"node {index}: weight {weight.shape} does not map {self.nodes[source].size} to {node.size}"
+                    )
+        elif any(self.nodes[source].size != node.size for source in node.sources):
+            raise ValueError(f"node {index}: an elementwise node keeps the size of its sources")
+
+    @property
+    def input_size(self) -> int:
+        """Return the length of the observation vector."""
+        return self.nodes[0].size
+
+    @property
+    def output_size(self) -> int:
+        """Return the number of actions."""
+        return self.nodes[-1].size
+
+    def __call__(self, observations: Floats) -> Floats:
+        """Evaluate the network in float64.
+
+        Parameters
+        ----------
+        observations : ndarray
+            ``(B, input_size)``.
+
+        Returns
+        -------
+        ndarray
+            ``(B, output_size)``, float64.
+        """
+        return self.values(observations)[-1]
+
+    def values(self, observations: Floats) -> list[Floats]:
+        """Evaluate every node in float64: one ``(B, size)`` array for each."""
+        values: list[Floats] = []
+        for node in self.nodes:
+            values.append(_evaluate(node, values, observations))
+        return values
+
+
+def _evaluate(node: Node, values: Sequence[Floats], observations: Floats) -> Floats:
+    match node:
+        case Input():
+            return observations
+        case Affine():
+            result = np.broadcast_to(node.bias, (observations.shape[0], node.size))
+            for source, weight in zip(node.sources, node.weights, strict=True):
+                result = result + values[source] @ weight.T
+            return result
+        case Activation():
+            return node.function(values[node.source])
+        case Product():
+            return values[node.left] * values[node.right]
+        case Maximum():
+            return np.maximum(values[node.left], values[node.right])
+        case Minimum():
+            return np.minimum(values[node.left], values[node.right])
+        case Cast():
+            return values[node.source]
