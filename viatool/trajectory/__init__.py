@@ -1,0 +1,18 @@
+"""Recorded states: the poses, observations and outcomes that a verification runs over."""
+
+from __future__ import annotations
+
+from viatool.trajectory.columns import action_columns, observation_columns
+from viatool.trajectory.files import load_trajectory, write_trajectory
+from viatool.trajectory.trajectory import OUTCOMES, Trajectory
+from viatool.trajectory.whole_file import whole_file
+
+__all__ = [
+    "OUTCOMES",
+    "Trajectory",
+    "action_columns",
+    "load_trajectory",
+    "observation_columns",
+    "whole_file",
+    "write_trajectory",
+]

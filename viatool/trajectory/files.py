@@ -1,0 +1,145 @@
+"""Trajectory files: npz, which keeps everything, and csv, which a spreadsheet opens."""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from viatool.errors import TrajectoryError
+from viatool.trajectory.scenario_text import read_scenario, write_scenario
+from viatool.trajectory.table import load_table, write_table
+from viatool.trajectory.trajectory import Trajectory
+from viatool.trajectory.whole_file import whole_file
+
+if TYPE_CHECKING:
+    from viatool.policy import PolicySpecification
+
+
+def load_trajectory(
+    path: str | os.PathLike[str], specification: PolicySpecification | None = None
+) -> Trajectory:
+    """Read a trajectory from an npz or csv file.
+
+    Parameters
+    ----------
+    path : path
+        Ends in .npz or .csv.
+    specification : PolicySpecification, optional
+        Names the observation and action columns of a csv; without it they are observation_0, action_0, ...
+
+    Returns
+    -------
+    Trajectory
+        N states. A file without states gives N = 0.
+
+    Raises
+    ------
+    TrajectoryError
+        If the file is missing, cut off, not of its format, lacks a column or holds a NaN or infinity.
+
+    Notes
+    -----
+    The npz arrays are `pose`, `observation`, `action`, `episode`, `time`, `outcome`, `cost` and `scenario`
+    (JSON); only the first two are needed, so the state table of a verification is a trajectory as well.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise TrajectoryError(f"trajectory '{path}' is not a file", "check the path")
+    reader = _READERS.get(path.suffix.lower())
+    if reader is None:
+        raise TrajectoryError(
+            f"trajectory '{path}' ends in '{path.suffix}', expected {' or '.join(_READERS)}",
+            "convert it to npz or csv",
+        )
+    try:
+        return reader(path, specification)
+    except TrajectoryError as error:
+        raise TrajectoryError(f"{path}: {error.message}", error.hint) from error
+
+
+def write_trajectory(
+    path: str | os.PathLike[str], trajectory: Trajectory, specification: PolicySpecification | None = None
+) -> None:
+    """Write a trajectory to an npz or csv file, whole or not at all.
+
+    Parameters
+    ----------
+    path : path
+        Ends in .npz or .csv.
+    trajectory : Trajectory
+        N states.
+    specification : PolicySpecification, optional
+        Names the observation and action columns of a csv.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in _READERS:
+        raise TrajectoryError(
+            f"trajectory '{path}' ends in '{path.suffix}', expected {' or '.join(_READERS)}",
+            "choose one of them",
+        )
+    with whole_file(path) as draft:
+        if path.suffix.lower() == ".csv":
+            write_table(draft, trajectory, specification)
+        else:
+            _write_arrays(draft, trajectory)
+
+
+def _write_arrays(path: Path, trajectory: Trajectory) -> None:
+    with path.open("wb") as stream:
+        np.savez_compressed(
+            stream,
+            pose=trajectory.poses,
+            observation=trajectory.observations,
+            action=trajectory.actions,
+            episode=trajectory.episode,
+            time=trajectory.time,
+            outcome=trajectory.outcomes,
+            cost=trajectory.costs,
+            scenario=np.array([write_scenario(scenario) for scenario in trajectory.scenarios], dtype=np.str_),
+        )
+
+
+def _load_arrays(path: Path, specification: PolicySpecification | None) -> Trajectory:
+    try:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files if name in _ARRAYS}
+    except (zipfile.BadZipFile, ValueError, OSError, EOFError, AttributeError, TypeError) as error:
+        raise TrajectoryError(f"not a readable npz archive ({error})", "write it with numpy.savez") from error
+    missing = [name for name in ("pose", "observation") if name not in arrays]
+    if missing:
+        raise TrajectoryError(
+            f"the archive lacks the array '{missing[0]}'", f"give the arrays {', '.join(sorted(_ARRAYS))}"
+        )
+    states = arrays["pose"].shape[0] if arrays["pose"].ndim else 0
+    episode = arrays.get("episode", np.zeros(states, dtype=np.int64))
+    episodes = int(episode.max()) + 1 if episode.size and episode.dtype.kind in "iu" else 0
+    outcomes = arrays.get("outcome", np.full(episodes, "unknown"))
+    scenarios = arrays.get("scenario", np.full(outcomes.shape, ""))
+    try:
+        return Trajectory(
+            poses=arrays["pose"],
+            observations=arrays["observation"],
+            actions=arrays.get("action", np.zeros((states, 0))),
+            episode=episode,
+            time=arrays.get("time", _position_in_episode(episode)),
+            outcomes=outcomes,
+            costs=arrays.get("cost", np.full(outcomes.shape, np.nan)),
+            scenarios=tuple(read_scenario(str(text)) for text in scenarios.ravel()),
+        )
+    except (ValueError, TypeError) as error:
+        raise TrajectoryError(
+            f"an array is not of its kind ({error})", "give numbers, and texts as outcome"
+        ) from error
+
+
+def _position_in_episode(episode: np.ndarray) -> np.ndarray:
+    """Return a clock that counts the rows, for files that recorded none."""
+    return np.arange(episode.shape[0], dtype=np.float64)
+
+
+_ARRAYS = {"pose", "observation", "action", "episode", "time", "outcome", "cost", "scenario"}
+_READERS = {".npz": _load_arrays, ".csv": load_table}

@@ -1,0 +1,163 @@
+"""The recorded states of any number of episodes, as arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.errors import TrajectoryError
+
+if TYPE_CHECKING:
+    from viatool.world import Scenario
+
+Floats = NDArray[np.float64]
+
+OUTCOMES = ("success", "collision", "timeout", "unknown")
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """N states in which an action was taken, of E episodes; terminal states are not among them.
+
+    Parameters
+    ----------
+    poses : ndarray
+        (N, 3) x, y, theta in the map frame; metres and radians.
+    observations : ndarray
+        (N, n) what the policy saw, in the units of its specification.
+    actions : ndarray
+        (N, A) what the policy commanded; (N, 0) when it was not recorded.
+    episode : ndarray
+        (N,) index of the episode in 0..E-1; the states of an episode stand in the order of time.
+    time : ndarray
+        (N,) seconds since the start of the episode.
+    outcomes : ndarray
+        (E,) one of `OUTCOMES`.
+    costs : ndarray
+        (E,) steps that the episode spent within the danger distance, NaN when it was not recorded.
+    scenarios : tuple
+        E entries: what the episode added to the map (start, goal, obstacles of its own), or None.
+
+    Raises
+    ------
+    TrajectoryError
+        If shapes contradict each other, a number is not finite, an episode index has no outcome, or the
+        clock of an episode goes back.
+    """
+
+    poses: Floats
+    observations: Floats
+    actions: Floats
+    episode: NDArray[np.int64]
+    time: Floats
+    outcomes: NDArray[np.str_]
+    costs: Floats
+    scenarios: tuple[Scenario | None, ...]
+
+    def __post_init__(self) -> None:
+        for name, kind in _KINDS.items():
+            object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=kind))
+        object.__setattr__(self, "outcomes", np.asarray(self.outcomes, dtype=np.str_))
+        object.__setattr__(self, "scenarios", tuple(self.scenarios))
+        _check_shapes(self)
+        _check_finite(self)
+        _check_episodes(self)
+
+    def __len__(self) -> int:
+        """Return the number of states."""
+        return int(self.poses.shape[0])
+
+    @property
+    def episodes(self) -> int:
+        """Return the number of episodes."""
+        return int(self.outcomes.shape[0])
+
+    def select(self, states: NDArray[Any]) -> Trajectory:
+        """Return the trajectory of some states, with every episode kept.
+
+        Parameters
+        ----------
+        states : ndarray
+            (N,) bool, or indices in increasing order.
+        """
+        return Trajectory(
+            poses=self.poses[states],
+            observations=self.observations[states],
+            actions=self.actions[states],
+            episode=self.episode[states],
+            time=self.time[states],
+            outcomes=self.outcomes,
+            costs=self.costs,
+            scenarios=self.scenarios,
+        )
+
+
+_KINDS: dict[str, type] = {
+    "poses": np.float64,
+    "observations": np.float64,
+    "actions": np.float64,
+    "episode": np.int64,
+    "time": np.float64,
+    "costs": np.float64,
+}
+
+
+def _check_shapes(trajectory: Trajectory) -> None:
+    """Refuse arrays whose shapes do not belong together."""
+    states = trajectory.poses.shape[0] if trajectory.poses.ndim else 0
+    expected: dict[str, tuple[int | None, ...]] = {
+        "poses": (states, 3),
+        "observations": (states, None),
+        "actions": (states, None),
+    }
+    expected |= {"episode": (states,), "time": (states,)}
+    expected |= {"outcomes": (len(trajectory.scenarios),), "costs": (len(trajectory.scenarios),)}
+    for name, shape in expected.items():
+        found = getattr(trajectory, name).shape
+        if len(found) != len(shape) or any(w not in (None, f) for f, w in zip(found, shape, strict=True)):
+            wanted = "(" + ", ".join("any" if size is None else str(size) for size in shape) + ")"
+            raise TrajectoryError(
+                f"trajectory array '{name}' has shape {found}, expected {wanted}",
+                "give one row for every state and one outcome, cost and scenario for every episode",
+            )
+
+
+def _check_finite(trajectory: Trajectory) -> None:
+    """Refuse numbers that are not finite, naming the first one."""
+    for name in ("poses", "observations", "actions", "time"):
+        values = getattr(trajectory, name)
+        bad = np.argwhere(~np.isfinite(values))
+        if bad.size:
+            row, *column = bad[0].tolist()
+            place = f"row {row}" + (f", column {column[0]}" if column else "")
+            raise TrajectoryError(
+                f"trajectory array '{name}' holds {values[tuple(bad[0])]} in {place}, which is not finite",
+                "leave out states that were not observed, and replace infinite ranges by the maximum range",
+            )
+
+
+def _check_episodes(trajectory: Trajectory) -> None:
+    """Refuse episode indices without an outcome, unknown outcomes, and clocks that go back."""
+    episode, count = trajectory.episode, trajectory.episodes
+    if episode.size and (episode.min() < 0 or episode.max() >= count):
+        raise TrajectoryError(
+            f"trajectory names episodes {episode.min()} to {episode.max()}, but has {count} outcomes",
+            "number the episodes from 0 and give each one an outcome",
+        )
+    for outcome in np.unique(trajectory.outcomes):
+        if outcome not in OUTCOMES:
+            raise TrajectoryError(
+                f"trajectory has the outcome '{outcome}', expected one of {', '.join(OUTCOMES)}",
+                "write 'unknown' where the outcome was not recorded",
+            )
+    order = np.argsort(episode, kind="stable")
+    back = (np.diff(trajectory.time[order]) < 0) & (np.diff(episode[order]) == 0)
+    if back.any():
+        row = int(order[1:][back][0])
+        raise TrajectoryError(
+            f"the clock of episode {int(episode[row])} goes back in row {row}, to {trajectory.time[row]} s",
+            "sort the rows of every episode by time",
+        )

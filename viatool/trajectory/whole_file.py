@@ -1,0 +1,50 @@
+"""Files that appear whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+@contextmanager
+def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Give a temporary path beside `path` that takes its place when the block ends without an exception.
+
+    Parameters
+    ----------
+    path : path
+        Where the finished file shall stand. Its folder is made when it is missing.
+
+    Yields
+    ------
+    Path
+        A path with the same suffix in the same folder, to be written by the caller.
+
+    Notes
+    -----
+    The replacement is one rename within a folder, so a reader sees the old file or the new one, never a part.
+    When the block raises, the temporary file is removed and an older file at `path` stays as it was.
+    """
+    target = Path(path)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    descriptor, name = tempfile.mkstemp(prefix=f".{target.stem}-", suffix=target.suffix, dir=target.parent)
+    os.close(descriptor)
+    draft = Path(name)
+    try:
+        yield draft
+        draft.chmod(_usual_mode(target))
+        draft.replace(target)
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def _usual_mode(target: Path) -> int:
+    """Return the permissions that `target` has, or that a plain `open` would have given it."""
+    if target.exists():
+        return target.stat().st_mode & 0o777
+    umask = os.umask(0)
+    os.umask(umask)
+    return 0o666 & ~umask
