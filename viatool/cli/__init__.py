@@ -1,7 +1,7 @@
-"""The command line: one short file for each command, no logic."""
+"""The command line: one short file for each command, and no logic."""
 
 from __future__ import annotations
 
-from viatool.cli.main import main
+from viatool.cli.group import main
 
 __all__ = ["main"]

@@ -1,0 +1,100 @@
+"""The one place where an exception becomes an exit code and a message."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import sys
+import traceback
+
+import click
+
+from viatool.errors import EmptyEvaluationError, InputError, ViatoolError
+
+PASSED = 0
+GATE_FAILED = 1
+UNUSABLE_INPUT = 2
+INTERNAL_ERROR = 3
+NOTHING_EVALUATED = 5
+INTERRUPTED = 130
+BROKEN_PIPE = 141
+
+TRACEBACK_VARIABLE = "VIATOOL_TRACEBACK"
+_EXTRA_OF_MODULE = {
+    "torch": "train",
+    "tensorboard": "train",
+    "gymnasium": "train",
+    "pybullet": "sim",
+    "rosbags": "ros",
+}
+
+
+def explain(error: BaseException) -> tuple[int, str]:
+    """Translate an exception.
+
+    Parameters
+    ----------
+    error : BaseException
+        Whatever ended the command.
+
+    Returns
+    -------
+    tuple of (int, str)
+        The exit code of the contract, and what stderr shall say (nothing if empty).
+    """
+    if isinstance(error, KeyboardInterrupt | click.Abort):
+        return INTERRUPTED, "interrupted"
+    if isinstance(error, click.UsageError):
+        return UNUSABLE_INPUT, _usage(error)
+    if isinstance(error, click.ClickException):
+        return UNUSABLE_INPUT, compose(error.format_message())
+    if isinstance(error, EmptyEvaluationError):
+        return NOTHING_EVALUATED, compose(error.message, error.hint)
+    if isinstance(error, InputError):
+        return UNUSABLE_INPUT, compose(error.message, error.hint)
+    if isinstance(error, ViatoolError):
+        return INTERNAL_ERROR, compose(error.message, error.hint)
+    if isinstance(error, ModuleNotFoundError) and (error.name or "").split(".")[0] in _EXTRA_OF_MODULE:
+        return UNUSABLE_INPUT, _missing_extra((error.name or "").split(".")[0])
+    if isinstance(error, OSError):
+        return _operating_system(error)
+    return _internal(error)
+
+
+def compose(message: str, hint: str = "") -> str:
+    """Write a message the way every failure is written: ``error: ...`` and, below it, ``hint: ...``."""
+    return f"error: {message}\nhint: {hint}" if hint else f"error: {message}"
+
+
+def _usage(error: click.UsageError) -> str:
+    message = error.format_message()
+    command = error.ctx.command_path if error.ctx else "viatool"
+    return compose(message, f"run '{command} --help' for the options")
+
+
+def _missing_extra(module: str) -> str:
+    extra = _EXTRA_OF_MODULE[module]
+    return compose(
+        f"this command needs the Python package '{module}', which the base install leaves out",
+        f"run pip install 'viatool[{extra}]', or from a checkout pip install '.[{extra}]'",
+    )
+
+
+def _operating_system(error: OSError) -> tuple[int, str]:
+    if error.errno == errno.EPIPE:
+        # The reader has gone: give the interpreter's last flush somewhere to go.
+        with contextlib.suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return BROKEN_PIPE, ""
+    name = f"{error.filename}: " if error.filename else ""
+    return UNUSABLE_INPUT, compose(f"{name}{error.strerror or error}", "check the path and its permissions")
+
+
+def _internal(error: BaseException) -> tuple[int, str]:
+    if os.environ.get(TRACEBACK_VARIABLE):
+        traceback.print_exception(error)
+    text = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+    return INTERNAL_ERROR, compose(
+        f"internal error: {text}", f"set {TRACEBACK_VARIABLE}=1, run again and report the traceback as a bug"
+    )

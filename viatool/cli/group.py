@@ -1,0 +1,74 @@
+"""The command group: commands are imported when they are asked for, errors become exit codes in one place."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from typing import Any, NoReturn
+
+import click
+
+from viatool import __version__
+from viatool.cli.failures import explain
+
+COMMANDS = ("verify", "bounds", "simulate", "inspect", "map")
+
+
+class CommandGroup(click.Group):
+    """A click group whose commands live in modules of the same name in this package."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """List the commands in the order in which a user meets them."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import one command; None if there is no such command."""
+        if cmd_name not in COMMANDS:
+            return None
+        command = import_module(f"viatool.cli.{cmd_name}").command
+        assert isinstance(command, click.Command)
+        return command
+
+    def main(self, args: Sequence[str] | None = None, *rest: Any, **extra: Any) -> NoReturn:
+        """Run a command and leave the process with an exit code of the contract.
+
+        Parameters
+        ----------
+        args : sequence of str, optional
+            The arguments after the program's name; those of the process by default.
+        *rest, **extra
+            As for `click.Group.main`; ``standalone_mode`` is always off.
+        """
+        extra["standalone_mode"] = False
+        extra.setdefault("prog_name", "viatool")
+        try:
+            code = super().main(args, *rest, **extra)
+        except SystemExit:  # shell completion leaves on its own
+            raise
+        except BaseException as error:  # every exception must become one exit code
+            code, message = explain(error)
+            if message:
+                click.echo(message, err=True)
+        sys.exit(code if isinstance(code, int) else 0)
+
+
+@click.group(
+    cls=CommandGroup,
+    invoke_without_command=True,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    epilog=(
+        "Exit codes: 0 passed, 1 gate failed, 2 usage or unreadable input, 3 internal error or self-check "
+        "mismatch, 5 nothing was evaluated, 130 interrupted."
+    ),
+)
+@click.version_option(__version__, prog_name="viatool", message="%(prog)s %(version)s")
+@click.pass_context
+def main(ctx: click.Context) -> None:
+    """Can this navigation policy be made to drive too close to something?
+
+    viatool proves, for every visited state, that no sensor error up to the given bound can do it; or it hands
+    out an observation that does; or it says that it does not know.
+    """
+    if ctx.invoked_subcommand is None:
+        click.echo(ctx.get_help())

@@ -1,0 +1,178 @@
+"""Options that several commands share, each defined once, and the types that check them."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+Eps = tuple[str, float]
+
+_THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+
+
+class EpsType(click.ParamType):
+    """``0.01`` for every channel, or ``lidar=0.03`` for one; converted to (channel, radius)."""
+
+    name = "eps"
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
+        """Show what may be written."""
+        return "[CHANNEL=]RADIUS"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Eps:
+        """Read one radius; it must be finite and not negative."""
+        if isinstance(value, tuple):
+            return value
+        channel, equals, text = value.rpartition("=")
+        if equals and not channel:
+            self.fail(f"'{value}' names no channel before '='", param, ctx)
+        radius = finite(text)
+        if radius is None or radius < 0.0:
+            self.fail(f"'{value}' is not a finite radius of at least 0, in the channel's unit", param, ctx)
+        return channel, radius
+
+
+class QuantityType(click.ParamType):
+    """A finite number above 0 (or at least 0), in a unit that the metavar names."""
+
+    def __init__(self, unit: str, *, zero: bool = False) -> None:
+        self.name = unit
+        self.zero = zero
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
+        """Show the unit."""
+        return self.name.upper()
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Read one number."""
+        number = value if isinstance(value, float) else finite(str(value))
+        if number is None or number < 0.0 or (number == 0.0 and not self.zero):
+            self.fail(f"'{value}' is not a finite number {'of at least' if self.zero else 'above'} 0", param, ctx)
+        return number
+
+
+def finite(text: str) -> float | None:
+    """Read a finite number; None if the text is not one."""
+    try:
+        number = float(text)
+    except ValueError:
+        return None
+    return number if math.isfinite(number) else None
+
+
+def collect_eps(ctx: click.Context, param: click.Parameter, values: tuple[Eps, ...]) -> dict[str, float]:
+    """Gather the repeated ``--eps`` by channel; the key ``""`` holds the radius of all other channels."""
+    radii: dict[str, float] = {}
+    for channel, radius in values:
+        if channel in radii:
+            name = f"channel '{channel}'" if channel else "all channels"
+            raise click.BadParameter(f"the radius of {name} is given twice", ctx=ctx, param=param)
+        radii[channel] = radius
+    return radii
+
+
+def limit_threads(ctx: click.Context, param: click.Parameter, threads: int | None) -> int | None:
+    """Limit the threads of the numeric libraries; this has to happen before numpy is imported."""
+    if threads is not None:
+        os.environ.update(dict.fromkeys(_THREAD_VARIABLES, str(threads)))
+    return threads
+
+
+READABLE = click.Path(path_type=Path)
+
+policy_argument = click.argument("policy", type=READABLE)
+map_option = click.option(
+    "--map", "map_path", type=READABLE, required=True, metavar="FILE", help="The map: native YAML or a ROS 2 map_server YAML."
+)
+spec_option = click.option(
+    "--spec", "spec_path", type=READABLE, metavar="FILE", help="Specification of a policy that carries none (YAML)."
+)
+eps_option = click.option(
+    "--eps",
+    type=EpsType(),
+    multiple=True,
+    required=True,
+    callback=collect_eps,
+    help="Sensor error: a radius in each channel's unit, or one channel's, such as lidar=0.03. Repeatable.",
+)
+seed_option = click.option(
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of scenarios and noise."
+)
+noise_option = click.option(
+    "--noise",
+    type=QuantityType("m", zero=True),
+    help="Standard deviation of the simulated LiDAR noise; by default the map's.",
+)
+scenarios_option = click.option(
+    "--scenarios",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Drive N scenarios drawn by the map's generator instead of the map's fixed ones.",
+)
+threads_option = click.option(
+    "--threads",
+    type=click.IntRange(min=1),
+    metavar="N",
+    callback=limit_threads,
+    is_eager=True,
+    help="Threads of the numeric libraries.",
+)
+quiet_option = click.option("--quiet", "-q", is_flag=True, help="Print no report and no progress.")
+
+
+def bounds_options(command: Command) -> Command:
+    """Add the options of the reachable set."""
+    for option in reversed(
+        (
+            click.option("--order", type=click.IntRange(min=1), default=1, show_default=True, help="Order of the Taylor models."),
+            click.option(
+                "--approximation",
+                type=click.Choice(["chebyshev", "bernstein", "taylor"]),
+                default="chebyshev",
+                show_default=True,
+                help="Polynomials that approximate the activations.",
+            ),
+            click.option(
+                "--refine",
+                type=click.Choice(["none", "monotone", "split"]),
+                default="monotone",
+                show_default=True,
+                help="Refinement of the bounds.",
+            ),
+            click.option(
+                "--arithmetic",
+                type=click.Choice(["float32", "real"]),
+                default="float32",
+                show_default=True,
+                help="Whether the bounds cover the rounding of the deployed program or the exact network only.",
+            ),
+        )
+    ):
+        command = option(command)
+    return command
+
+
+def clearance_options(command: Command) -> Command:
+    """Add the options that override the map's clearances and robot."""
+    for option in reversed(
+        (
+            click.option("--clearance", type=QuantityType("m"), help="Collision distance d_col instead of the map's."),
+            click.option("--danger", type=QuantityType("m"), help="Danger distance d_danger instead of the map's."),
+            click.option(
+                "--interval", type=QuantityType("s"), help="Control interval instead of the robot's."
+            ),
+            click.option(
+                "--footprint",
+                metavar="point|RADIUS",
+                help="Footprint instead of the robot's: 'point' (the LiDAR origin) or a disc's radius in m.",
+            ),
+        )
+    ):
+        command = option(command)
+    return command

@@ -1,0 +1,131 @@
+"""The report as data: the typed form of the report JSON, from which every reporter, gate and comparison reads.
+
+Field names are a contract with other programs; the JSON Schema in docs/ is generated from these classes.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from viatool.errors import ConfigurationError
+
+Count = Annotated[int, Field(ge=0)]
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="allow")
+
+
+class FileIdentity(_Part):
+    """A file that was read, and the digest of what was in it."""
+
+    path: str
+    sha256: str
+
+
+class Verdicts(_Part):
+    """How many states have each verdict."""
+
+    safe: Count
+    unsafe: Count
+    unknown: Count
+
+
+class Rate(_Part):
+    """Safe states among all that count; `rate` is None when there are none."""
+
+    safe: Count
+    total: Count
+    rate: Share | None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Rate:
+        if self.safe > self.total:
+            raise ValueError(f"{self.safe} safe states among {self.total}")
+        return self
+
+
+class RateByOutcome(_Part):
+    """A rate over all states, and over the states of the episodes with each outcome."""
+
+    overall: Rate
+    success: Rate
+    collision: Rate
+    timeout: Rate
+
+
+class Task(_Part):
+    """How the simulated or recorded episodes ended: measured, not proved."""
+
+    episodes: Count
+    success_rate: Share | None
+    collision_rate: Share | None
+    timeout_rate: Share | None
+    average_cost: float | None
+
+
+class Width(_Part):
+    """Width of the reachable set of one action over the states, in the action's unit."""
+
+    mean: float
+    std: float
+    max: float
+
+
+class ReportDocument(_Part):
+    """The whole report."""
+
+    schema_version: Annotated[int, Field(ge=1, le=1)]
+    policy: FileIdentity
+    map: FileIdentity
+    eps: Any
+    criterion: str
+    arithmetic: str
+    engine: Any
+    states: Count
+    verdicts: Verdicts
+    safety_rate: RateByOutcome
+    sampled_safety_rate: RateByOutcome
+    danger_rate: RateByOutcome
+    contested_rate: RateByOutcome
+    task: Task
+    reachable_width: dict[str, Width]
+    seconds: dict[str, float]
+    versions: dict[str, str]
+
+
+def load_document(path: Path) -> ReportDocument:
+    """Read a stored report.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file is missing, is no JSON or is not a report; names the field.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not a text file"
+        raise ConfigurationError(f"cannot read the report '{path}': {reason}", "check the path") from error
+    try:
+        return ReportDocument.model_validate_json(text)
+    except ValidationError as error:
+        first = error.errors()[0]
+        field = ".".join(str(part) for part in first["loc"]) or "the document"
+        raise ConfigurationError(
+            f"'{path}' is not a viatool report: {field}: {first['msg']}",
+            "write one with viatool verify ... --output json:PATH",
+        ) from error
+
+
+def schema() -> str:
+    """Return the JSON Schema of the report."""
+    content = ReportDocument.model_json_schema()
+    content["$schema"] = "https://json-schema.org/draft/2020-12/schema"
+    content["title"] = "viatool report"
+    return json.dumps(content, indent=2, sort_keys=True) + "\n"

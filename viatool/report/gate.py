@@ -1,0 +1,161 @@
+"""The gate: conditions on a report, decided on integers, never on rounded rates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from decimal import Decimal, InvalidOperation
+from fractions import Fraction
+
+from viatool.errors import ConfigurationError, EmptyEvaluationError
+from viatool.report.document import Rate, ReportDocument
+from viatool.report.numbers import count, digits_needed, percent_of, percentage
+
+RATES = {
+    "overall": "safety rate",
+    "danger": "danger rate",
+    "contested": "contested rate",
+    "sampled": "sampled safety rate",
+    "success": "safety rate in successful episodes",
+    "collision": "safety rate in colliding episodes",
+    "timeout": "safety rate in episodes that ran out of time",
+}
+
+
+@dataclass(frozen=True)
+class Threshold:
+    """A least rate: ``safe / total >= least`` for one of `RATES`."""
+
+    name: str
+    least: Fraction
+
+
+@dataclass(frozen=True)
+class Gate:
+    """What a report must fulfil.
+
+    Parameters
+    ----------
+    thresholds : tuple of Threshold
+        Least rates.
+    max_unsafe, max_unknown : int, optional
+        The most states with that verdict.
+    baseline : ReportDocument, optional
+        An older report: no rate may fall below its rate, and no more states may be unsafe.
+    """
+
+    thresholds: tuple[Threshold, ...] = ()
+    max_unsafe: int | None = None
+    max_unknown: int | None = None
+    baseline: ReportDocument | None = None
+
+
+@dataclass(frozen=True)
+class Check:
+    """One decided condition of a gate, with the figures that decided it."""
+
+    condition: str
+    passed: bool
+    figures: str
+
+
+def parse_threshold(text: str) -> Threshold:
+    """Read ``0.99``, ``99%`` or ``danger=0.95`` exactly as it is written.
+
+    Raises
+    ------
+    ConfigurationError
+        If the name is unknown or the number is not between 0 and 1.
+    """
+    name, equals, number = text.rpartition("=")
+    name = name if equals else "overall"
+    if name not in RATES:
+        raise ConfigurationError(f"'{text}' names no rate", f"choose one of {', '.join(RATES)}")
+    return Threshold(name, _parse_rate(number.strip(), text))
+
+
+def _parse_rate(number: str, text: str) -> Fraction:
+    try:
+        decimal = Decimal(number.removesuffix("%"))
+        # An exponent beyond any rate that is meant would only cost memory as a fraction.
+        rate = Fraction(decimal) if decimal.is_finite() and abs(decimal.adjusted()) < 50 else Fraction(-1)
+    except InvalidOperation:
+        rate = Fraction(-1)
+    if number.endswith("%"):
+        rate /= 100
+    if not 0 <= rate <= 1:
+        raise ConfigurationError(f"'{text}' is not a rate", "write a number from 0 to 1, such as 0.99, or 99%")
+    return rate
+
+
+def evaluate(gate: Gate, document: ReportDocument) -> tuple[Check, ...]:
+    """Decide every condition of a gate.
+
+    Parameters
+    ----------
+    gate : Gate
+        The conditions.
+    document : ReportDocument
+        The report.
+
+    Returns
+    -------
+    tuple of Check
+        In the order of the conditions; empty for a gate without conditions, which never fails.
+
+    Raises
+    ------
+    EmptyEvaluationError
+        If a rate that a condition asks for has no states.
+    """
+    checks = [_threshold(threshold, document) for threshold in gate.thresholds]
+    for verdict, most in (("unsafe", gate.max_unsafe), ("unknown", gate.max_unknown)):
+        if most is not None:
+            found = int(getattr(document.verdicts, verdict))
+            checks.append(Check(f"at most {count(most)} {verdict}", found <= most, f"{count(found)} {verdict}"))
+    if gate.baseline is not None:
+        checks += _regressions(gate.baseline, document)
+    return tuple(checks)
+
+
+def _threshold(threshold: Threshold, document: ReportDocument) -> Check:
+    rate = rate_named(document, threshold.name)
+    if rate.total == 0:
+        raise EmptyEvaluationError(
+            f"the {RATES[threshold.name]} has no states, so the gate cannot pass",
+            "evaluate more scenarios or gate on another rate",
+        )
+    digits = digits_needed(threshold.least)
+    return Check(
+        f"{RATES[threshold.name]} >= {percent_of(threshold.least, digits)}",
+        rate.safe * threshold.least.denominator >= threshold.least.numerator * rate.total,
+        f"{percentage(rate.safe, rate.total, digits)} ({count(rate.safe)} of {count(rate.total)})",
+    )
+
+
+def rate_named(document: ReportDocument, name: str) -> Rate:
+    """Look up one of `RATES` in a report."""
+    by_outcome = {
+        "danger": document.danger_rate,
+        "contested": document.contested_rate,
+        "sampled": document.sampled_safety_rate,
+    }.get(name)
+    if by_outcome is not None:
+        return by_outcome.overall
+    rate = getattr(document.safety_rate, name)
+    assert isinstance(rate, Rate)
+    return rate
+
+
+def _regressions(baseline: ReportDocument, document: ReportDocument) -> list[Check]:
+    checks = []
+    for name, title in RATES.items():
+        before, now = rate_named(baseline, name), rate_named(document, name)
+        if before.total == 0 or now.total == 0:
+            continue
+        passed = now.safe * before.total >= before.safe * now.total
+        figures = f"{percentage(now.safe, now.total, 4)}, was {percentage(before.safe, before.total, 4)}"
+        checks.append(Check(f"{title} not below the baseline", passed, figures))
+    before_unsafe, now_unsafe = baseline.verdicts.unsafe, document.verdicts.unsafe
+    figures = f"{count(now_unsafe)}, was {count(before_unsafe)}"
+    checks.append(Check("no more unsafe states than the baseline", now_unsafe <= before_unsafe, figures))
+    return checks

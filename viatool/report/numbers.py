@@ -1,0 +1,56 @@
+"""Numbers for people: rates are rounded down, so that 100 % is shown only when every state is safe."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+MISSING = "–"
+
+
+def percentage(part: int, total: int, digits: int = 2) -> str:
+    """Write ``part / total`` in per cent, rounded down in integer arithmetic.
+
+    Parameters
+    ----------
+    part, total : int
+        ``0 <= part <= total``.
+    digits : int
+        Digits after the point.
+
+    Returns
+    -------
+    str
+        Such as ``"99.99 %"``; a dash if `total` is 0, for there is no rate then.
+    """
+    return MISSING if total == 0 else percent_of(Fraction(part, total), digits)
+
+
+def percent_of(rate: Fraction, digits: int = 2) -> str:
+    """Write a rate in per cent, rounded down."""
+    scale = 10**digits
+    whole, rest = divmod(rate.numerator * 100 * scale // rate.denominator, scale)
+    return f"{whole}.{rest:0{digits}d} %" if digits else f"{whole} %"
+
+
+def digits_needed(rate: Fraction, most: int = 12) -> int:
+    """Return how many digits after the point, at least 2, write `rate` in per cent without rounding."""
+    return next((digits for digits in range(2, most) if (rate * 10 ** (digits + 2)).denominator == 1), most)
+
+
+def count(number: int) -> str:
+    """Write an integer with thin thousands groups."""
+    return f"{number:,}"
+
+
+def significant(value: float, digits: int = 3) -> str:
+    """Write a measured number with a fixed number of significant digits and no exponent where it is readable."""
+    if value == 0.0:
+        return "0"
+    return f"{value:.{digits}g}" if 1e-4 <= abs(value) < 1e5 else f"{value:.{digits - 1}e}"
+
+
+def seconds(value: float) -> str:
+    """Write a duration."""
+    if value < 1e-3:
+        return f"{value * 1e6:.0f} µs"
+    return f"{value * 1e3:.0f} ms" if value < 1.0 else f"{value:.2f} s"

@@ -1,0 +1,11 @@
+"""Colours of the verdicts: three that people with any colour vision tell apart (Okabe and Ito's set)."""
+
+from __future__ import annotations
+
+VERDICTS = ("safe", "unknown", "unsafe")
+COLOUR = {"safe": "#0072B2", "unknown": "#E69F00", "unsafe": "#D55E00"}
+MEANING = {
+    "safe": "proved",
+    "unknown": "neither proved nor refuted",
+    "unsafe": "a replayable counterexample exists",
+}
