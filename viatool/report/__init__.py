@@ -1,0 +1,25 @@
+"""One result, many reporters, and the gate."""
+
+from __future__ import annotations
+
+from viatool.report.console import print_report
+from viatool.report.document import ReportDocument, load_document, read_result
+from viatool.report.gate import Check, Gate, Threshold, evaluate, parse_threshold
+from viatool.report.outputs import REPORTERS, Output, check_outputs, parse_output, write_outputs
+
+__all__ = [
+    "REPORTERS",
+    "Check",
+    "Gate",
+    "Output",
+    "ReportDocument",
+    "Threshold",
+    "check_outputs",
+    "evaluate",
+    "load_document",
+    "parse_output",
+    "parse_threshold",
+    "print_report",
+    "read_result",
+    "write_outputs",
+]

@@ -7,11 +7,14 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from viatool.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from viatool.safety import Result
 
 Count = Annotated[int, Field(ge=0)]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
@@ -97,6 +100,11 @@ class ReportDocument(_Part):
     reachable_width: dict[str, Width]
     seconds: dict[str, float]
     versions: dict[str, str]
+
+
+def read_result(result: Result) -> ReportDocument:
+    """Return the report of a result; what a stored report of it would be read back as."""
+    return ReportDocument.model_validate(result.to_json())
 
 
 def load_document(path: Path) -> ReportDocument:

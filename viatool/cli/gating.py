@@ -1,0 +1,57 @@
+"""The options of the gate, shared by every command that has one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from viatool.cli.options import READABLE
+
+if TYPE_CHECKING:
+    from viatool.report import Gate
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+
+def gate_options(command: Command) -> Command:
+    """Add the conditions of the gate."""
+    for option in reversed(
+        (
+            click.option(
+                "--fail-under",
+                multiple=True,
+                metavar="[NAME=]RATE",
+                help="Exit 1 if the safety rate, or another rate such as danger=0.95, is below RATE. Repeatable.",
+            ),
+            click.option(
+                "--max-unsafe", type=click.IntRange(min=0), metavar="N", help="Exit 1 if more states are unsafe."
+            ),
+            click.option(
+                "--max-unknown", type=click.IntRange(min=0), metavar="N", help="Exit 1 if more states are unknown."
+            ),
+            click.option(
+                "--baseline",
+                type=READABLE,
+                metavar="FILE",
+                help="Exit 1 if a rate is below, or more states are unsafe than in this report (json).",
+            ),
+            click.option("--exit-zero", is_flag=True, help="Report a failed gate, but exit 0."),
+        )
+    ):
+        command = option(command)
+    return command
+
+
+def build_gate(given: Mapping[str, Any]) -> Gate:
+    """Read the conditions of the gate from the options of a command."""
+    from viatool.report import Gate, load_document, parse_threshold
+
+    baseline = given["baseline"]
+    return Gate(
+        thresholds=tuple(parse_threshold(text) for text in given["fail_under"]),
+        max_unsafe=given["max_unsafe"],
+        max_unknown=given["max_unknown"],
+        baseline=None if baseline is None else load_document(baseline),
+    )

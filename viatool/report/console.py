@@ -1,0 +1,174 @@
+"""The console report: what a person reads when a run ends."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from fractions import Fraction
+from typing import Any
+
+from rich import box
+from rich.console import Console, Group, RenderableType
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
+
+from viatool.report.document import FileIdentity, RateByOutcome, ReportDocument
+from viatool.report.gate import Check
+from viatool.report.numbers import MISSING, count, percent_of, percentage, seconds, significant
+from viatool.report.palette import COLOUR, MEANING, VERDICTS
+from viatool.report.wording import assumptions, describe_eps, unit_of
+
+BAR_WIDTH = 60
+OUTCOMES = ("overall", "success", "collision", "timeout")
+
+
+def print_report(document: ReportDocument, console: Console, checks: Sequence[Check] = ()) -> None:
+    """Print a report.
+
+    Parameters
+    ----------
+    document : ReportDocument
+        What to show.
+    console : rich.console.Console
+        Where to; a pipe gets the same text without colours.
+    checks : sequence of Check
+        The decided conditions of a gate, shown last.
+    """
+    console.print(Group(*(Padding(part, (0, 0, 1, 0)) for part in _parts(document))))
+    if checks:
+        console.print(_gate(checks))
+
+
+def _parts(document: ReportDocument) -> list[RenderableType]:
+    return [
+        _headline(document),
+        _verdicts(document),
+        _rates(document),
+        _task(document),
+        _widths(document),
+        _time(document.seconds),
+        _assumed(document),
+    ]
+
+
+def _headline(document: ReportDocument) -> RenderableType:
+    overall = document.safety_rate.overall
+    head = Text()
+    head.append(document.policy.path, style="bold")
+    head.append(" on ")
+    head.append(document.map.path, style="bold")
+    head.append(f", eps {describe_eps(document.eps)}, criterion {document.criterion}\n")
+    head.append(percentage(overall.safe, overall.total), style=f"bold {COLOUR['safe']}")
+    head.append(f" of the states are proved safe ({count(overall.safe)} of {count(overall.total)})")
+    return head
+
+
+def _verdicts(document: ReportDocument) -> RenderableType:
+    counts = {verdict: int(getattr(document.verdicts, verdict)) for verdict in VERDICTS}
+    legend = Table.grid(padding=(0, 2))
+    for verdict in VERDICTS:
+        legend.add_row(
+            Text(f"■ {verdict}", style=COLOUR[verdict]),
+            Text(count(counts[verdict]), justify="right"),
+            Text(percentage(counts[verdict], document.states), justify="right"),
+            Text(MEANING[verdict], style="dim"),
+        )
+    return Group(_bar(counts), legend)
+
+
+def _bar(counts: Mapping[str, int]) -> Text:
+    """Draw the shares as one bar; a verdict that occurs gets at least one cell."""
+    total = sum(counts.values())
+    cells = {name: max(BAR_WIDTH * number // total, 1) if number else 0 for name, number in counts.items()}
+    largest = max(cells, key=lambda name: cells[name])
+    cells[largest] += (BAR_WIDTH - sum(cells.values())) if total else 0
+    bar = Text()
+    for name, glyph in zip(VERDICTS, "█▓▒", strict=True):
+        bar.append(glyph * cells[name], style=COLOUR[name])
+    return bar
+
+
+def _rates(document: ReportDocument) -> RenderableType:
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False)
+    table.add_column("rate of safe states")
+    for outcome in OUTCOMES:
+        table.add_column("overall" if outcome == "overall" else f"in {outcome}", justify="right")
+    rows = (
+        (f"{document.criterion}, collision distance", document.safety_rate),
+        (f"{document.criterion}, danger distance", document.danger_rate),
+        ("sampled (9 actions), not a proof", document.sampled_safety_rate),
+        ("contested states only", document.contested_rate),
+    )
+    for name, rates in rows:
+        table.add_row(name, *(_rate(rates, outcome) for outcome in OUTCOMES))
+    return table
+
+
+def _rate(rates: RateByOutcome, outcome: str) -> Text:
+    rate = getattr(rates, outcome)
+    if rate.total == 0:
+        return Text(MISSING, style="dim")
+    text = Text(percentage(rate.safe, rate.total))
+    text.append(f"\n{count(rate.safe)}/{count(rate.total)}", style="dim")
+    return text
+
+
+def _task(document: ReportDocument) -> RenderableType:
+    task = document.task
+    shares = [
+        f"{_share(getattr(task, f'{outcome}_rate'))} {outcome}" for outcome in ("success", "collision", "timeout")
+    ]
+    cost = "" if task.average_cost is None else f"; average cost {significant(task.average_cost)}"
+    episodes = "1 episode" if task.episodes == 1 else f"{count(task.episodes)} episodes"
+    return _titled("Driven, not proved", Text(f"{episodes}: {', '.join(shares)}{cost}"))
+
+
+def _share(share: float | None) -> str:
+    return MISSING if share is None else percent_of(Fraction(share).limit_denominator(10**9), 1)
+
+
+def _widths(document: ReportDocument) -> RenderableType:
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False)
+    table.add_column("width of the reachable actions")
+    for name in ("mean", "std", "max"):
+        table.add_column(name, justify="right")
+    table.add_column("unit")
+    for action, width in document.reachable_width.items():
+        figures = (significant(value) for value in (width.mean, width.std, width.max))
+        table.add_row(action, *figures, unit_of(document, action))
+    return table
+
+
+def _time(stages: Mapping[str, float]) -> RenderableType:
+    parts = [f"{stage} {seconds(value)}" for stage, value in stages.items() if stage != "total"]
+    total = stages.get("total", sum(stages.values()))
+    return _titled("Time", Text(" · ".join([*parts, f"total {seconds(total)}"])))
+
+
+def _assumed(document: ReportDocument) -> RenderableType:
+    table = Table.grid(padding=(0, 2))
+    for name, value in assumptions(document).items():
+        table.add_row(Text(name, style="dim"), Text(value))
+    for name, identity in (("policy", document.policy), ("map", document.map)):
+        table.add_row(Text(name, style="dim"), _identity(identity))
+    return _titled("Assumed", table)
+
+
+def _identity(identity: FileIdentity) -> Text:
+    text = Text(identity.path)
+    text.append(f"  sha256 {identity.sha256[:16]}…", style="dim")
+    return text
+
+
+def _gate(checks: Sequence[Check]) -> RenderableType:
+    table = Table.grid(padding=(0, 2))
+    for check in checks:
+        word = Text("passed", style=f"bold {COLOUR['safe']}")
+        if not check.passed:
+            word = Text("FAILED", style=f"bold {COLOUR['unsafe']}")
+        table.add_row(word, Text(check.condition), Text(check.figures, style="dim"))
+    return _titled("Gate", table)
+
+
+def _titled(title: str, body: Any) -> RenderableType:
+    return Group(Text(title, style="bold"), Padding(body, (0, 0, 0, 2)))

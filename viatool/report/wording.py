@@ -1,0 +1,55 @@
+"""Sentences about a run that several reporters share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from viatool.report.document import ReportDocument
+from viatool.report.numbers import significant
+
+ARITHMETIC = {
+    "float32": "float32: bounds cover the rounding of the deployed program, in any order of summation",
+    "real": "real: bounds hold for the exact network, not for the rounding of the deployed program",
+}
+CRITERION = {
+    "swept": "swept: every action of the reachable box and every instant of the control interval",
+    "braking": "braking: swept, and a full stop at the robot's deceleration afterwards stays clear",
+    "sampled": "sampled: nine actions and sampled instants, as in the paper; not a proof",
+}
+
+
+def describe_eps(eps: Any) -> str:
+    """Write the sensor error in words: one radius, or one for each channel."""
+    if isinstance(eps, Mapping):
+        parts = [f"{name or 'default'}={significant(float(radius), 6)}" for name, radius in eps.items()]
+        return ", ".join(parts)
+    if isinstance(eps, int | float):
+        return significant(float(eps), 6)
+    return str(eps)
+
+
+def assumptions(document: ReportDocument) -> dict[str, str]:
+    """List what a verdict of the report rests on, by name."""
+    listed = {
+        "criterion": CRITERION.get(document.criterion, document.criterion),
+        "arithmetic": ARITHMETIC.get(document.arithmetic, document.arithmetic),
+        "engine": _flat(document.engine),
+    }
+    for name, value in (document.model_extra or {}).get("assumptions", {}).items():
+        listed[name.replace("_", " ")] = _flat(value)
+    return listed
+
+
+def _flat(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name.replace('_', ' ')} {_flat(part)}" for name, part in value.items())
+    if isinstance(value, float):
+        return significant(value, 6)
+    return "none" if value is None else str(value)
+
+
+def unit_of(document: ReportDocument, action: str) -> str:
+    """Return the unit of an action, as the report names it (nothing if it does not)."""
+    width = document.reachable_width[action]
+    return str((width.model_extra or {}).get("unit", ""))
