@@ -1,0 +1,32 @@
+"""Worlds: maps, obstacles, robots, LiDAR and scenarios, with exact geometry in batches."""
+
+from __future__ import annotations
+
+from viatool.world.generator import ScenarioBatch, ScenarioGenerator
+from viatool.world.map_file import MapFile
+from viatool.world.reading import load_map
+from viatool.world.robot import ROBOTS, Footprint, Lidar, Robot, bin_ranges
+from viatool.world.scenario import Scenario
+from viatool.world.scenes import Scenes
+from viatool.world.shapes import Obstacles, box_polygon, simple_polygon, wall_polygons
+from viatool.world.world_map import Clearance, WorldMap
+
+__all__ = [
+    "ROBOTS",
+    "Clearance",
+    "Footprint",
+    "Lidar",
+    "MapFile",
+    "Obstacles",
+    "Robot",
+    "Scenario",
+    "ScenarioBatch",
+    "ScenarioGenerator",
+    "Scenes",
+    "WorldMap",
+    "bin_ranges",
+    "box_polygon",
+    "load_map",
+    "simple_polygon",
+    "wall_polygons",
+]

@@ -1,0 +1,122 @@
+"""Write maps/lab.yaml: the paper's arena with its ten fixed evaluation scenarios.
+
+    python maps/make_lab.py
+
+The scenarios are drawn with a fixed seed, rounded to millimetres, and kept only if a robot can get from the start
+to the goal with the danger clearance all the way, so that a timeout or a collision is the policy's fault.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+from viatool.world import Obstacles, Scenario, Scenes, WorldMap, load_map
+
+PLACE = Path(__file__).with_name("lab.yaml")
+SEED = 20
+SCENARIOS = 10
+GOAL_SEPARATION = 1.8
+GOAL_DISTANCE = (4.0, 8.0)
+
+HEAD = """\
+# The paper's lab: a 10 m x 10 m walled arena with four fixed and four random cylinders. Written by maps/make_lab.py.
+# Lengths in metres, angles in radians; positions in the map frame, poses are x, y, theta.
+schema_version: 1
+name: lab
+description: The arena of the paper, with the ten fixed scenarios on which policies are evaluated
+
+# Inner faces of the walls.
+arena: {shape: box, center: [0.0, 0.0], size: [9.7, 9.7]}
+
+obstacles:
+  - {name: fixed-1, shape: circle, center: [-2.93, 3.17], radius: 0.26}
+  - {name: fixed-2, shape: circle, center: [2.86, -3.0], radius: 0.56}
+  - {name: fixed-3, shape: circle, center: [-2.77, -0.96], radius: 0.14}
+  - {name: fixed-4, shape: circle, center: [2.83, 2.93], radius: 0.98}
+
+robot:
+  name: turtlebot3
+  min_linear: 0.0
+  max_linear: 0.5
+  max_angular: 1.0
+  deceleration: 1.0
+  control_interval: 0.1
+  footprint: {shape: point}
+  lidar: {field_of_view: 3.141592653589793, rays: 180, bins: 20, minimum_range: 0.2, maximum_range: 7.0, noise: 0.01}
+
+clearance: {collision: 0.4, danger: 0.5}
+
+# Random scenarios, as the paper trains on them; separations are between centres.
+generator:
+  area: [-4.0, -4.0, 4.0, 4.0]
+  obstacles:
+    - {shape: circle, radius: 0.5}
+    - {shape: circle, radius: 0.25}
+    - {shape: circle, radius: 0.21}
+    - {shape: circle, radius: 0.75}
+  obstacle_separation: 1.8
+  start_separation: 1.8
+  goal_separation: 1.2
+"""
+
+
+def is_passable(world: WorldMap, scenario: Scenario) -> bool:
+    """Tell whether start and goal lie in one piece of what remains after the danger clearance is taken off."""
+    blocked = Scenes.of(world, [scenario]).shapely(0)
+    x_min, y_min, x_max, y_max = world.bounds
+    free = shapely.box(x_min, y_min, x_max, y_max).difference(blocked.buffer(world.clearance.danger))
+    ends = shapely.MultiPoint([scenario.start[:2], scenario.goal])
+    return any(piece.covers(ends) for piece in shapely.get_parts(free))
+
+
+def rounded(scenario: Scenario, name: str) -> Scenario:
+    """Return the scenario in millimetres and milliradians."""
+    x, y, theta = (round(value, 3) for value in scenario.start)
+    goal_x, goal_y = (round(value, 3) for value in scenario.goal)
+    circles = np.round(scenario.obstacles.circles, 3)
+    return Scenario(name, (x, y, theta), (goal_x, goal_y), Obstacles(circles))
+
+
+def lines_of(scenario: Scenario) -> list[str]:
+    """Return the YAML of one scenario."""
+    lines = [
+        f"  - name: {scenario.name}",
+        f"    start: {list(scenario.start)}",
+        f"    goal: {list(scenario.goal)}",
+        "    obstacles:",
+    ]
+    for x, y, radius in scenario.obstacles.circles.tolist():
+        lines.append(f"      - {{shape: circle, center: [{x}, {y}], radius: {radius}}}")
+    return lines
+
+
+def main() -> None:
+    """Write the map."""
+    PLACE.write_text(HEAD, encoding="utf-8")
+    world = load_map(PLACE)
+    assert world.generator is not None
+    strict = dataclasses.replace(
+        world.generator, goal_separation=GOAL_SEPARATION, goal_distance=GOAL_DISTANCE
+    )
+    drawn = (
+        rounded(scenario, f"lab-{index}") for index, scenario in enumerate(strict.draw(10 * SCENARIOS, SEED))
+    )
+    kept = [scenario for scenario in drawn if is_passable(world, scenario)][:SCENARIOS]
+    named = [dataclasses.replace(scenario, name=f"lab-{index}") for index, scenario in enumerate(kept)]
+    lines = [
+        "",
+        "# Drawn with seed 20; goals at least 1.8 m from every obstacle's centre, 4 to 8 m from the start.",
+        "scenarios:",
+    ]
+    for scenario in named:
+        lines += lines_of(scenario)
+    PLACE.write_text(HEAD + "\n".join(lines) + "\n", encoding="utf-8")
+    load_map(PLACE)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,186 @@
+"""The native map file as typed models: what the YAML may hold, with units, defaults and limits.
+
+Lengths are metres, angles are radians counter-clockwise, speeds m/s and rad/s, poses x, y, theta.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+
+from viatool.world.robot import ROBOTS
+
+
+def _refuse_truth(value: Any) -> Any:
+    """Refuse true and false (in YAML also yes, no, on, off) where a number is expected."""
+    if isinstance(value, bool):
+        raise ValueError("expected a number, got a truth value")
+    return value
+
+
+Number = Annotated[float, BeforeValidator(_refuse_truth), Field(allow_inf_nan=False)]
+Positive = Annotated[Number, Field(gt=0.0)]
+NotNegative = Annotated[Number, Field(ge=0.0)]
+Point = tuple[Number, Number]
+Pose = tuple[Number, Number, Number]
+Size = tuple[Positive, Positive]
+
+
+class Strict(BaseModel):
+    """A mapping in which every key is known."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Circle(Strict):
+    """A disc."""
+
+    shape: Literal["circle"]
+    name: str = ""
+    center: Point
+    radius: Positive
+
+
+class Box(Strict):
+    """A rectangle: lengths along its own x and y, turned by yaw."""
+
+    shape: Literal["box"]
+    name: str = ""
+    center: Point
+    size: Size
+    yaw: Number = 0.0
+
+
+class Polygon(Strict):
+    """The inside of a simple outline, corners in either direction."""
+
+    shape: Literal["polygon"]
+    name: str = ""
+    points: list[Point] = Field(min_length=3)
+
+
+class Wall(Strict):
+    """A thick polyline; every segment is longer by half of the thickness at both ends."""
+
+    shape: Literal["wall"]
+    name: str = ""
+    points: list[Point] = Field(min_length=2)
+    thickness: Positive = 0.1
+
+
+Obstacle = Annotated[Circle | Box | Polygon | Wall, Field(discriminator="shape")]
+Arena = Annotated[Box | Polygon, Field(discriminator="shape")]
+
+
+class LidarFile(Strict):
+    """The range finder; what is left out is the known robot's."""
+
+    field_of_view: Annotated[Positive, Field(le=2.0 * math.pi + 1e-9)] | None = None
+    rays: Annotated[int, Field(ge=1)] | None = None
+    bins: Annotated[int, Field(ge=1)] | None = None
+    minimum_range: NotNegative | None = None
+    maximum_range: Positive | None = None
+    noise: NotNegative | None = Field(None, description="standard deviation of each ray, in metres")
+
+
+class FootprintCircle(Strict):
+    """A round robot; radius 0 is a point."""
+
+    shape: Literal["circle"]
+    radius: NotNegative
+
+
+class FootprintPolygon(Strict):
+    """The robot's outline in its own frame, x forward and y left."""
+
+    shape: Literal["polygon"]
+    points: list[Point] = Field(min_length=3)
+
+
+class FootprintPoint(Strict):
+    """The origin of the robot's frame alone, as in the paper."""
+
+    shape: Literal["point"]
+
+
+FootprintFile = Annotated[FootprintPoint | FootprintCircle | FootprintPolygon, Field(discriminator="shape")]
+
+
+class RobotFile(Strict):
+    """A known robot with some values changed."""
+
+    name: str = Field("turtlebot3", description=f"one of {', '.join(ROBOTS)}, which gives the defaults")
+    min_linear: Number | None = None
+    max_linear: Number | None = None
+    max_angular: Positive | None = None
+    deceleration: Positive | None = None
+    control_interval: Positive | None = None
+    footprint: FootprintFile | None = None
+    lidar: LidarFile | None = None
+
+
+class ClearanceFile(Strict):
+    """Distances from the footprint that count as collision and as danger; danger is at least collision."""
+
+    collision: NotNegative = 0.4
+    danger: NotNegative = 0.5
+
+
+class ScenarioFile(Strict):
+    """A fixed scenario with the obstacles that only it has."""
+
+    name: str = ""
+    start: Pose
+    goal: Point
+    obstacles: list[Obstacle] = []
+
+
+class RandomCircle(Strict):
+    """A disc that is placed at random."""
+
+    shape: Literal["circle"]
+    radius: Positive
+
+
+class RandomBox(Strict):
+    """A rectangle that is placed and turned at random."""
+
+    shape: Literal["box"]
+    size: Size
+
+
+RandomObstacle = Annotated[RandomCircle | RandomBox, Field(discriminator="shape")]
+
+
+class GeneratorFile(Strict):
+    """How random scenarios are drawn; separations are between centres, clearances from the shapes."""
+
+    area: tuple[Number, Number, Number, Number] | None = Field(
+        None,
+        description="smallest x, y and largest x, y of all random centres; the arena's bounds if left out",
+    )
+    obstacles: list[RandomObstacle] = []
+    obstacle_separation: NotNegative = 0.0
+    start_separation: NotNegative = 0.0
+    goal_separation: NotNegative = 0.0
+    start_clearance: NotNegative | None = Field(None, description="the danger clearance if left out")
+    goal_clearance: NotNegative = 0.0
+    goal_distance: tuple[NotNegative, Positive] | None = Field(
+        None, description="least and largest distance between start and goal"
+    )
+
+
+class MapFile(Strict):
+    """A native viatool map."""
+
+    schema_version: Literal[1] = 1
+    name: str = Field("", description="the file's name if left out")
+    description: str = ""
+    arena: Arena
+    obstacles: list[Obstacle] = []
+    robot: str | RobotFile = RobotFile()
+    clearance: ClearanceFile = ClearanceFile()
+    scenarios: list[ScenarioFile] = []
+    generator: GeneratorFile | None = None

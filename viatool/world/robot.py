@@ -1,0 +1,180 @@
+"""What drives: the robot's limits, footprint and LiDAR, and the robots that are known by name."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.errors import ConfigurationError
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Lidar:
+    """A planar range finder at the origin of the robot's frame, symmetric about its forward axis.
+
+    Parameters
+    ----------
+    field_of_view : float
+        Angle between the first and the last ray, in radians.
+    rays : int
+        Number of rays, evenly spread, both ends included.
+    bins : int
+        Number of groups of consecutive rays that an observation holds; each is the minimum of its rays.
+    minimum_range, maximum_range : float
+        In metres; readings are clipped to them, and a ray that hits nothing reads the maximum.
+    noise : float
+        Standard deviation of the Gaussian error of every ray that hits something, in metres.
+    """
+
+    field_of_view: float = math.pi
+    rays: int = 180
+    bins: int = 20
+    minimum_range: float = 0.2
+    maximum_range: float = 7.0
+    noise: float = 0.01
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.field_of_view <= 2.0 * math.pi + 1e-9:
+            raise ConfigurationError(
+                f"LiDAR field_of_view is {self.field_of_view} rad, expected more than 0 and at most 2 pi",
+                "give the field of view in radians",
+            )
+        if self.rays < 1 or self.bins < 1 or self.rays % self.bins:
+            raise ConfigurationError(
+                f"LiDAR has {self.rays} rays in {self.bins} bins, expected the same number of rays in every bin",
+                "choose a number of bins that divides the number of rays",
+            )
+        if not 0.0 <= self.minimum_range < self.maximum_range < math.inf:
+            raise ConfigurationError(
+                f"LiDAR range is {self.minimum_range} to {self.maximum_range} m, expected 0 <= minimum < maximum",
+                "correct the range limits",
+            )
+        if not 0.0 <= self.noise < math.inf:
+            raise ConfigurationError(
+                f"LiDAR noise is {self.noise} m, expected 0 or more", "correct the noise"
+            )
+
+    def angles(self) -> Floats:
+        """Return the directions of the rays in the robot's frame, (rays,) radians, from right to left."""
+        half = 0.5 * self.field_of_view
+        return np.linspace(-half, half, self.rays) if self.rays > 1 else np.zeros(1)
+
+
+def bin_ranges(ranges: NDArray[np.floating], lidar: Lidar) -> NDArray[np.floating]:
+    """Return the minimum of each group of consecutive rays.
+
+    Parameters
+    ----------
+    ranges : ndarray
+        (B, rays) metres.
+    lidar : Lidar
+        Says how many bins there are.
+
+    Returns
+    -------
+    ndarray
+        (B, bins) metres, of the same kind of float.
+    """
+    binned: NDArray[np.floating] = ranges.reshape(len(ranges), lidar.bins, -1).min(axis=2)
+    return binned
+
+
+@dataclass(frozen=True, eq=False)
+class Footprint:
+    """The outline of the robot on the floor, in the robot's frame.
+
+    Parameters
+    ----------
+    kind : str
+        "point", "circle" or "polygon".
+    radius : float
+        Of the circle, in metres.
+    polygon : ndarray
+        (n, 2) corners of the polygon, counter-clockwise, in metres; (0, 2) for the other kinds.
+    """
+
+    kind: Literal["point", "circle", "polygon"] = "point"
+    radius: float = 0.0
+    polygon: Floats = field(default_factory=lambda: np.zeros((0, 2)))
+
+    @property
+    def reach(self) -> float:
+        """Return the largest distance from the robot's origin to its outline, in metres."""
+        if self.kind == "polygon":
+            return float(np.hypot(*self.polygon.T).max())
+        return self.radius
+
+    @staticmethod
+    def rectangle(length: float, width: float) -> Footprint:
+        """Return a rectangle centred on the robot's origin; metres along x and y."""
+        x, y = 0.5 * length, 0.5 * width
+        return Footprint("polygon", polygon=np.array([[-x, -y], [x, -y], [x, y], [-x, y]]))
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """A differential-drive robot: what it can do in one control interval and how much room it takes.
+
+    Parameters
+    ----------
+    name : str
+        A known robot, or any name of a custom one.
+    min_linear, max_linear : float
+        Speed along x, in m/s; commands are clipped to them.
+    max_angular : float
+        Turning speed to either side, in rad/s; commands are clipped to it.
+    deceleration : float
+        Largest braking of the forward speed, in m/s^2.
+    control_interval : float
+        Time for which one command is held, in seconds.
+    footprint : Footprint
+        Outline in the robot's frame, from which clearances are measured.
+    lidar : Lidar
+        Its range finder.
+    """
+
+    name: str = "turtlebot3"
+    min_linear: float = 0.0
+    max_linear: float = 0.5
+    max_angular: float = 1.0
+    deceleration: float = 1.0
+    control_interval: float = 0.1
+    footprint: Footprint = field(default_factory=Footprint)
+    lidar: Lidar = field(default_factory=Lidar)
+
+    def clip(self, actions: Floats) -> Floats:
+        """Return commands (B, 2) as the robot carries them out: v in m/s and omega in rad/s within its limits."""
+        lower = (self.min_linear, -self.max_angular)
+        return np.clip(actions, lower, (self.max_linear, self.max_angular))
+
+    def with_lidar(self, lidar: Lidar) -> Robot:
+        """Return the same robot with another range finder."""
+        return replace(self, lidar=lidar)
+
+
+# turtlebot3 is the robot of the paper's task: a point with the task's own command limits. The others carry the
+# limits and outlines of their data sheets; their outlines are taken as centred on the axis of the wheels.
+ROBOTS: dict[str, Robot] = {
+    "turtlebot3": Robot(),
+    "turtlebot3_burger": Robot(
+        name="turtlebot3_burger",
+        max_linear=0.22,
+        max_angular=2.84,
+        footprint=Footprint("circle", radius=0.105),
+    ),
+    "turtlebot3_waffle": Robot(
+        name="turtlebot3_waffle",
+        max_linear=0.26,
+        max_angular=1.82,
+        footprint=Footprint.rectangle(0.281, 0.306),
+    ),
+    "jackal": Robot(
+        name="jackal", max_linear=2.0, max_angular=4.0, footprint=Footprint.rectangle(0.508, 0.430)
+    ),
+}

@@ -1,0 +1,113 @@
+"""A world: arena, obstacles, robot, clearances and the scenarios that are driven in it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.errors import ConfigurationError
+from viatool.world.generator import ScenarioGenerator
+from viatool.world.robot import Robot
+from viatool.world.scenario import Scenario
+from viatool.world.shapes import Obstacles
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Clearance:
+    """Distances between the robot's footprint and the nearest obstacle, in metres.
+
+    Parameters
+    ----------
+    collision : float
+        Below it the robot counts as collided (the paper's d_col).
+    danger : float
+        Below it a step costs 1 (the paper's d_danger); at least `collision`.
+    """
+
+    collision: float = 0.4
+    danger: float = 0.5
+
+    def __post_init__(self) -> None:
+        for name in ("collision", "danger"):
+            value = getattr(self, name)
+            if not 0.0 <= value < math.inf:
+                raise ConfigurationError(
+                    f"{name} clearance is {value} m, expected a finite distance of 0 or more",
+                    "give a distance in metres",
+                )
+        if self.danger < self.collision:
+            raise ConfigurationError(
+                f"danger clearance {self.danger} m is below the collision clearance {self.collision} m",
+                "raise the danger clearance, or lower the collision clearance",
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class WorldMap:
+    """A closed arena with obstacles; whatever lies outside the arena counts as obstacle.
+
+    Parameters
+    ----------
+    name : str
+        Short name.
+    path : Path
+        File it came from.
+    sha256 : str
+        Digest of that file.
+    arena : ndarray
+        (n, 2) corners of a simple polygon, counter-clockwise, the first corner not repeated; metres.
+    obstacles : Obstacles
+        Present in every scenario.
+    robot : Robot
+        The robot that the map is meant for.
+    clearance : Clearance
+        The distances that count as collision and as danger.
+    scenarios : tuple of Scenario
+        Fixed scenarios for evaluation; may be empty.
+    generator : ScenarioGenerator, optional
+        Draws any number of further scenarios.
+    """
+
+    name: str
+    path: Path
+    sha256: str
+    arena: Floats
+    obstacles: Obstacles = field(default_factory=Obstacles)
+    robot: Robot = field(default_factory=Robot)
+    clearance: Clearance = field(default_factory=Clearance)
+    scenarios: tuple[Scenario, ...] = ()
+    generator: ScenarioGenerator | None = None
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """Return the smallest x, y and the largest x, y of the arena, in metres."""
+        (x_min, y_min), (x_max, y_max) = self.arena.min(axis=0), self.arena.max(axis=0)
+        return float(x_min), float(y_min), float(x_max), float(y_max)
+
+    def with_clearance(self, collision: float | None = None, danger: float | None = None) -> WorldMap:
+        """Return the map with other clearances.
+
+        Parameters
+        ----------
+        collision, danger : float, optional
+            In metres; None keeps the map's. If only `collision` is given and it exceeds the map's danger
+            clearance, the danger clearance is raised to it.
+
+        Raises
+        ------
+        ConfigurationError
+            If one is negative or not finite, or the given danger clearance is below the collision clearance.
+        """
+        inner = self.clearance.collision if collision is None else collision
+        outer = danger if danger is not None else max(self.clearance.danger, inner)
+        return replace(self, clearance=Clearance(inner, outer))
+
+    def with_robot(self, robot: Robot) -> WorldMap:
+        """Return the map with another robot."""
+        return replace(self, robot=robot)
