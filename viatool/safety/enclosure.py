@@ -1,0 +1,199 @@
+r"""Where the robot's footprint can be: one shape and one radius for a whole box of commands and instants.
+
+A *cell* is a box of speeds v, turning speeds omega and fractions s of the path (see `motion`). It is enclosed by
+the motion of its centre command (v_c, omega_c), widened by a radius that bounds how far any point of the footprint
+can be from where the centre command brings it at the same fraction. With the arc length ``l = v T`` and the turn
+``phi = omega T`` of the whole path, where T is the interval (and grows with |v| and |omega| for braking):
+
+1. *Other commands.* ``p(s; l, phi) - p(s; l_c, phi_c)`` is at most
+
+       s |l - l_c| + s |l_c| int_0^1 |e(s phi u) - e(s phi_c u)| du  <=  s |l - l_c| + s^2 |l_c| |phi - phi_c| / 2,
+
+   because ``|e(a) - e(b)| <= |a - b|``. The footprint's point q turns with the heading, which adds at most
+   ``s |phi - phi_c| |q|``. For the plain interval this is ``r_v t + |v_c| r_omega t^2 / 2 + |q| r_omega t``.
+   The extremes of l and phi over a box are attained at |v| and |omega| at their ends, as both are monotone in v, in
+   omega, in |v| and in |omega|.
+2. *Other fractions, round footprints.* Between s_0 and s_1 the position follows the chord linearly up to
+   ``|l_c phi_c| (s_1 - s_0)^2 / 8`` (the error of linear interpolation for second derivative ``|l_c phi_c|``), so the
+   chord, widened by that sagitta and the footprint's radius, holds the disc at every instant.
+3. *Other fractions, polygons.* The outline is placed at the middle fraction; until s_0 or s_1 no point of it moves
+   farther than ``(|l_c| + |q| |phi_c|) (s_1 - s_0) / 2``.
+4. *Rounding.* A distance is the result of fewer than 2^10 float64 operations on numbers below the scale
+   ``1 + |x| + |y| + |theta| + path`` plus the largest coordinate and radius of the map; 2^-38 of it (1e-10 m for a
+   map of some metres) is 2^14 units in the last place.
+
+**Whole area.** The polygon test refuses a footprint that contains an obstacle. If the outline of every placement in
+the cell stays clear of an obstacle, that obstacle is inside all placements or none, as they change continuously.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.safety.motion import Manoeuvre, advance
+from viatool.safety.situations import Situations
+from viatool.world import Footprint
+
+Floats = NDArray[np.float64]
+
+LINEAR, ANGULAR, FRACTION = 0, 1, 2
+_ROUNDING = 2.0**-38
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """C boxes of commands and fractions, each belonging to one state.
+
+    Parameters
+    ----------
+    state : ndarray
+        (C,) index of the state.
+    lower, upper : ndarray
+        (C, 3) ends of v in m/s, omega in rad/s, and the fraction of the path in [0, 1].
+    """
+
+    state: NDArray[np.int64]
+    lower: Floats
+    upper: Floats
+
+    def __len__(self) -> int:
+        """Return the number of cells."""
+        return len(self.state)
+
+    @classmethod
+    def whole(cls, lower: Floats, upper: Floats) -> Cells:
+        """Return one cell for each state: its whole action box (B, 2) over the whole path."""
+        ones = np.ones((len(lower), 1))
+        return cls(np.arange(len(lower)), np.hstack([lower, 0.0 * ones]), np.hstack([upper, ones]))
+
+    def select(self, which: NDArray[np.bool_]) -> Cells:
+        """Return some of the cells."""
+        return Cells(self.state[which], self.lower[which], self.upper[which])
+
+    def halved(self, axis: NDArray[np.int64]) -> Cells:
+        """Return both halves of every cell, cut across its given axis (C,)."""
+        middle = 0.5 * (self.lower + self.upper)
+        cut = axis[:, None] == np.arange(3)
+        upper, lower = np.where(cut, middle, self.upper), np.where(cut, middle, self.lower)
+        return Cells(
+            np.concatenate([self.state, self.state]),
+            np.concatenate([self.lower, lower]),
+            np.concatenate([upper, self.upper]),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Enclosure:
+    """What the geometry says of C cells, in metres.
+
+    Parameters
+    ----------
+    least : ndarray
+        (C,) a lower bound of the clearance of the footprint over the whole cell.
+    attained : ndarray
+        (C,) an upper bound of the clearance that the centre command attains at some fraction of the cell.
+    shares : ndarray
+        (C, 3) how much the extent along v, omega and the fraction widens the enclosure.
+    """
+
+    least: Floats
+    attained: Floats
+    shares: Floats
+
+
+def enclose(
+    cells: Cells, situations: Situations, manoeuvre: Manoeuvre, footprint: Footprint
+) -> Enclosure:
+    """Bound the clearance of the footprint over cells.
+
+    Parameters
+    ----------
+    cells : Cells
+        C cells.
+    situations : Situations
+        The B states that the cells belong to.
+    manoeuvre : Manoeuvre
+        How a command becomes a path.
+    footprint : Footprint
+        Outline in the robot's frame.
+
+    Returns
+    -------
+    Enclosure
+        C bounds.
+
+    Notes
+    -----
+    Sound: yes, by the derivation at the top of this module.
+    """
+    here, centre = situations.select(cells.state), 0.5 * (cells.lower + cells.upper)
+    actions, start, end = centre[:, :2], cells.lower[:, FRACTION], cells.upper[:, FRACTION]
+    seconds = manoeuvre.seconds(np.abs(actions[:, 0]), np.abs(actions[:, 1]))
+    length, turn = np.abs(actions[:, 0]) * seconds, np.abs(actions[:, 1]) * seconds
+    rim = footprint.reach if footprint.kind == "polygon" else 0.0
+    path = manoeuvre.longest(cells.lower[:, :2], cells.upper[:, :2])
+    rounding = _ROUNDING * (here.scale + np.abs(here.poses).sum(axis=1) + path + footprint.reach)
+    if footprint.kind == "polygon":
+        middle = advance(here.poses, actions, seconds * centre[:, FRACTION])
+        clearance = here.scenes.footprint_clearance(middle, footprint, here.scene)
+        between = 0.5 * (length + rim * turn) * (end - start)
+        attained = clearance + rounding
+    else:
+        first, last = (advance(here.poses, actions, seconds * at)[:, :2] for at in (start, end))
+        clearance = here.scenes.segment_clearance(first, last, here.scene) - footprint.radius
+        between = 0.125 * length * turn * np.square(end - start)
+        attained = clearance + between + rounding
+    deviation = command_deviation(cells, manoeuvre, rim)
+    radius = 0.5 * (cells.upper - cells.lower) * seconds[:, None]
+    shares = np.column_stack(
+        [end * radius[:, 0], end * (0.5 * end * length + rim) * radius[:, 1], between]
+    )
+    return Enclosure(clearance - deviation - between - rounding, attained, shares)
+
+
+def command_deviation(cells: Cells, manoeuvre: Manoeuvre, rim: float) -> Floats:
+    """Bound how far any command of a cell brings a footprint point from where the centre command brings it.
+
+    Parameters
+    ----------
+    cells : Cells
+        C cells.
+    manoeuvre : Manoeuvre
+        How a command becomes a path.
+    rim : float
+        Largest distance of a footprint point from the robot's origin, metres; 0 if its heading is irrelevant.
+
+    Returns
+    -------
+    ndarray
+        (C,) metres, at equal fractions of the path.
+
+    Notes
+    -----
+    Sound: yes, up to the rounding that `enclose` adds (term 1 of the module's derivation).
+    """
+    centre = 0.5 * (cells.lower + cells.upper)
+    length, turn = _path(centre[:, 0], centre[:, 1], manoeuvre)
+    low, high = np.abs(cells.lower), np.abs(cells.upper)
+    largest = np.maximum(low, high)
+    smallest = np.where(cells.lower * cells.upper > 0.0, np.minimum(low, high), 0.0)
+    reach_length, reach_turn = np.zeros(len(cells)), np.zeros(len(cells))
+    for end in (cells.lower, cells.upper):
+        for other in (smallest, largest):
+            at_end = _path(end[:, 0], other[:, 1], manoeuvre)[0]
+            reach_length = np.maximum(reach_length, np.abs(at_end - length))
+            at_end = _path(other[:, 0], end[:, 1], manoeuvre)[1]
+            reach_turn = np.maximum(reach_turn, np.abs(at_end - turn))
+    until = cells.upper[:, FRACTION]
+    sideways = 0.5 * np.square(until) * np.abs(length) * reach_turn
+    return np.asarray(until * reach_length + sideways + rim * until * reach_turn)
+
+
+def _path(linear: Floats, angular: Floats, manoeuvre: Manoeuvre) -> tuple[Floats, Floats]:
+    """Return arc length and turn of the whole path, signed."""
+    seconds = manoeuvre.seconds(np.abs(linear), np.abs(angular))
+    return linear * seconds, angular * seconds
+

@@ -1,0 +1,67 @@
+"""Where states stand: their poses, each within the obstacles of its own episode."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.world import Obstacles, Scenario, Scenes, WorldMap
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Situations:
+    """B poses and the geometry around them.
+
+    Parameters
+    ----------
+    poses : ndarray
+        (B, 3) x, y, theta in the map frame; metres and radians.
+    scene : ndarray
+        (B,) index of each pose's situation in `scenes`.
+    scenes : Scenes
+        Obstacles and arena of every situation.
+    scale : float
+        A bound of every coordinate and radius of the geometry, in metres, at least 1.
+    """
+
+    poses: Floats
+    scene: NDArray[np.int64]
+    scenes: Scenes
+    scale: float
+
+    @classmethod
+    def of(
+        cls,
+        world_map: WorldMap,
+        scenarios: Sequence[Scenario | None],
+        poses: Floats,
+        scene: NDArray[np.int64],
+    ) -> Situations:
+        """Return poses within the map and the obstacles of their scenarios."""
+        own = [scenario.obstacles for scenario in scenarios if scenario is not None]
+        extents = [np.abs(world_map.arena).max(), *map(_extent, [world_map.obstacles, *own])]
+        return cls(poses, scene, Scenes.of(world_map, scenarios), 1.0 + float(max(extents)))
+
+    def __len__(self) -> int:
+        """Return the number of poses."""
+        return len(self.poses)
+
+    def select(self, which: NDArray[Any]) -> Situations:
+        """Return some of the states, by index (repeated at will) or mask."""
+        return replace(self, poses=self.poses[which], scene=self.scene[which])
+
+    def moved(self, poses: Floats) -> Situations:
+        """Return the same states at other poses (B, 3)."""
+        return replace(self, poses=poses)
+
+
+def _extent(obstacles: Obstacles) -> float:
+    """Return a bound of the coordinates and radii of obstacles, in metres."""
+    shapes = [obstacles.circles, *obstacles.polygons]
+    return max((float(np.abs(shape).max()) for shape in shapes if shape.size), default=0.0)
