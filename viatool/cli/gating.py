@@ -23,13 +23,19 @@ def gate_options(command: Command) -> Command:
                 "--fail-under",
                 multiple=True,
                 metavar="[NAME=]RATE",
-                help="Exit 1 if the safety rate, or another rate such as danger=0.95, is below RATE. Repeatable.",
+                help="Exit 1 if the safety rate, or a rate such as danger=0.95, is below RATE. Repeatable.",
             ),
             click.option(
-                "--max-unsafe", type=click.IntRange(min=0), metavar="N", help="Exit 1 if more states are unsafe."
+                "--max-unsafe",
+                type=click.IntRange(min=0),
+                metavar="N",
+                help="Exit 1 if more states are unsafe.",
             ),
             click.option(
-                "--max-unknown", type=click.IntRange(min=0), metavar="N", help="Exit 1 if more states are unknown."
+                "--max-unknown",
+                type=click.IntRange(min=0),
+                metavar="N",
+                help="Exit 1 if more states are unknown.",
             ),
             click.option(
                 "--baseline",

@@ -65,7 +65,7 @@ class CommandGroup(click.Group):
 @click.version_option(__version__, prog_name="viatool", message="%(prog)s %(version)s")
 @click.pass_context
 def main(ctx: click.Context) -> None:
-    """Can this navigation policy be made to drive too close to something?
+    """Tell whether a navigation policy can be made to drive too close to something.
 
     viatool proves, for every visited state, that no sensor error up to the given bound can do it; or it hands
     out an observation that does; or it says that it does not know.

@@ -12,16 +12,21 @@ from viatool.cli.terminal import open_console
 
 @click.command()
 @click.argument("map_path", metavar="MAP", type=options.READABLE)
-@options.clearance_options
 @click.option(
-    "--output", "-o", type=options.WRITABLE, metavar="FILE", help="Draw the map and its scenarios (png, svg, pdf)."
+    "--output",
+    "-o",
+    type=options.WRITABLE,
+    metavar="FILE",
+    help="Draw the map and its scenarios (png, svg, pdf).",
 )
-def command(map_path: Path, output: Path | None, **overrides: object) -> None:
+def command(map_path: Path, output: Path | None) -> None:
     """Summarise MAP and draw it."""
-    from viatool.report import draw_map, print_map
+    from viatool.report import print_map
     from viatool.world import load_map
 
     world_map = load_map(map_path)
     if output is not None:
-        draw_map(world_map, output)
+        from viatool.report.map_figure import write_map_figure
+
+        write_map_figure(world_map, output)
     print_map(world_map, open_console())

@@ -6,9 +6,12 @@ import math
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
+
+if TYPE_CHECKING:
+    from viatool.world import Scenario, WorldMap
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 Eps = tuple[str, float]
@@ -16,7 +19,7 @@ Eps = tuple[str, float]
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 
-class EpsType(click.ParamType):
+class EpsType(click.ParamType):  # type: ignore[type-arg]  # generic only in newer click
     """``0.01`` for every channel, or ``lidar=0.03`` for one; converted to (channel, radius)."""
 
     name = "eps"
@@ -38,7 +41,7 @@ class EpsType(click.ParamType):
         return channel, radius
 
 
-class QuantityType(click.ParamType):
+class QuantityType(click.ParamType):  # type: ignore[type-arg]  # generic only in newer click
     """A finite number above 0 (or at least 0), in a unit that the metavar names."""
 
     def __init__(self, unit: str, *, zero: bool = False) -> None:
@@ -53,7 +56,9 @@ class QuantityType(click.ParamType):
         """Read one number."""
         number = value if isinstance(value, float) else finite(str(value))
         if number is None or number < 0.0 or (number == 0.0 and not self.zero):
-            self.fail(f"'{value}' is not a finite number {'of at least' if self.zero else 'above'} 0", param, ctx)
+            self.fail(
+                f"'{value}' is not a finite number {'of at least' if self.zero else 'above'} 0", param, ctx
+            )
         return number
 
 
@@ -85,13 +90,23 @@ def limit_threads(ctx: click.Context, param: click.Parameter, threads: int | Non
 
 
 READABLE = click.Path(path_type=Path)
+WRITABLE = click.Path(path_type=Path)
 
 policy_argument = click.argument("policy", type=READABLE)
 map_option = click.option(
-    "--map", "map_path", type=READABLE, required=True, metavar="FILE", help="The map: native YAML or a ROS 2 map_server YAML."
+    "--map",
+    "map_path",
+    type=READABLE,
+    required=True,
+    metavar="FILE",
+    help="The map: native YAML or a ROS 2 map_server YAML.",
 )
 spec_option = click.option(
-    "--spec", "spec_path", type=READABLE, metavar="FILE", help="Specification of a policy that carries none (YAML)."
+    "--spec",
+    "spec_path",
+    type=READABLE,
+    metavar="FILE",
+    help="Specification of a policy that carries none (YAML).",
 )
 eps_option = click.option(
     "--eps",
@@ -126,11 +141,38 @@ threads_option = click.option(
 quiet_option = click.option("--quiet", "-q", is_flag=True, help="Print no report and no progress.")
 
 
+def draw_scenarios(world_map: WorldMap, scenarios: int | None, seed: int) -> tuple[Scenario, ...]:
+    """Return the map's fixed scenarios, or as many drawn ones as ``--scenarios`` asks for.
+
+    Raises
+    ------
+    ConfigurationError
+        If the map has no generator to draw them, or neither scenarios nor a generator.
+    """
+    from viatool.errors import ConfigurationError
+
+    if scenarios is None and world_map.scenarios:
+        return world_map.scenarios
+    if world_map.generator is None or scenarios is None:
+        lack = "no scenario generator" if scenarios else "no scenarios"
+        raise ConfigurationError(
+            f"map '{world_map.path}' has {lack}",
+            "add 'scenarios' or a 'generator' to the map, or give --trajectory",
+        )
+    return world_map.generator.draw(scenarios, seed)
+
+
 def bounds_options(command: Command) -> Command:
     """Add the options of the reachable set."""
     for option in reversed(
         (
-            click.option("--order", type=click.IntRange(min=1), default=1, show_default=True, help="Order of the Taylor models."),
+            click.option(
+                "--order",
+                type=click.IntRange(min=1),
+                default=1,
+                show_default=True,
+                help="Order of the Taylor models.",
+            ),
             click.option(
                 "--approximation",
                 type=click.Choice(["chebyshev", "bernstein", "taylor"]),
@@ -150,7 +192,7 @@ def bounds_options(command: Command) -> Command:
                 type=click.Choice(["float32", "real"]),
                 default="float32",
                 show_default=True,
-                help="Whether the bounds cover the rounding of the deployed program or the exact network only.",
+                help="Whether bounds cover the rounding of the deployed program or the exact network.",
             ),
         )
     ):
@@ -162,8 +204,12 @@ def clearance_options(command: Command) -> Command:
     """Add the options that override the map's clearances and robot."""
     for option in reversed(
         (
-            click.option("--clearance", type=QuantityType("m"), help="Collision distance d_col instead of the map's."),
-            click.option("--danger", type=QuantityType("m"), help="Danger distance d_danger instead of the map's."),
+            click.option(
+                "--clearance", type=QuantityType("m"), help="Collision distance d_col instead of the map's."
+            ),
+            click.option(
+                "--danger", type=QuantityType("m"), help="Danger distance d_danger instead of the map's."
+            ),
             click.option(
                 "--interval", type=QuantityType("s"), help="Control interval instead of the robot's."
             ),

@@ -47,7 +47,7 @@ from viatool.cli.terminal import open_console, show_progress
 @options.threads_option
 @options.quiet_option
 @click.pass_context
-def command(ctx: click.Context, **given: Any) -> None:
+def command(ctx: click.Context, /, **given: Any) -> None:
     """Verify POLICY (ONNX) on a map with bounded sensor error.
 
     Every visited state becomes safe (proved), unsafe (with a replayable counterexample) or unknown. Without a

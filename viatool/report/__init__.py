@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from viatool.report.bounds_file import check_bounds_file, write_bounds
 from viatool.report.console import print_report
 from viatool.report.document import ReportDocument, load_document, read_result
 from viatool.report.gate import Check, Gate, Threshold, evaluate, parse_threshold
 from viatool.report.outputs import REPORTERS, Output, check_outputs, parse_output, write_outputs
+from viatool.report.summaries import print_bounds, print_episodes, print_map, print_policy
 
 __all__ = [
     "REPORTERS",
@@ -14,12 +16,18 @@ __all__ = [
     "Output",
     "ReportDocument",
     "Threshold",
+    "check_bounds_file",
     "check_outputs",
     "evaluate",
     "load_document",
     "parse_output",
     "parse_threshold",
+    "print_bounds",
+    "print_episodes",
+    "print_map",
+    "print_policy",
     "print_report",
     "read_result",
+    "write_bounds",
     "write_outputs",
 ]

@@ -116,7 +116,8 @@ def _rate(rates: RateByOutcome, outcome: str) -> Text:
 def _task(document: ReportDocument) -> RenderableType:
     task = document.task
     shares = [
-        f"{_share(getattr(task, f'{outcome}_rate'))} {outcome}" for outcome in ("success", "collision", "timeout")
+        f"{_share(getattr(task, f'{outcome}_rate'))} {outcome}"
+        for outcome in ("success", "collision", "timeout")
     ]
     cost = "" if task.average_cost is None else f"; average cost {significant(task.average_cost)}"
     episodes = "1 episode" if task.episodes == 1 else f"{count(task.episodes)} episodes"

@@ -1,4 +1,4 @@
-"""The report as data: the typed form of the report JSON, from which every reporter, gate and comparison reads.
+"""The report as data: the typed form of the report JSON, which reporters, gate and comparison read.
 
 Field names are a contract with other programs; the JSON Schema in docs/ is generated from these classes.
 """

@@ -83,7 +83,9 @@ def _parse_rate(number: str, text: str) -> Fraction:
     if number.endswith("%"):
         rate /= 100
     if not 0 <= rate <= 1:
-        raise ConfigurationError(f"'{text}' is not a rate", "write a number from 0 to 1, such as 0.99, or 99%")
+        raise ConfigurationError(
+            f"'{text}' is not a rate", "write a number from 0 to 1, such as 0.99, or 99%"
+        )
     return rate
 
 
@@ -111,7 +113,9 @@ def evaluate(gate: Gate, document: ReportDocument) -> tuple[Check, ...]:
     for verdict, most in (("unsafe", gate.max_unsafe), ("unknown", gate.max_unknown)):
         if most is not None:
             found = int(getattr(document.verdicts, verdict))
-            checks.append(Check(f"at most {count(most)} {verdict}", found <= most, f"{count(found)} {verdict}"))
+            checks.append(
+                Check(f"at most {count(most)} {verdict}", found <= most, f"{count(found)} {verdict}")
+            )
     if gate.baseline is not None:
         checks += _regressions(gate.baseline, document)
     return tuple(checks)

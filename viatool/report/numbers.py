@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 
-MISSING = "–"
+MISSING = "n/a"
 
 
 def percentage(part: int, total: int, digits: int = 2) -> str:
@@ -20,7 +20,7 @@ def percentage(part: int, total: int, digits: int = 2) -> str:
     Returns
     -------
     str
-        Such as ``"99.99 %"``; a dash if `total` is 0, for there is no rate then.
+        Such as ``"99.99 %"``; n/a if `total` is 0, for there is no rate then.
     """
     return MISSING if total == 0 else percent_of(Fraction(part, total), digits)
 
@@ -43,7 +43,7 @@ def count(number: int) -> str:
 
 
 def significant(value: float, digits: int = 3) -> str:
-    """Write a measured number with a fixed number of significant digits and no exponent where it is readable."""
+    """Write a measured number to some significant digits, without an exponent where that is readable."""
     if value == 0.0:
         return "0"
     return f"{value:.{digits}g}" if 1e-4 <= abs(value) < 1e5 else f"{value:.{digits - 1}e}"

@@ -1,0 +1,72 @@
+"""The gate decides on integers, exactly as the user wrote the rate."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import pytest
+
+from viatool.errors import ConfigurationError, EmptyEvaluationError
+from viatool.report import Gate, evaluate, parse_threshold
+
+
+def passes(gate: Gate, document) -> bool:
+    return all(check.passed for check in evaluate(gate, document))
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "least"),
+    [
+        ("0.99", "overall", Fraction(99, 100)),
+        ("99%", "overall", Fraction(99, 100)),
+        ("danger=0.1", "danger", Fraction(1, 10)),
+        ("1", "overall", Fraction(1)),
+        ("1e-2", "overall", Fraction(1, 100)),
+    ],
+)
+def test_thresholds_are_read_exactly(text: str, name: str, least: Fraction) -> None:
+    threshold = parse_threshold(text)
+    assert (threshold.name, threshold.least) == (name, least)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "nan", "inf", "-0.1", "1.1", "101%", "safe", "nearby=0.5", "1e-999999999", "=0.5"]
+)
+def test_what_is_no_rate_is_refused(text: str) -> None:
+    with pytest.raises(ConfigurationError):
+        parse_threshold(text)
+
+
+def test_a_rate_that_float_arithmetic_cannot_hold_is_decided_exactly(document) -> None:
+    # 0.07 in binary is above 7/100: a float comparison fails this gate.
+    assert passes(Gate((parse_threshold("0.07"),)), document(7, 0, 93))
+
+
+def test_one_state_below_the_threshold_fails(document) -> None:
+    gate = Gate((parse_threshold("0.9999999"),))
+    assert not passes(gate, document(9_999_998, 2, 0))
+    assert passes(gate, document(9_999_999, 1, 0))
+
+
+def test_a_gate_without_conditions_never_fails(document) -> None:
+    assert passes(Gate(), document(0, 0, 0))
+
+
+def test_an_empty_evaluation_is_no_pass_and_no_failure(document) -> None:
+    with pytest.raises(EmptyEvaluationError):
+        evaluate(Gate((parse_threshold("0.0"),)), document(0, 0, 0))
+
+
+@pytest.mark.parametrize(("gate", "expected"), [(Gate(max_unsafe=1), True), (Gate(max_unsafe=0), False)])
+def test_unsafe_states_are_counted(document, gate: Gate, expected: bool) -> None:
+    assert passes(gate, document(97, 1, 2)) is expected
+
+
+def test_unknown_states_are_counted(document) -> None:
+    assert not passes(Gate(max_unknown=1), document(97, 1, 2))
+
+
+def test_a_report_passes_against_itself_and_fails_against_a_better_baseline(document) -> None:
+    assert passes(Gate(baseline=document(97, 1, 2)), document(97, 1, 2))
+    assert not passes(Gate(baseline=document(98, 1, 1)), document(97, 1, 2))
+    assert not passes(Gate(baseline=document(97, 0, 3)), document(97, 1, 2))

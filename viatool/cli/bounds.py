@@ -1,0 +1,65 @@
+"""``viatool bounds``: reachable sets of given observations, without any geometry."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from viatool.cli import options
+from viatool.cli.terminal import open_console
+
+if TYPE_CHECKING:
+    from viatool.policy import Policy
+
+
+@click.command()
+@options.policy_argument
+@click.argument("observations", type=options.READABLE)
+@options.eps_option
+@options.spec_option
+@options.bounds_options
+@click.option(
+    "--output",
+    "-o",
+    type=options.WRITABLE,
+    metavar="FILE",
+    help="Write observation, eps, lower and upper (npz, csv).",
+)
+@options.threads_option
+@options.quiet_option
+def command(**given: Any) -> None:
+    """Bound the actions of POLICY (ONNX) for all sensor errors around OBSERVATIONS.
+
+    OBSERVATIONS is a .npy, .npz (array 'observation'), .csv or .txt file with one observation on each line.
+    """
+    from viatool.cli.observations import load_observations
+    from viatool.policy import load_policy
+    from viatool.report import check_bounds_file, print_bounds, write_bounds
+    from viatool.taylor import reach
+
+    if given["output"] is not None:
+        check_bounds_file(given["output"])
+    policy = load_policy(given["policy"], given["spec_path"])
+    observations = load_observations(given["observations"], policy.input_size)
+    eps = radii(policy, given["eps"])
+    settings = {name: given[name] for name in ("order", "approximation", "refine", "arithmetic")}
+    reachable = reach(policy, observations, eps, **settings)
+    if given["output"] is not None:
+        write_bounds(given["output"], observations, eps, reachable)
+    if not given["quiet"]:
+        print_bounds(policy, reachable, open_console())
+
+
+def radii(policy: Policy, eps: dict[str, float]) -> Any:
+    """Return the radius of every observation entry; without a specification one radius for all."""
+    from viatool.errors import ConfigurationError
+
+    if policy.spec is not None:
+        return policy.spec.radii(eps)
+    if set(eps) != {""}:
+        raise ConfigurationError(
+            "a policy without a specification has no named channels",
+            "give one --eps RADIUS for all entries, or the channels with --spec",
+        )
+    return eps[""]

@@ -1,0 +1,155 @@
+"""Drawing on matplotlib axes: maps, scenarios, driven paths by verdict, and the area that must stay free."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PatchCollection
+from matplotlib.patches import Circle, PathPatch, Polygon
+from matplotlib.path import Path as Outline
+from numpy.typing import NDArray
+
+from viatool.report.palette import COLOUR, VERDICTS
+
+if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
+
+    from viatool.world import Obstacles, Scenario, WorldMap
+
+Floats = NDArray[np.float64]
+
+FLOOR, WALL, INK, FAINT = "#FBFBFA", "#8D949C", "#22272E", "#C9CED4"
+_MARGIN = 0.25  # metres of wall that are shown around the arena
+
+
+def draw_floor(axes: Axes, world_map: WorldMap) -> None:
+    """Draw the arena, its outside and the obstacles that every scenario has; equal axes in metres."""
+    x_min, y_min, x_max, y_max = world_map.bounds
+    axes.set_facecolor(WALL)
+    axes.add_patch(Polygon(world_map.arena, closed=True, facecolor=FLOOR, edgecolor=INK, linewidth=0.8))
+    draw_obstacles(axes, world_map.obstacles, facecolor=WALL, edgecolor=INK)
+    axes.set(xlim=(x_min - _MARGIN, x_max + _MARGIN), ylim=(y_min - _MARGIN, y_max + _MARGIN), aspect="equal")
+    axes.tick_params(length=2, labelsize=7, colors=INK)
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+
+
+def draw_obstacles(axes: Axes, obstacles: Obstacles, *, facecolor: str, edgecolor: str) -> None:
+    """Draw circles and polygons."""
+    patches = [Circle((x, y), radius) for x, y, radius in obstacles.circles]
+    polygons = [Polygon(corners, closed=True) for corners in obstacles.polygons]
+    axes.add_collection(
+        PatchCollection(
+            [*patches, *polygons], facecolor=facecolor, edgecolor=edgecolor, linewidth=0.6, zorder=2
+        )
+    )
+
+
+def draw_task(axes: Axes, scenario: Scenario, *, size: float = 1.0) -> None:
+    """Mark start (a triangle that points along the heading) and goal (a star)."""
+    x, y, heading = scenario.start
+    marker = (3, 0, np.degrees(heading) - 90.0)
+    axes.plot(x, y, marker=marker, ms=7 * size, mfc="white", mec=INK, mew=0.9, ls="", zorder=6)
+    axes.plot(*scenario.goal, marker="*", ms=10 * size, mfc="#F0E442", mec=INK, mew=0.7, ls="", zorder=6)
+
+
+def draw_path(axes: Axes, poses: Floats, verdicts: NDArray[np.str_], *, width: float = 1.6) -> None:
+    """Draw one episode, each stretch in the colour of the verdict of the state in which it starts.
+
+    Parameters
+    ----------
+    axes : Axes
+        Where.
+    poses : ndarray
+        (T, 3) metres and radians, in the order of time.
+    verdicts : ndarray
+        (T,) safe, unsafe or unknown.
+    width : float
+        Of the line, in points.
+    """
+    points = poses[:, :2]
+    stretches = np.stack([points[:-1], points[1:]], axis=1)  # (T - 1, 2, 2)
+    for level, verdict in enumerate(VERDICTS):
+        chosen = stretches[verdicts[:-1] == verdict]
+        axes.add_collection(
+            LineCollection(
+                list(chosen),
+                colors=COLOUR[verdict],
+                linewidths=width * (1.0 + 0.5 * level),
+                capstyle="round",
+                zorder=4 + 0.1 * level,
+            )
+        )
+        if verdict != "safe":
+            marked = points[verdicts == verdict]
+            axes.plot(
+                *marked.T,
+                ls="",
+                marker="x" if verdict == "unsafe" else "|",
+                ms=4,
+                mew=1.0,
+                color=COLOUR[verdict],
+                zorder=5,
+            )
+
+
+def draw_region(
+    axes: Axes,
+    region: BaseGeometry,
+    *,
+    facecolor: str,
+    alpha: float,
+    edgecolor: str = "none",
+    zorder: float = 1.0,
+) -> None:
+    """Fill a shapely polygon or multipolygon, holes left open."""
+    for part in getattr(region, "geoms", [region]):
+        if part.is_empty or part.geom_type != "Polygon":
+            continue
+        rings = [part.exterior, *part.interiors]
+        outline = Outline.make_compound_path(*(Outline(np.asarray(ring.coords)[:, :2]) for ring in rings))
+        axes.add_patch(
+            PathPatch(
+                outline, facecolor=facecolor, alpha=alpha, edgecolor=edgecolor, linewidth=0.7, zorder=zorder
+            )
+        )
+
+
+def swept_regions(poses: Floats, lower: Floats, upper: Floats, interval: float) -> Sequence[BaseGeometry]:
+    """Return where the robot's origin can be during one interval, for drawing: B convex polygons.
+
+    Parameters
+    ----------
+    poses : ndarray
+        (B, 3) metres and radians.
+    lower, upper : ndarray
+        (B, 2) speed in m/s and turning speed in rad/s.
+    interval : float
+        Seconds.
+
+    Notes
+    -----
+    Sound: no, the hull of sampled arcs; proofs use `viatool.safety`.
+    """
+    import shapely
+
+    corners = np.stack(
+        [lower, upper, np.stack([lower[:, 0], upper[:, 1]], 1), np.stack([upper[:, 0], lower[:, 1]], 1)], 1
+    )
+    times = np.linspace(0.0, interval, 4)
+    points = unicycle_points(poses[:, None, None], corners[:, :, None], times[None, None])
+    batch = points.reshape(len(poses), -1, 2)
+    return list(shapely.convex_hull(shapely.multipoints(batch)))
+
+
+def unicycle_points(poses: Floats, actions: Floats, times: Floats) -> Floats:
+    """Return positions on exact unicycle arcs; (..., 3), (..., 2) and (...) broadcast to (..., 2) metres."""
+    half_turn = 0.5 * actions[..., 1] * times
+    distance = actions[..., 0] * times * np.sinc(half_turn / np.pi)
+    direction = poses[..., 2] + half_turn
+    return np.stack(
+        [poses[..., 0] + distance * np.cos(direction), poses[..., 1] + distance * np.sin(direction)], axis=-1
+    )

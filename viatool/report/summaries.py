@@ -1,0 +1,152 @@
+"""Short console summaries of what is not a result: a map, a policy, driven episodes, reachable sets."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from viatool.report.numbers import MISSING, count, percentage, significant
+
+if TYPE_CHECKING:
+    from viatool.policy import Policy, PolicySpecification
+    from viatool.taylor import ReachableSet
+    from viatool.trajectory import Trajectory
+    from viatool.world import WorldMap
+
+ROWS_SHOWN = 20
+
+
+def print_facts(title: str, facts: Iterable[tuple[str, str]], console: Console) -> None:
+    """Print a title and, below it, names with their values."""
+    table = Table.grid(padding=(0, 2))
+    for name, value in facts:
+        table.add_row(Text(f"  {name}", style="dim"), Text(value))
+    console.print(Text(title, style="bold"))
+    console.print(table)
+
+
+def print_map(world_map: WorldMap, console: Console) -> None:
+    """Summarise a map: arena, obstacles, robot, clearances and scenarios."""
+    x_min, y_min, x_max, y_max = world_map.bounds
+    obstacles, robot, lidar = world_map.obstacles, world_map.robot, world_map.robot.lidar
+    footprint = robot.footprint
+    outline = {
+        "point": "point (the LiDAR origin)",
+        "circle": f"disc of radius {significant(footprint.radius)} m",
+        "polygon": f"polygon of {len(footprint.polygon)} corners within {significant(footprint.reach)} m",
+    }[footprint.kind]
+    generator = "none" if world_map.generator is None else "draws any number of further scenarios"
+    facts = [
+        ("arena", f"x {x_min:g} to {x_max:g} m, y {y_min:g} to {y_max:g} m, {len(world_map.arena)} corners"),
+        ("obstacles", f"{len(obstacles.circles)} circles, {len(obstacles.polygons)} polygons"),
+        (
+            "clearance",
+            f"collision {world_map.clearance.collision:g} m, danger {world_map.clearance.danger:g} m",
+        ),
+        ("robot", f"{robot.name}, footprint {outline}"),
+        (
+            "commands",
+            f"v {robot.min_linear:g} to {robot.max_linear:g} m/s, |omega| up to {robot.max_angular:g} rad/s, "
+            f"every {robot.control_interval:g} s",
+        ),
+        (
+            "LiDAR",
+            f"{lidar.rays} rays in {lidar.bins} bins over {np.degrees(lidar.field_of_view):g} degrees, "
+            f"{lidar.minimum_range:g} to {lidar.maximum_range:g} m, noise {lidar.noise:g} m",
+        ),
+        ("scenarios", f"{count(len(world_map.scenarios))} fixed"),
+        ("generator", generator),
+        ("sha256", world_map.sha256),
+    ]
+    print_facts(f"{world_map.name} ({world_map.path})", facts, console)
+
+
+def print_policy(policy: Policy, console: Console) -> None:
+    """Summarise a policy: its network and what its numbers mean."""
+    nodes = policy.network.nodes
+    kinds = Counter(type(node).__name__ for node in nodes[1:])
+    functions = Counter(node.function.name for node in nodes if hasattr(node, "function"))
+    facts = [
+        ("observation", f"{policy.input_size} numbers"),
+        ("action", f"{policy.output_size} numbers"),
+        ("network", _tally(kinds)),
+        ("activations", _tally(functions) or "none"),
+        ("onnxruntime", "agrees with the network as it was read"),
+        ("sha256", policy.sha256),
+    ]
+    print_facts(str(policy.path), facts, console)
+    if policy.spec is None:
+        hint = "  none: bounds work, geometry needs --spec FILE"
+        console.print(Text("specification", style="bold"), Text(hint), sep="\n")
+        return
+    _print_specification(policy.spec, console)
+
+
+def _tally(counter: Counter[str]) -> str:
+    return ", ".join(f"{number} {name}" for name, number in counter.items())
+
+
+def _print_specification(spec: PolicySpecification, console: Console) -> None:
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for name in ("channel", "size", "unit", "kind", "range or value"):
+        table.add_column(name, justify="right" if name == "size" else "left")
+    for channel in spec.observation:
+        value = MISSING if channel.value is None else f"fixed to {channel.value:g}"
+        if channel.lidar is not None:
+            value = f"{channel.lidar.minimum_range:g} to {channel.lidar.maximum_range:g}"
+        table.add_row(channel.name, str(channel.size), channel.unit, channel.kind, value)
+    table.add_section()
+    for action in spec.action:
+        table.add_row(action.name, "1", action.unit, action.kind, f"{action.lower:g} to {action.upper:g}")
+    console.print(table)
+    facts = [
+        ("robot", spec.robot),
+        ("control interval", f"{spec.control_interval:g} s"),
+        ("action map", "none" if spec.action_map is None else str(spec.action_map)),
+        *((f"training {name}", str(value)) for name, value in spec.training.items()),
+    ]
+    print_facts("specification", facts, console)
+
+
+def print_episodes(trajectory: Trajectory, console: Console) -> None:
+    """Summarise how driven episodes ended."""
+    tally = Counter(trajectory.outcomes.tolist())
+    facts = [("states", count(len(trajectory)))]
+    for outcome, number in sorted(tally.items()):
+        facts.append((outcome, f"{count(number)} ({percentage(number, trajectory.episodes)})"))
+    if trajectory.episodes and np.isfinite(trajectory.costs).any():
+        facts.append(("average cost", f"{significant(float(np.nanmean(trajectory.costs)))} steps in danger"))
+    print_facts(f"{count(trajectory.episodes)} episodes, driven and not proved", facts, console)
+
+
+def print_bounds(policy: Policy, reachable: ReachableSet, console: Console) -> None:
+    """Print the reachable set of each observation, or of the first ones, and the widths over all."""
+    actions = policy.spec.action if policy.spec is not None else None
+    names = (
+        [f"{a.name} [{a.unit}]" for a in actions]
+        if actions
+        else [f"action {i}" for i in range(policy.output_size)]
+    )
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column("observation", justify="right")
+    for name in names:
+        table.add_column(Text(name), justify="right")
+    for row, (lower, upper) in enumerate(
+        zip(reachable.lower[:ROWS_SHOWN], reachable.upper[:ROWS_SHOWN], strict=True)
+    ):
+        table.add_row(str(row), *(f"{low:.6f} to {high:.6f}" for low, high in zip(lower, upper, strict=True)))
+    console.print(table)
+    if len(reachable.lower) > ROWS_SHOWN:
+        console.print(
+            f"and {count(len(reachable.lower) - ROWS_SHOWN)} more; --output FILE writes all of them"
+        )
+    width = reachable.upper - reachable.lower
+    for name, mean, largest in zip(names, width.mean(axis=0), width.max(axis=0), strict=True):
+        console.print(Text(f"width of {name}: mean {significant(mean)}, max {significant(largest)}"))
