@@ -10,20 +10,36 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 import sympy
 from numpy.typing import NDArray
+from scipy import special
 
 Floats = NDArray[np.float64]
 
 X = sympy.Symbol("x", real=True)
 Expression = sympy.Expr
 
+
+class NormalCdf(sympy.Function):  # type: ignore[misc]  # sympy carries no types
+    """The standard normal distribution function, accurate in both tails where ``1 + erf`` would cancel."""
+
+    def fdiff(self, argindex: int = 1) -> Expression:
+        """Return the normal density."""
+        return sympy.exp(-self.args[0] ** 2 / 2) / sympy.sqrt(2 * sympy.pi)
+
+
+FLOAT_MODULES: list[Any] = [{"NormalCdf": special.ndtr}, "scipy", "numpy"]
+"""The namespace in which expressions are compiled for float64 evaluation."""
+
 _DECLARATIONS: dict[str, tuple[Callable[..., Expression], dict[str, float]]] = {}
 
 
-def _declare(name: str, **defaults: float) -> Callable[[Callable[..., Expression]], Callable[..., Expression]]:
+def _declare(
+    name: str, **defaults: float
+) -> Callable[[Callable[..., Expression]], Callable[..., Expression]]:
     def register(expression: Callable[..., Expression]) -> Callable[..., Expression]:
         _DECLARATIONS[name] = (expression, defaults)
         return expression
@@ -93,7 +109,7 @@ def _softsign() -> Expression:
 
 @_declare("Silu")
 def _silu() -> Expression:
-    return X * _sigmoid()
+    return _pieces((X * sympy.exp(X) / (1 + sympy.exp(X)), X < 0), (X / (1 + sympy.exp(-X)), True))
 
 
 @_declare("HardSwish")
@@ -103,17 +119,24 @@ def _hard_swish() -> Expression:
 
 @_declare("Gelu")
 def _gelu() -> Expression:
-    return X * (1 + sympy.erf(X / sympy.sqrt(2))) / 2
+    return X * NormalCdf(X)
 
 
 @_declare("GeluTanh")
 def _gelu_tanh() -> Expression:
-    return X * (1 + sympy.tanh(sympy.sqrt(2 / sympy.pi) * (X + 0.044715 * X**3))) / 2
+    growth = sympy.exp(-2 * sympy.sqrt(2 / sympy.pi) * (sympy.Abs(X) + 0.044715 * sympy.Abs(X) ** 3))
+    left = growth.subs(sympy.Abs(X), -X)
+    right = growth.subs(sympy.Abs(X), X)
+    return _pieces((X * left / (1 + left), X < 0), (X / (1 + right), True))
 
 
 @_declare("Mish")
 def _mish() -> Expression:
-    return X * sympy.tanh(_softplus())
+    left, right = sympy.exp(X), sympy.exp(-X)
+    return _pieces(
+        (X * left * (left + 2) / (left * (left + 2) + 2), X < 0),
+        (X * (1 + 2 * right) / (1 + 2 * right + 2 * right**2), True),
+    )
 
 
 @_declare("Erf")
@@ -153,7 +176,12 @@ def _reciprocal() -> Expression:
 
 @_declare("Clip", min=-np.inf, max=np.inf)
 def _clip(min: float, max: float) -> Expression:
-    return _pieces((min, X <= min), (max, X >= max), (X, True))
+    pieces = [(X, True)]
+    if np.isfinite(max):
+        pieces.insert(0, (max, X >= max))
+    if np.isfinite(min):
+        pieces.insert(0, (min, X <= min))
+    return _pieces(*pieces)
 
 
 @dataclass(frozen=True)
@@ -191,12 +219,16 @@ def activation(name: str, **parameters: float) -> ActivationFunction:
         If the name or a parameter is not declared.
     """
     if name not in _DECLARATIONS:
-        raise ValueError(f"activation '{name}' is not declared; declared are {', '.join(sorted(_DECLARATIONS))}")
+        raise ValueError(
+            f"activation '{name}' is not declared; declared are {', '.join(sorted(_DECLARATIONS))}"
+        )
     _, defaults = _DECLARATIONS[name]
     unknown = parameters.keys() - defaults.keys()
     if unknown:
         raise ValueError(f"activation '{name}' has no parameter {', '.join(sorted(unknown))}")
-    return ActivationFunction(name, tuple((key, float(parameters.get(key, value))) for key, value in defaults.items()))
+    return ActivationFunction(
+        name, tuple((key, float(parameters.get(key, value))) for key, value in defaults.items())
+    )
 
 
 def declared_activations() -> tuple[str, ...]:
@@ -206,7 +238,7 @@ def declared_activations() -> tuple[str, ...]:
 
 @lru_cache(maxsize=None)
 def _compiled(function: ActivationFunction) -> Callable[[Floats], Floats]:
-    evaluate = sympy.lambdify(X, function.expression, modules=["scipy", "numpy"])
+    evaluate = sympy.lambdify(X, function.expression, modules=FLOAT_MODULES)
 
     def evaluated(x: Floats) -> Floats:
         with np.errstate(all="ignore"):  # branches that are not taken may overflow

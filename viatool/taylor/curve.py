@@ -1,0 +1,284 @@
+"""The shape of an activation: smooth pieces, kinks, and where each derivative rises and falls, all proved.
+
+Everything follows from the sympy expression. The real line is cut at the kinks and, for the derivative of each order,
+into cells on which that derivative provably rises, provably falls, or (in the tiny cells around an extremum, and in
+saturated tails) is enclosed as a whole. The range of a derivative over any interval is then the hull of its values at
+the two ends and of one precomputed table entry.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import sympy
+from numpy.typing import NDArray
+
+from viatool.policy.activations import FLOAT_MODULES, ActivationFunction, X
+from viatool.taylor.interval import ENCLOSED_FUNCTIONS, Interval
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.intp]
+
+REACH = 1e30
+"""Pre-activations beyond this magnitude are not enclosed."""
+
+RISING, FALLING, CONSTANT, UNKNOWN = 1, -1, 0, 2
+
+_SPLITS = 60
+_MOST_CELLS = 512
+_SETTLED = 1e-13
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """The real line cut where a derivative turns.
+
+    Parameters
+    ----------
+    edges : ndarray
+        ``(K+1,)``, from -`REACH` to `REACH`.
+    kinds : ndarray
+        ``(K,)``: `RISING`, `FALLING`, `CONSTANT` or `UNKNOWN` on each cell.
+    hulls : tuple of ndarray
+        Lower and upper bounds ``(K,)`` of the derivative on each `UNKNOWN` cell.
+    table : tuple of ndarray
+        ``(K, K)`` lower and upper hull of the derivative over the edges strictly between cell i and cell j, and over
+        every unknown cell from i to j.
+    """
+
+    edges: Floats
+    kinds: Integers
+    hulls: tuple[Floats, Floats]
+    table: tuple[Floats, Floats]
+
+    def locate(self, lower: Floats, upper: Floats) -> tuple[Integers, Integers]:
+        """Return the cells of both ends; an end on an edge counts the edge as inside."""
+        inner = self.edges[1:-1]
+        return np.searchsorted(inner, lower, side="left"), np.searchsorted(inner, upper, side="right")
+
+
+class Curve:
+    """An activation with proved enclosures of its value and of its derivatives.
+
+    Parameters
+    ----------
+    function : ActivationFunction
+        The declared function.
+    """
+
+    def __init__(self, function: ActivationFunction) -> None:
+        self.function = function
+        self.breaks, self._expressions = _smooth_pieces(function)
+        self._enclosed: dict[int, list[Callable[[Interval], Interval]]] = {}
+        self._floats: dict[int, list[Callable[[Floats], Floats]]] = {}
+        self._cells: dict[int, Cells] = {}
+
+    @property
+    def is_piecewise_linear(self) -> bool:
+        """Whether every piece is a straight line."""
+        return all(sympy.diff(expression, X, 2) == 0 for expression in self._expressions)
+
+    def value(self, x: Floats, derivative: int = 0) -> Floats:
+        """Evaluate a derivative in float64; not a bound."""
+        if derivative not in self._floats:
+            self._floats[derivative] = [
+                _broadcasting(sympy.lambdify(X, sympy.diff(e, X, derivative), modules=FLOAT_MODULES))
+                for e in self._expressions
+            ]
+        pieces = self._floats[derivative]
+        with np.errstate(all="ignore"):
+            result = pieces[0](x)
+            for edge, piece in zip(self.breaks, pieces[1:], strict=True):
+                result = np.where(x >= edge, piece(x), result)
+        return result
+
+    def enclose(self, x: Floats, derivative: int = 0) -> Interval:
+        """Enclose a derivative at points: ``f^(derivative)(x)``, from both sides at a kink.
+
+        **Sound:** yes.
+        """
+        pieces = self._pieces(derivative)
+        if not self.breaks.size:
+            return _checked(pieces[0], Interval(x, x))
+        index_left = np.searchsorted(self.breaks, x, side="left")
+        index_right = np.searchsorted(self.breaks, x, side="right")
+        lower, upper = np.full(x.shape, np.inf), np.full(x.shape, -np.inf)
+        for k, piece in enumerate(pieces):
+            here = (index_left == k) | (index_right == k)
+            if here.any():
+                part = x[here]
+                result = _checked(piece, Interval(part, part))
+                lower[here] = np.minimum(lower[here], result.lower)
+                upper[here] = np.maximum(upper[here], result.upper)
+        return Interval(lower, upper)
+
+    def range(self, lower: Floats, upper: Floats, derivative: int = 0) -> Interval:
+        """Enclose a derivative over intervals ``[lower, upper]``.
+
+        **Sound:** yes; a derivative over a jump of the function is the whole line.
+        """
+        cells = self.cells(derivative)
+        first, last = cells.locate(lower, upper)
+        low, high = self.enclose(lower, derivative), self.enclose(upper, derivative)
+        beyond = (lower < -REACH) | (upper > REACH)
+        return Interval(
+            np.where(beyond, -np.inf, np.minimum(np.minimum(low.lower, high.lower), cells.table[0][first, last])),
+            np.where(beyond, np.inf, np.maximum(np.maximum(low.upper, high.upper), cells.table[1][first, last])),
+        )
+
+    def cells(self, derivative: int) -> Cells:
+        """Return the cells on which ``f^(derivative)`` rises, falls, is constant or is enclosed as a whole."""
+        if derivative not in self._cells:
+            self._cells[derivative] = self._find_cells(derivative)
+        return self._cells[derivative]
+
+    def _pieces(self, derivative: int) -> list[Callable[[Interval], Interval]]:
+        if derivative not in self._enclosed:
+            self._enclosed[derivative] = [
+                sympy.lambdify(X, sympy.diff(e, X, derivative), modules=[ENCLOSED_FUNCTIONS], cse=True)
+                for e in self._expressions
+            ]
+        return self._enclosed[derivative]
+
+    def _find_cells(self, derivative: int) -> Cells:
+        borders = [-REACH, *self.breaks.tolist(), REACH]
+        found: list[tuple[float, float, int, float, float]] = []
+        for value, slope, left, right in zip(
+            self._pieces(derivative), self._pieces(derivative + 1), borders[:-1], borders[1:], strict=True
+        ):
+            found += _sign_cells(value, slope, left, right)
+        edges = np.array([cell[0] for cell in found] + [REACH])
+        kinds = np.array([cell[2] for cell in found], dtype=np.intp)
+        hulls = (np.array([cell[3] for cell in found]), np.array([cell[4] for cell in found]))
+        nodes = self.enclose(edges[1:-1], derivative)
+        if derivative:
+            jumps = self._jumps(edges[1:-1], derivative)
+            nodes = Interval(np.where(jumps, -np.inf, nodes.lower), np.where(jumps, np.inf, nodes.upper))
+        return Cells(edges, kinds, hulls, _hull_table(kinds, hulls, nodes))
+
+    def _jumps(self, nodes: Floats, derivative: int) -> NDArray[np.bool_]:
+        """Find the nodes at which a lower derivative is discontinuous, so that this one is unbounded."""
+        jumps = np.zeros(nodes.shape, dtype=bool)
+        for lower_derivative in range(derivative):
+            if lower_derivative == 0 or derivative > 1:
+                sides = self.enclose(nodes, lower_derivative)
+                scale = 1 + np.abs(sides.lower) + np.abs(sides.upper)
+                jumps |= ~(sides.upper - sides.lower <= 1e-9 * scale)
+        return jumps
+
+
+@lru_cache(maxsize=256)
+def curve_of(function: ActivationFunction) -> Curve:
+    """Return the analysed curve of a function; equal functions share one."""
+    return Curve(function)
+
+
+def _smooth_pieces(function: ActivationFunction) -> tuple[Floats, list[sympy.Expr]]:
+    """Cut a (possibly nested) Piecewise into breakpoints ``(P-1,)`` and P smooth expressions, left to right."""
+    expression = sympy.piecewise_fold(sympy.sympify(function.expression))
+    if not expression.is_Piecewise:
+        return np.empty(0), [expression]
+    breaks = sorted({float(bound) for _, condition in expression.args for bound in _thresholds(condition)})
+    probes = [breaks[0] - 1, *((a + b) / 2 for a, b in zip(breaks[:-1], breaks[1:], strict=True)), breaks[-1] + 1]
+    return np.array(breaks), [_branch(expression, probe) for probe in probes]
+
+
+def _thresholds(condition: sympy.Basic) -> list[sympy.Expr]:
+    return [atom.rhs if atom.lhs == X else atom.lhs for atom in condition.atoms(sympy.core.relational.Relational)]
+
+
+def _branch(expression: sympy.Piecewise, probe: float) -> sympy.Expr:
+    return next(branch for branch, condition in expression.args if condition.subs(X, probe) == sympy.true)
+
+
+def _broadcasting(function: Callable[[Floats], Floats]) -> Callable[[Floats], Floats]:
+    def evaluated(x: Floats) -> Floats:
+        return np.broadcast_to(np.asarray(function(x), dtype=np.float64), x.shape)
+
+    return evaluated
+
+
+def _checked(function: Callable[[Interval], Interval], x: Interval) -> Interval:
+    """Evaluate an enclosure; constants are broadcast, undefined results become the whole line."""
+    with np.errstate(all="ignore"):
+        result = function(x)
+    if not isinstance(result, Interval):
+        constant = np.full(x.lower.shape, float(result))
+        return Interval(constant, constant)
+    shape = x.lower.shape
+    return Interval(
+        np.broadcast_to(np.where(np.isnan(result.lower), -np.inf, result.lower), shape),
+        np.broadcast_to(np.where(np.isnan(result.upper), np.inf, result.upper), shape),
+    )
+
+
+def _sign_cells(
+    value: Callable[[Interval], Interval], slope: Callable[[Interval], Interval], left: float, right: float
+) -> list[tuple[float, float, int, float, float]]:
+    """Cut one smooth piece into cells of known sign of the slope, splitting until the rest is negligible."""
+    edges = _first_edges(left, right)
+    lower, upper = edges[:-1], edges[1:]
+    done: list[tuple[float, float, int, float, float]] = []
+    for depth in range(_SPLITS + 1):
+        sign = _checked(slope, Interval(lower, upper))
+        hull = _checked(value, Interval(lower, upper))
+        kind = np.where(sign.lower >= 0, RISING, np.where(sign.upper <= 0, FALLING, UNKNOWN))
+        kind = np.where((sign.lower == 0) & (sign.upper == 0), CONSTANT, kind)
+        with np.errstate(invalid="ignore"):
+            width = hull.upper - hull.lower
+            scale = _SETTLED * (1 + np.minimum(np.abs(hull.lower), np.abs(hull.upper)))
+        middle = lower + (upper - lower) / 2
+        stuck = (middle <= lower) | (middle >= upper)
+        settled = (kind != UNKNOWN) | (width <= scale) | stuck | (depth == _SPLITS) | (lower.size > _MOST_CELLS)
+        done += list(
+            zip(
+                lower[settled].tolist(),
+                upper[settled].tolist(),
+                kind[settled].tolist(),
+                hull.lower[settled].tolist(),
+                hull.upper[settled].tolist(),
+                strict=True,
+            )
+        )
+        lower, middle, upper = lower[~settled], middle[~settled], upper[~settled]
+        if not lower.size:
+            break
+        lower, upper = np.concatenate([lower, middle]), np.concatenate([middle, upper])
+    return _merged(sorted(done))
+
+
+def _first_edges(left: float, right: float) -> Floats:
+    powers = 2.0 ** np.arange(-20, 100)
+    steps = np.linspace(-16, 16, 65)
+    inside = np.unique(np.concatenate([-powers, steps, powers]))
+    return np.concatenate([[left], inside[(inside > left) & (inside < right)], [right]])
+
+
+def _merged(cells: list[tuple[float, float, int, float, float]]) -> list[tuple[float, float, int, float, float]]:
+    merged = [cells[0]]
+    for lower, upper, kind, low, high in cells[1:]:
+        start, _, last, last_low, last_high = merged[-1]
+        pole_between = not np.isfinite([low, high, last_low, last_high]).all()
+        if kind == last and not pole_between:
+            merged[-1] = (start, upper, kind, min(low, last_low), max(high, last_high))
+        else:
+            merged.append((lower, upper, kind, low, high))
+    return merged
+
+
+def _hull_table(kinds: Integers, hulls: tuple[Floats, Floats], nodes: Interval) -> tuple[Floats, Floats]:
+    count = kinds.size
+    lowest, highest = np.full((count, count), np.inf), np.full((count, count), -np.inf)
+    for first in range(count):
+        low, high = math.inf, -math.inf
+        for last in range(first, count):
+            if last > first:
+                low, high = min(low, nodes.lower[last - 1]), max(high, nodes.upper[last - 1])
+            if kinds[last] == UNKNOWN:
+                low, high = min(low, hulls[0][last]), max(high, hulls[1][last])
+            lowest[first, last], highest[first, last] = low, high
+    return lowest, highest

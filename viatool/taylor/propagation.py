@@ -1,0 +1,227 @@
+"""The forward pass: an input box through the nodes of a network, as Taylor models and as plain hulls."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.policy.activations import ActivationFunction, activation
+from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Network, Node, Product
+from viatool.taylor.approximation import Approximation, approximate
+from viatool.taylor.basis import Basis, monomial_basis
+from viatool.taylor.curve import curve_of
+from viatool.taylor.interval import step_down, step_up
+from viatool.taylor.model import (
+    Diagonal,
+    TaylorModel,
+    affine_image,
+    polynomial_image,
+    product_image,
+)
+from viatool.taylor.polynomial_range import polynomial_range
+from viatool.taylor.rounding import ENGINE_ROUNDOFF, SLIGHTLY_MORE, gamma
+
+Floats = NDArray[np.float64]
+Hull = tuple[Floats, Floats]
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """Input boxes ``[lower, upper]``, (B, n) each."""
+
+    lower: Floats
+    upper: Floats
+
+    @property
+    def centre(self) -> Floats:
+        """Return the middle of each box, (B, n)."""
+        return self.lower / 2 + self.upper / 2
+
+    @property
+    def radius(self) -> Floats:
+        """Return half-widths (B, n), rounded up so that centre +- radius covers the box; 0 where an input is fixed."""
+        centre = self.centre
+        radius = step_up(np.maximum(self.upper - centre, centre - self.lower))
+        return np.where(self.lower == self.upper, 0.0, radius)
+
+    def rows(self, which: NDArray[np.intp] | slice) -> Box:
+        """Return some of the boxes."""
+        return Box(self.lower[which], self.upper[which])
+
+
+@dataclass(frozen=True, eq=False)
+class Enclosure:
+    """What is known of one node: its Taylor model and its hull, either of which may be the tighter."""
+
+    model: TaylorModel
+    lower: Floats
+    upper: Floats
+
+    @property
+    def hull(self) -> Hull:
+        """Return lower and upper bounds, (B, N)."""
+        return self.lower, self.upper
+
+
+def propagate(network: Network, box: Box, *, order: int = 1, rule: Approximation = "chebyshev") -> list[Enclosure]:
+    """Enclose every node of a network over input boxes.
+
+    Parameters
+    ----------
+    network : Network
+        n inputs, A outputs.
+    box : Box
+        B boxes.
+    order : int
+        Order k of the Taylor models.
+    rule : str
+        How activations are approximated.
+
+    Returns
+    -------
+    list of Enclosure
+        One for each node; the last is that of the actions.
+
+    Notes
+    -----
+    **Sound:** yes, for the exact network; float64 rounding of the engine is in the remainders.
+    """
+    enclosures: list[Enclosure] = []
+    for index, node in enumerate(network.nodes):
+        enclosures.append(_enclose(node, index, enclosures, box, order, rule))
+    return enclosures
+
+
+def _enclose(
+    node: Node, index: int, known: list[Enclosure], box: Box, order: int, rule: Approximation
+) -> Enclosure:
+    match node:
+        case Input():
+            return _enclose_input(box, order)
+        case Affine():
+            return _enclose_affine(node, known)
+        case Activation():
+            return _enclose_activation(known[node.source], node.function, index, order, rule)
+        case Product():
+            return _enclose_product(known[node.left], known[node.right], index)
+        case Maximum():
+            return _enclose_maximum(known[node.left], known[node.right], index, order, rule)
+        case Minimum():
+            swapped = _enclose_maximum(_negated(known[node.left]), _negated(known[node.right]), index, order, rule)
+            return _negated(swapped)
+        case Cast():
+            return known[node.source]
+
+
+def _enclose_input(box: Box, order: int) -> Enclosure:
+    """Scale the uncertain inputs to z; fixed ones are constants."""
+    batch, size = box.lower.shape
+    moving = box.upper > box.lower
+    count = int(moving.sum(axis=1).max(initial=0))
+    basis: Basis | None = None
+    higher = None
+    if order > 1 and count:
+        used = np.flatnonzero(moving.any(axis=0))
+        index = np.broadcast_to(used, (batch, used.size))
+        basis = monomial_basis(used.size, order)
+        higher = np.zeros((batch, basis.size - used.size, size))
+    elif count == size:
+        index = np.broadcast_to(np.arange(size), (batch, size))
+    else:
+        index = np.argsort(~moving, axis=1, kind="stable")[:, :count]
+    centre, radius = box.centre, box.radius
+    linear = Diagonal(index, np.take_along_axis(radius, index, axis=1), size)
+    model = TaylorModel(centre, linear, higher, {}, np.zeros_like(centre), radius, basis)
+    return Enclosure(model, box.lower, box.upper)
+
+
+def _enclose_affine(node: Affine, known: list[Enclosure]) -> Enclosure:
+    if not node.sources:  # a constant
+        batch = known[0].lower.shape[0]
+        value = np.broadcast_to(node.bias, (batch, node.size))
+        zero = np.zeros((batch, node.size))
+        form = known[0].model.linear.mapped(np.zeros((node.size, known[0].lower.shape[1])))
+        higher = known[0].model.higher
+        higher = None if higher is None else np.zeros((batch, higher.shape[1], node.size))
+        return Enclosure(TaylorModel(value, form, higher, {}, zero, zero, known[0].model.basis), value, value)
+    sources = [known[source] for source in node.sources]
+    model = affine_image([source.model for source in sources], node.weights, node.bias)
+    return _intersected(model, _interval_image(sources, node))
+
+
+def _interval_image(sources: list[Enclosure], node: Affine) -> Hull:
+    """Enclose an affine node by interval arithmetic in centre-radius form."""
+    centre = np.broadcast_to(node.bias, (sources[0].lower.shape[0], node.size))
+    reach, size = np.zeros_like(centre), np.zeros_like(centre) + np.abs(node.bias)
+    for source, weight in zip(sources, node.weights, strict=True):
+        middle = source.lower / 2 + source.upper / 2
+        radius = np.maximum(source.upper - middle, middle - source.lower)
+        absolute = np.abs(weight).T
+        centre = centre + middle @ weight.T
+        spread = radius @ absolute
+        reach = reach + spread
+        size = size + np.abs(middle) @ absolute + spread
+    terms = 4 + sum(weight.shape[1] for weight in node.weights)
+    reach = (reach + 2 * gamma(terms, ENGINE_ROUNDOFF) * size) * SLIGHTLY_MORE + 1e-300
+    return centre - reach, centre + reach
+
+
+def _intersected(model: TaylorModel, hull: Hull) -> Enclosure:
+    lower, upper = model_range(model)
+    return Enclosure(model, np.maximum(lower, hull[0]), np.minimum(upper, hull[1]))
+
+
+def model_range(model: TaylorModel) -> Hull:
+    """Enclose the range of a Taylor model. **Sound:** yes."""
+    if model.higher is None or model.basis is None:
+        return model.hull()
+    linear = model.linear.dense()
+    lower, upper = polynomial_range(linear, model.higher, model.basis)
+    reach = model.remainder + sum((form.norms() for form in model.symbols.values()), np.zeros_like(lower))
+    reach = (reach + gamma(4 * model.basis.size + 8, ENGINE_ROUNDOFF) * model.magnitude) * SLIGHTLY_MORE
+    return model.constant + lower - reach, model.constant + upper + reach
+
+
+def _enclose_activation(
+    argument: Enclosure, function: ActivationFunction, index: int, order: int, rule: Approximation
+) -> Enclosure:
+    curve = curve_of(function)
+    shape = argument.lower.shape
+    model = argument.model
+    polynomial = approximate(
+        curve, argument.lower.ravel(), argument.upper.ravel(), order, rule, model.constant.ravel()
+    )
+    coefficients = polynomial.coefficients.reshape(order + 1, *shape)
+    image = polynomial_image(model, coefficients, polynomial.error.reshape(shape), index)
+    value = curve.range(argument.lower, argument.upper)
+    return _intersected(image, (value.lower, value.upper))
+
+
+def _enclose_product(left: Enclosure, right: Enclosure, index: int) -> Enclosure:
+    corners = [a * b for a in left.hull for b in right.hull]
+    lower = step_down(np.minimum(np.minimum(corners[0], corners[1]), np.minimum(corners[2], corners[3])))
+    upper = step_up(np.maximum(np.maximum(corners[0], corners[1]), np.maximum(corners[2], corners[3])))
+    return _intersected(product_image(left.model, right.model, index), (lower, upper))
+
+
+def _combined(left: Enclosure, right: Enclosure, sign: float) -> Enclosure:
+    identity = np.eye(left.lower.shape[1])
+    node = Affine((0, 1), (identity, sign * identity), np.zeros(left.lower.shape[1]))
+    return _enclose_affine(node, [left, right])
+
+
+def _enclose_maximum(left: Enclosure, right: Enclosure, index: int, order: int, rule: Approximation) -> Enclosure:
+    """Enclose ``max(x, y) = y + relu(x - y)``."""
+    excess = _enclose_activation(_combined(left, right, -1.0), activation("Relu"), index, order, rule)
+    both = _combined(right, excess, 1.0)
+    lower = np.maximum(both.lower, np.maximum(left.lower, right.lower))
+    upper = np.minimum(both.upper, np.maximum(left.upper, right.upper))
+    return Enclosure(both.model, lower, upper)
+
+
+def _negated(enclosure: Enclosure) -> Enclosure:
+    size = enclosure.lower.shape[1]
+    node = Affine((0,), (-np.eye(size),), np.zeros(size))
+    return _enclose_affine(node, [enclosure])

@@ -1,0 +1,220 @@
+"""Reachable sets: guaranteed bounds of the actions of a policy over boxes of observations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from viatool.errors import ConfigurationError
+from viatool.policy.network import Network
+from viatool.taylor.approximation import Approximation
+from viatool.taylor.attained import climb
+from viatool.taylor.propagation import Box, Enclosure, propagate
+from viatool.taylor.refinement import Extrema, bounds_of, extrema_of, refine_monotone
+from viatool.taylor.rounding import runtime_deviation
+
+Floats = NDArray[np.float64]
+Refinement = Literal["none", "monotone", "split"]
+Arithmetic = Literal["float32", "real"]
+
+_CHUNK_FLOATS = 400_000
+"""Floats in the largest array of a chunk: small enough to stay in the cache."""
+
+
+class HasNetwork(Protocol):
+    """What `reach` needs of a policy."""
+
+    @property
+    def network(self) -> Network:
+        """The network to enclose."""
+        ...
+
+    @property
+    def spec(self) -> Any:
+        """The specification, or None."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class ReachableSet:
+    """Guaranteed bounds of the actions over B boxes of observations, and how much of them is really attained.
+
+    Parameters
+    ----------
+    lower, upper : ndarray
+        ``(B, A)`` float64: no observation in the box leads to an action outside.
+    attained_lower, attained_upper : ndarray
+        ``(B, A)``: the smallest and the largest action found in the box, so that the distance to `lower` and `upper`
+        certifies how tight these are.
+    deviation : ndarray
+        ``(B, A)``: the part of the bounds that covers the rounding of the deployed program; 0 for real arithmetic.
+    """
+
+    lower: Floats
+    upper: Floats
+    attained_lower: Floats
+    attained_upper: Floats
+    deviation: Floats
+
+    @property
+    def width(self) -> Floats:
+        """Return the widths of the bounds, (B, A)."""
+        return self.upper - self.lower
+
+    @property
+    def attained_width(self) -> Floats:
+        """Return the widths that are attained, (B, A)."""
+        return self.attained_upper - self.attained_lower
+
+
+def reach(
+    policy: HasNetwork,
+    observations: ArrayLike,
+    eps: ArrayLike,
+    *,
+    order: int = 1,
+    approximation: Approximation = "chebyshev",
+    refine: Refinement = "monotone",
+    arithmetic: Arithmetic = "float32",
+    progress: Callable[[int], None] | None = None,
+) -> ReachableSet:
+    """Enclose the actions of a policy for every observation within eps of the given ones.
+
+    Parameters
+    ----------
+    policy : Policy
+        n observation channels, A actions.
+    observations : array_like
+        ``(B, n)``, in the units of the observation.
+    eps : array_like
+        Half-widths: one number for every channel (channels that the specification fixes keep 0), ``(n,)`` or ``(B, n)``.
+    order : int
+        Order of the Taylor models, at least 1.
+    approximation : str
+        ``chebyshev``, ``bernstein`` or ``taylor`` polynomials for the activations.
+    refine : str
+        ``none``: one pass; ``monotone``: inputs in which an action is monotone are fixed at their ends, repeatedly;
+        ``split``: the boxes that stay loose are split.
+    arithmetic : str
+        ``real``: bounds of the exact network; ``float32``: also of the deployed program in its own precision, whatever
+        its order of summation.
+    progress : callable, optional
+        Called with the number of states done since the last call.
+
+    Returns
+    -------
+    ReachableSet
+        Bounds (B, A).
+
+    Raises
+    ------
+    ConfigurationError
+        If shapes do not fit, eps is negative or not finite, or an option is unknown.
+    EnclosureError
+        If no finite enclosure exists.
+
+    Notes
+    -----
+    **Sound:** yes. Memory does not depend on B beyond the result.
+    """
+    network = policy.network
+    box = observation_box(policy, observations, eps)
+    _check_options(order, approximation, refine, arithmetic)
+    parts = []
+    for rows in _chunks(network, box.lower.shape[0], order):
+        parts.append(_reach_chunk(network, box.rows(rows), order, approximation, refine, arithmetic))
+        if progress is not None:
+            progress(parts[-1].lower.shape[0])
+    if not parts:
+        empty = np.empty((0, network.output_size))
+        return ReachableSet(empty, empty, empty, empty, empty)
+    names = ("lower", "upper", "attained_lower", "attained_upper", "deviation")
+    return ReachableSet(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+
+def observation_box(policy: HasNetwork, observations: ArrayLike, eps: ArrayLike) -> Box:
+    """Return the boxes of observations (B, n), their ends rounded outward."""
+    centre = np.asarray(observations, dtype=np.float64)
+    size = policy.network.input_size
+    if centre.ndim != 2 or centre.shape[1] != size:
+        raise ConfigurationError(
+            f"observations have shape {centre.shape}, expected (B, {size})", "give one row for each state"
+        )
+    if not np.isfinite(centre).all():
+        raise ConfigurationError("observations contain NaN or infinity", "drop or repair these states first")
+    radius = np.asarray(eps, dtype=np.float64)
+    if not (np.isfinite(radius).all() and (radius >= 0).all()):
+        raise ConfigurationError(f"eps is {eps}, expected finite numbers >= 0", "give the half-width of the error")
+    if radius.ndim == 0 and policy.spec is not None:
+        radius = policy.spec.radii(float(radius))
+    try:
+        radius = np.broadcast_to(radius, centre.shape)
+    except ValueError:
+        raise ConfigurationError(
+            f"eps has shape {radius.shape}, expected a number, ({size},) or {centre.shape}",
+            "give one eps, one for each channel, or one for each state and channel",
+        ) from None
+    lower, upper = centre - radius, centre + radius
+    moved = radius > 0
+    return Box(
+        np.where(moved, np.nextafter(lower, -np.inf), centre), np.where(moved, np.nextafter(upper, np.inf), centre)
+    )
+
+
+def _check_options(order: int, approximation: str, refine: str, arithmetic: str) -> None:
+    if order < 1:
+        raise ConfigurationError(f"order is {order}, expected 1 or more", "order 1 is the fastest")
+    for name, value, allowed in (
+        ("approximation", approximation, get_args(Approximation)),
+        ("refine", refine, get_args(Refinement)),
+        ("arithmetic", arithmetic, get_args(Arithmetic)),
+    ):
+        if value not in allowed:
+            raise ConfigurationError(f"{name} is '{value}', expected one of {', '.join(allowed)}", f"choose a {name}")
+
+
+def _chunks(network: Network, count: int, order: int) -> list[slice]:
+    widest = max(node.size for node in network.nodes)
+    monomials = network.input_size**order
+    step = int(np.clip(_CHUNK_FLOATS // (widest * (monomials + widest // 2)), 4, 256))
+    return [slice(start, min(start + step, count)) for start in range(0, count, step)]
+
+
+def _reach_chunk(
+    network: Network, box: Box, order: int, rule: Approximation, refine: Refinement, arithmetic: Arithmetic
+) -> ReachableSet:
+    passes = propagate(network, box, order=order, rule=rule)
+    batch, actions = passes[-1].lower.shape
+    extrema = extrema_of(box, *passes[-1].hull)
+    if refine != "none":
+        copies = [(np.tile(e.lower, (2 * actions, 1)), np.tile(e.upper, (2 * actions, 1))) for e in passes]
+        extrema = refine_monotone(network, extrema, copies, order=order, rule=rule)
+    attained = _attained(network, box, passes[-1], extrema)
+    lower, upper = bounds_of(extrema, batch, actions)
+    deviation = np.zeros_like(lower)
+    if arithmetic == "float32":
+        deviation = runtime_deviation(network, [enclosure.hull for enclosure in passes])
+    return ReachableSet(
+        np.nextafter(lower - deviation, -np.inf), np.nextafter(upper + deviation, np.inf), *attained, deviation
+    )
+
+
+def _attained(network: Network, box: Box, actions: Enclosure, extrema: Extrema) -> tuple[Floats, Floats]:
+    """Find large and small actions, starting where the linear part of the model has its extrema."""
+    batch, count = actions.lower.shape
+    linear = actions.model.linear
+    forms = linear.dense()
+    return _climbed(network, box, extrema, forms, batch, count)
+
+
+def _climbed(
+    network: Network, box: Box, extrema: Extrema, forms: Floats, batch: int, count: int
+) -> tuple[Floats, Floats]:
+    lower, upper = np.tile(box.lower, (2 * count, 1)), np.tile(box.upper, (2 * count, 1))
+    _, value = climb(network, lower, upper, extrema.box.centre, extrema.seed)
+    found_upper, found_lower = value.reshape(2, count, batch)
+    return -found_lower.T, found_upper.T

@@ -1,0 +1,153 @@
+"""Tighter bounds than one pass gives: monotone collapse.
+
+Where an action provably rises or falls with an input over the whole box, its extremum lies on the face of the box where
+that input is at its end. Fixing such inputs shrinks the box, a smaller box decides more derivatives, and so on; when no
+input is left the bound is the value of the network itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.policy.network import Network
+from viatool.taylor.approximation import Approximation
+from viatool.taylor.derivatives import Hull, gradient_bounds
+from viatool.taylor.propagation import Box, propagate
+from viatool.taylor.rounding import runtime_deviation
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+_ROUNDS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Extrema:
+    """P one-sided questions: what is the largest value of ``seed . actions`` over each box?
+
+    Parameters
+    ----------
+    box : Box
+        ``(P, n)``: boxes that contain a point where the maximum is attained.
+    seed : ndarray
+        ``(P, A)``: +1 or -1 for the maximum or minimum of one action, 0 for the others.
+    bound : ndarray
+        ``(P,)``: proved upper bounds.
+    """
+
+    box: Box
+    seed: Floats
+    bound: Floats
+
+    def rows(self, which: Indices) -> Extrema:
+        """Return some of the questions."""
+        return Extrema(self.box.rows(which), self.seed[which], self.bound[which])
+
+
+def extrema_of(box: Box, lower: Floats, upper: Floats) -> Extrema:
+    """Ask for the maximum and the minimum of every action over B boxes, given bounds (B, A) of the actions.
+
+    Returns
+    -------
+    Extrema
+        ``2 A B`` questions: first all maxima and then all minima, each by action and then by state.
+    """
+    batch, actions = lower.shape
+    seed = np.repeat(np.concatenate([np.eye(actions), -np.eye(actions)]), batch, axis=0)
+    copies = Box(np.tile(box.lower, (2 * actions, 1)), np.tile(box.upper, (2 * actions, 1)))
+    return Extrema(copies, seed, np.concatenate([upper.T.ravel(), -lower.T.ravel()]))
+
+
+def bounds_of(extrema: Extrema, batch: int, actions: int) -> Hull:
+    """Return the answers as lower and upper bounds of the actions, (B, A) each; the inverse of `extrema_of`."""
+    upper, negated_lower = extrema.bound.reshape(2, actions, batch)
+    return -negated_lower.T, upper.T
+
+
+def collapse_monotone(network: Network, box: Box, hulls: Sequence[Hull], seed: Floats) -> Box:
+    """Shrink boxes to the face on which a combination of the actions attains its maximum.
+
+    Parameters
+    ----------
+    network : Network
+        n inputs, A outputs.
+    box : Box
+        ``(P, n)``.
+    hulls : sequence of (lower, upper)
+        Bounds of every node over the boxes.
+    seed : ndarray
+        ``(P, A)``: the combination to maximise.
+
+    Returns
+    -------
+    Box
+        ``(P, n)``; every input whose partial derivative keeps its sign has width 0.
+
+    Notes
+    -----
+    **Sound:** yes; derivative bounds are rounded outward and count every generalised derivative at kinks, so the
+    combination is monotone along every segment of the box in such an input.
+    """
+    low, high = gradient_bounds(network, hulls, seed)
+    rises, falls = low >= 0, (high <= 0) & (low < 0)
+    return Box(np.where(rises, box.upper, box.lower), np.where(falls, box.lower, box.upper))
+
+
+def refine_monotone(
+    network: Network, extrema: Extrema, hulls: Sequence[Hull], *, order: int, rule: Approximation
+) -> Extrema:
+    """Tighten one-sided bounds by repeated monotone collapse.
+
+    Parameters
+    ----------
+    network : Network
+        n inputs, A outputs.
+    extrema : Extrema
+        P questions with the bounds known so far.
+    hulls : sequence of (lower, upper)
+        Bounds (P, size) of every node over the boxes of the questions.
+    order, rule
+        Of the Taylor models in the passes over the shrunken boxes.
+
+    Returns
+    -------
+    Extrema
+        The same questions over smaller boxes, with bounds at most as large.
+
+    Notes
+    -----
+    **Sound:** yes. A box without free inputs is a point, bounded by the value of the network and its float64 rounding.
+    """
+    lower, upper, bound = extrema.box.lower.copy(), extrema.box.upper.copy(), extrema.bound.copy()
+    rows: Indices = np.arange(bound.size)
+    for _ in range(_ROUNDS):
+        seed = extrema.seed[rows]
+        face = collapse_monotone(network, Box(lower[rows], upper[rows]), hulls, seed)
+        shrank = ((face.lower > lower[rows]) | (face.upper < upper[rows])).any(axis=1)
+        rows, face = rows[shrank], face.rows(shrank)
+        lower[rows], upper[rows] = face.lower, face.upper
+        is_point = (face.lower == face.upper).all(axis=1)
+        points, rows = rows[is_point], rows[~is_point]
+        bound[points] = np.minimum(bound[points], bound_at_points(network, lower[points], extrema.seed[points]))
+        if not rows.size:
+            break
+        passes = propagate(network, Box(lower[rows], upper[rows]), order=order, rule=rule)
+        bound[rows] = np.minimum(bound[rows], _seeded_upper(passes[-1].hull, extrema.seed[rows]))
+        hulls = [enclosure.hull for enclosure in passes]
+    return Extrema(Box(lower, upper), extrema.seed, bound)
+
+
+def bound_at_points(network: Network, points: Floats, seed: Floats) -> Floats:
+    """Bound ``seed . actions`` at points (P, n) from above: the float64 value and its rounding. **Sound:** yes."""
+    values = network.values(points)
+    rounding = runtime_deviation(network, [(value, value) for value in values], engine=True)
+    return (values[-1] * seed).sum(axis=1) + (rounding * np.abs(seed)).sum(axis=1)
+
+
+def _seeded_upper(hull: Hull, seed: Floats) -> Floats:
+    """Return the upper bound of the action that each seed names, negated for a minimum."""
+    return np.asarray(np.where(seed > 0, hull[1], np.where(seed < 0, -hull[0], -np.inf)).max(axis=1))
