@@ -117,7 +117,12 @@ eps_option = click.option(
     help="Sensor error: a radius in each channel's unit, or one channel's, such as lidar=0.03. Repeatable.",
 )
 seed_option = click.option(
-    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of scenarios and noise."
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    metavar="N",
+    help="Seed of scenarios and noise.",
 )
 noise_option = click.option(
     "--noise",
@@ -169,6 +174,7 @@ def bounds_options(command: Command) -> Command:
             click.option(
                 "--order",
                 type=click.IntRange(min=1),
+                metavar="N",
                 default=1,
                 show_default=True,
                 help="Order of the Taylor models.",

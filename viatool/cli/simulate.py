@@ -18,7 +18,12 @@ from viatool.cli.terminal import open_console
 @options.seed_option
 @options.noise_option
 @click.option(
-    "--horizon", type=click.IntRange(min=1), default=300, show_default=True, help="Most steps of an episode."
+    "--horizon",
+    type=click.IntRange(min=1),
+    default=300,
+    show_default=True,
+    metavar="N",
+    help="Most steps of an episode.",
 )
 @click.option(
     "--output",
