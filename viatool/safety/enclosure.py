@@ -1,29 +1,33 @@
-r"""Where the robot's footprint can be: one shape and one radius for a whole box of commands and instants.
+"""Where the robot's footprint can be: one shape and one radius for a whole box of commands and instants.
 
-A *cell* is a box of speeds v, turning speeds omega and fractions s of the path (see `motion`). It is enclosed by
-the motion of its centre command (v_c, omega_c), widened by a radius that bounds how far any point of the footprint
-can be from where the centre command brings it at the same fraction. With the arc length ``l = v T`` and the turn
-``phi = omega T`` of the whole path, where T is the interval (and grows with |v| and |omega| for braking):
+A *cell* is a box of speeds v, turning speeds omega and fractions s of the path (see `motion`). It is
+enclosed by the motion of its centre command (v_c, omega_c), widened by a radius that bounds how far any
+point of the footprint can be from where the centre command brings it at the same fraction. With the arc
+length ``l = v T`` and the turn ``phi = omega T`` of the whole path, where T is the interval (and grows with
+|v| and |omega| for braking):
 
 1. *Other commands.* ``p(s; l, phi) - p(s; l_c, phi_c)`` is at most
 
-       s |l - l_c| + s |l_c| int_0^1 |e(s phi u) - e(s phi_c u)| du  <=  s |l - l_c| + s^2 |l_c| |phi - phi_c| / 2,
+       s |l - l_c| + s |l_c| int_0^1 |e(s phi u) - e(s phi_c u)| du
+       <=  s |l - l_c| + s^2 |l_c| |phi - phi_c| / 2,
 
    because ``|e(a) - e(b)| <= |a - b|``. The footprint's point q turns with the heading, which adds at most
-   ``s |phi - phi_c| |q|``. For the plain interval this is ``r_v t + |v_c| r_omega t^2 / 2 + |q| r_omega t``.
-   The extremes of l and phi over a box are attained at |v| and |omega| at their ends, as both are monotone in v, in
-   omega, in |v| and in |omega|.
+   ``s |phi - phi_c| |q|``. For the plain interval this is 
+   ``r_v t + |v_c| r_omega t^2 / 2 + |q| r_omega t``. The extremes of l and phi over a box are attained at |v| and |omega| at their ends, as both are
+   monotone in v, in omega, in |v| and in |omega|.
 2. *Other fractions, round footprints.* Between s_0 and s_1 the position follows the chord linearly up to
-   ``|l_c phi_c| (s_1 - s_0)^2 / 8`` (the error of linear interpolation for second derivative ``|l_c phi_c|``), so the
-   chord, widened by that sagitta and the footprint's radius, holds the disc at every instant.
-3. *Other fractions, polygons.* The outline is placed at the middle fraction; until s_0 or s_1 no point of it moves
-   farther than ``(|l_c| + |q| |phi_c|) (s_1 - s_0) / 2``.
+   ``|l_c phi_c| (s_1 - s_0)^2 / 8`` (the error of linear interpolation for second derivative
+   ``|l_c phi_c|``), so the chord, widened by that sagitta and the footprint's radius, holds the disc at every
+   instant.
+3. *Other fractions, polygons.* The outline is placed at the middle fraction; until s_0 or s_1 no point of
+   it moves farther than ``(|l_c| + |q| |phi_c|) (s_1 - s_0) / 2``.
 4. *Rounding.* A distance is the result of fewer than 2^10 float64 operations on numbers below the scale
-   ``1 + |x| + |y| + |theta| + path`` plus the largest coordinate and radius of the map; 2^-38 of it (1e-10 m for a
-   map of some metres) is 2^14 units in the last place.
+   ``1 + |x| + |y| + |theta| + path`` plus the largest coordinate and radius of the map; 2^-38 of it (1e-10 m
+   for a map of some metres) is 2^14 units in the last place.
 
-**Whole area.** The polygon test refuses a footprint that contains an obstacle. If the outline of every placement in
-the cell stays clear of an obstacle, that obstacle is inside all placements or none, as they change continuously.
+**Whole area.** The polygon test refuses a footprint that contains an obstacle. If the outline of every
+placement in the cell stays clear of an obstacle, that obstacle is inside all placements or none, as they
+change continuously.
 """
 
 from __future__ import annotations
@@ -104,9 +108,7 @@ class Enclosure:
     shares: Floats
 
 
-def enclose(
-    cells: Cells, situations: Situations, manoeuvre: Manoeuvre, footprint: Footprint
-) -> Enclosure:
+def enclose(cells: Cells, situations: Situations, manoeuvre: Manoeuvre, footprint: Footprint) -> Enclosure:
     """Bound the clearance of the footprint over cells.
 
     Parameters
@@ -139,18 +141,16 @@ def enclose(
     if footprint.kind == "polygon":
         middle = advance(here.poses, actions, seconds * centre[:, FRACTION])
         clearance = here.scenes.footprint_clearance(middle, footprint, here.scene)
-        between = 0.5 * (length + rim * turn) * (end - start)
+        between = outline_motion(length, turn, end - start, rim)
         attained = clearance + rounding
     else:
         first, last = (advance(here.poses, actions, seconds * at)[:, :2] for at in (start, end))
         clearance = here.scenes.segment_clearance(first, last, here.scene) - footprint.radius
-        between = 0.125 * length * turn * np.square(end - start)
+        between = sagitta(length, turn, end - start)
         attained = clearance + between + rounding
     deviation = command_deviation(cells, manoeuvre, rim)
     radius = 0.5 * (cells.upper - cells.lower) * seconds[:, None]
-    shares = np.column_stack(
-        [end * radius[:, 0], end * (0.5 * end * length + rim) * radius[:, 1], between]
-    )
+    shares = np.column_stack([end * radius[:, 0], end * (0.5 * end * length + rim) * radius[:, 1], between])
     return Enclosure(clearance - deviation - between - rounding, attained, shares)
 
 
@@ -176,24 +176,46 @@ def command_deviation(cells: Cells, manoeuvre: Manoeuvre, rim: float) -> Floats:
     Sound: yes, up to the rounding that `enclose` adds (term 1 of the module's derivation).
     """
     centre = 0.5 * (cells.lower + cells.upper)
+    length = _path(centre[:, 0], centre[:, 1], manoeuvre)[0]
+    length_radius, turn_radius = path_radii(cells, manoeuvre)
+    until = cells.upper[:, FRACTION]
+    forward, heading = until * length_radius, until * turn_radius
+    return np.asarray(forward + sideways(until * np.abs(length), heading) + rim * heading)
+
+
+def path_radii(cells: Cells, manoeuvre: Manoeuvre) -> tuple[Floats, Floats]:
+    """Bound ``|l - l_c|`` in metres and ``|phi - phi_c|`` in radians over cells, each (C,)."""
+    centre = 0.5 * (cells.lower + cells.upper)
     length, turn = _path(centre[:, 0], centre[:, 1], manoeuvre)
     low, high = np.abs(cells.lower), np.abs(cells.upper)
     largest = np.maximum(low, high)
     smallest = np.where(cells.lower * cells.upper > 0.0, np.minimum(low, high), 0.0)
-    reach_length, reach_turn = np.zeros(len(cells)), np.zeros(len(cells))
+    length_radius, turn_radius = np.zeros(len(cells)), np.zeros(len(cells))
     for end in (cells.lower, cells.upper):
         for other in (smallest, largest):
             at_end = _path(end[:, 0], other[:, 1], manoeuvre)[0]
-            reach_length = np.maximum(reach_length, np.abs(at_end - length))
+            length_radius = np.maximum(length_radius, np.abs(at_end - length))
             at_end = _path(other[:, 0], end[:, 1], manoeuvre)[1]
-            reach_turn = np.maximum(reach_turn, np.abs(at_end - turn))
-    until = cells.upper[:, FRACTION]
-    sideways = 0.5 * np.square(until) * np.abs(length) * reach_turn
-    return np.asarray(until * reach_length + sideways + rim * until * reach_turn)
+            turn_radius = np.maximum(turn_radius, np.abs(at_end - turn))
+    return length_radius, turn_radius
+
+
+def sideways(length: Floats, heading: Floats) -> Floats:
+    """Bound how far apart two arcs of one length end whose turns differ by `heading` (term 1)."""
+    return np.asarray(0.5 * length * heading)
+
+
+def sagitta(length: Floats, turn: Floats, span: Floats) -> Floats:
+    """Bound how far an arc leaves its chord between two fractions that are `span` apart (term 2)."""
+    return np.asarray(0.125 * length * turn * np.square(span))
+
+
+def outline_motion(length: Floats, turn: Floats, span: Floats, rim: float) -> Floats:
+    """Bound how far an outline moves from the middle of a `span` of fractions to its ends (term 3)."""
+    return np.asarray(0.5 * (length + rim * turn) * span)
 
 
 def _path(linear: Floats, angular: Floats, manoeuvre: Manoeuvre) -> tuple[Floats, Floats]:
     """Return arc length and turn of the whole path, signed."""
     seconds = manoeuvre.seconds(np.abs(linear), np.abs(angular))
     return linear * seconds, angular * seconds
-

@@ -1,4 +1,4 @@
-"""Verdicts of geometry: which states no command could endanger, and which the policy's own commands cannot."""
+"""Verdicts of geometry: what no command could endanger, and what the policy's own commands cannot."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from viatool.safety.motion import advance
 from viatool.safety.proof import Effort, Proof, prove_clearance
 from viatool.safety.rules import Rules
-from viatool.safety.motion import advance
 from viatool.safety.situations import Situations
 
 Floats = NDArray[np.float64]
@@ -62,9 +62,7 @@ class Case:
         if self.previous is None or not self.rules.delay:
             return np.ones(len(self), dtype=bool)
         rules, held = self.rules, self.previous
-        return prove_clearance(
-            self.situations, held, held, threshold, rules.waiting, rules.footprint
-        ).proved
+        return prove_clearance(self.situations, held, held, threshold, rules.waiting, rules.footprint).proved
 
     def paths(self, actions: Floats, fractions: Floats) -> Floats:
         """Return the poses of commands over the whole time that is judged.
@@ -112,12 +110,10 @@ def settle(case: Case, threshold: float) -> Booleans:
     Returns
     -------
     ndarray
-        (B,) bool. The others are contested, but for those within 0.1 mm of the line, which count as contested too.
+        (B,) bool. The others are contested; what lies within 0.1 mm of the line counts as contested.
 
-    Notes
-    -----
-    Sound: yes. Clearance changes by at most the way that is driven, which settles most states with one distance;
-    the rest get the proof of `prove_clearance` over the full range of commands.
+    Notes ----- Sound: yes. Clearance changes by at most the way that is driven, which settles most states
+    with one distance; the rest get the proof of `prove_clearance` over the full range of commands.
     """
     rules, here = case.rules, case.acting
     lower, upper = (np.broadcast_to(end, (len(case), 2)) for end in (rules.lower, rules.upper))

@@ -1,7 +1,8 @@
 """How a differential-drive robot moves while one command is held, and while it brakes afterwards.
 
-A command (v, omega) that is held for t seconds moves the robot along a circular arc of length ``l = v t`` that
-turns it by ``phi = omega t``. With ``e(a) = (cos a, sin a)``, the position after the fraction s of the arc is
+A command (v, omega) that is held for t seconds moves the robot along a circular arc of length ``l = v t``
+that turns it by ``phi = omega t``. With ``e(a) = (cos a, sin a)``, the position after the fraction s of the
+arc is
 
     p(s) = p + s l * int_0^1 e(theta + s phi u) du = p + s l * sinc(s phi / 2) * e(theta + s phi / 2).
 """
@@ -33,10 +34,8 @@ def advance(poses: Floats, actions: Floats, seconds: Floats | float) -> Floats:
     ndarray
         (..., 3) poses.
 
-    Notes
-    -----
-    Sound: under rounding only. The chord form has no division by omega, so straight lines are no special case and
-    small turns lose no digits.
+    Notes ----- Sound: under rounding only. The chord form has no division by omega, so straight lines are
+    no special case and small turns lose no digits.
     """
     length, half = actions[..., 0] * seconds, 0.5 * actions[..., 1] * seconds
     chord, heading = length * np.sinc(half / np.pi), poses[..., 2] + half
@@ -46,7 +45,7 @@ def advance(poses: Floats, actions: Floats, seconds: Floats | float) -> Floats:
 
 @dataclass(frozen=True)
 class Manoeuvre:
-    """One command held for an interval and, if the robot shall be able to stop, braking to a standstill after it.
+    """One command held for an interval and, if the robot shall be able to stop, braking after it.
 
     Parameters
     ----------
@@ -55,15 +54,14 @@ class Manoeuvre:
     deceleration : float or None
         m/s^2 of the braking; None when nothing is asked after the interval.
     rim : float
-        Distance from the robot's origin to the outermost point whose deceleration counts, in metres; 0 when the
-        footprint looks the same in every heading.
+        Distance from the robot's origin to the outermost point whose deceleration counts, in metres; 0 when
+        the footprint looks the same in every heading.
 
-    Notes
-    -----
-    The brakes act along the commanded curvature: v and omega fall in proportion and linearly to 0, as fast as no
-    point within `rim` decelerates harder than `deceleration`. That takes ``(|v| + rim |omega|) / deceleration``
-    seconds and covers the arc that the full command would cover in half of that time. The whole path is hence the
-    arc of the constant command over `seconds`, which makes braking a longer interval and nothing else.
+    Notes ----- The brakes act along the commanded curvature: v and omega fall in proportion and linearly to
+    0, as fast as no point within `rim` decelerates harder than `deceleration`. That takes ``(|v| + rim
+    |omega|) / deceleration`` seconds and covers the arc that the full command would cover in half of that
+    time. The whole path is hence the arc of the constant command over `seconds`, which makes braking a
+    longer interval and nothing else.
     """
 
     interval: float

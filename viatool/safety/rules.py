@@ -26,8 +26,8 @@ class Rules:
     Parameters
     ----------
     criterion : str
-        "sampled" (the paper's nine actions), "swept" (every action, every instant) or "braking" (swept, and a full
-        stop after it).
+        "sampled" (the paper's nine actions), "swept" (every action, every instant) or "braking" (swept, and
+        a full stop after it).
     clearance : Clearance
         Distances that the footprint must exceed: collision and danger.
     footprint : Footprint
@@ -75,7 +75,9 @@ class Rules:
             )
         interval = robot.control_interval if interval is None else interval
         if not 0.0 < interval < math.inf:
-            raise ConfigurationError(f"the control interval is {interval} s", "give a positive time in seconds")
+            raise ConfigurationError(
+                f"the control interval is {interval} s", "give a positive time in seconds"
+            )
         if not 0.0 <= delay < math.inf:
             raise ConfigurationError(f"the delay is {delay} s", "give a time of 0 s or more")
         if criterion == "braking" and not 0.0 < robot.deceleration < math.inf:
@@ -126,7 +128,8 @@ def as_footprint(footprint: Footprint | str | float | Sequence[Sequence[float]])
         if footprint == "point":
             return Footprint()
         raise ConfigurationError(
-            f"footprint '{footprint}' is not known", "give 'point', a radius in metres, or the corners of a polygon"
+            f"footprint '{footprint}' is not known",
+            "give 'point', a radius in metres, or the corners of a polygon",
         )
     if isinstance(footprint, (int, float)):
         if not 0.0 < footprint < math.inf:
@@ -134,5 +137,7 @@ def as_footprint(footprint: Footprint | str | float | Sequence[Sequence[float]])
         return Footprint("circle", radius=float(footprint))
     corners = np.asarray(footprint, dtype=np.float64)
     if corners.ndim != 2 or corners.shape[1] != 2 or not np.isfinite(corners).all():
-        raise ConfigurationError("the footprint is not a list of corners (x, y)", "give at least three corners")
+        raise ConfigurationError(
+            "the footprint is not a list of corners (x, y)", "give at least three corners"
+        )
     return Footprint("polygon", polygon=simple_polygon(corners, "footprint"))

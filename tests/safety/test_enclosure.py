@@ -1,0 +1,116 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.safety.brute_force import FOOTPRINTS, clearance, drive, random_world, rim_of
+from viatool.safety import enclosure
+from viatool.safety.enclosure import Cells, enclose
+from viatool.safety.motion import Manoeuvre
+from viatool.safety.situations import Situations
+
+GRID = np.linspace(0.0, 1.0, 7)
+
+
+def random_cells(generator, count):
+    """Cells of all sizes: over the whole range, flat in one or two directions, of one command."""
+    low, high = np.array([-0.3, -2.0, 0.0]), np.array([1.0, 2.0, 1.0])
+    ends = np.sort(generator.uniform(low, high, (2, count, 3)), axis=0)
+    shrink = generator.choice([0.0, 0.1, 1.0], (count, 3))
+    shrink[: count // 4] = (0.0, 0.0, 1.0)
+    return Cells(np.arange(count), ends[0], ends[0] + shrink * (ends[1] - ends[0]))
+
+
+def setting(seed, footprint, count=40):
+    generator = np.random.default_rng(seed)
+    world = random_world(seed)
+    poses = np.column_stack([generator.uniform(-2.6, 2.6, (count, 2)), generator.uniform(-4, 4, count)])
+    situations = Situations.of(world, [None], poses, np.zeros(count, dtype=np.int64))
+    return world, situations, random_cells(generator, count)
+
+
+def dense_poses(cells, index, pose, manoeuvre):
+    """Where commands of a grid over one cell bring the robot, at the cell's fractions."""
+    low, high = cells.lower[index], cells.upper[index]
+    v, w, s = (low[:, None] + GRID * (high - low)[:, None])[:, :]
+    v, w, s = (part.ravel() for part in np.meshgrid(v, w, s))
+    return drive(pose, v, w, s * manoeuvre.seconds(np.abs(v), np.abs(w)))
+
+
+def excess(footprint, manoeuvre, seeds=range(8)):
+    """The largest amount by which `least` exceeds a clearance that is found inside a cell."""
+    worst = -np.inf
+    for seed in seeds:
+        world, situations, cells = setting(seed, footprint)
+        found = enclose(cells, situations, manoeuvre, footprint)
+        for index in range(len(cells)):
+            poses = dense_poses(cells, index, situations.poses[index], manoeuvre)
+            worst = max(worst, found.least[index] - clearance(world, poses, footprint).min())
+    return worst
+
+
+def manoeuvre_of(kind, footprint):
+    return Manoeuvre(1.0) if kind == "swept" else Manoeuvre(0.1, 0.8, rim_of(footprint))
+
+
+@pytest.mark.parametrize("kind", ["swept", "braking"])
+@pytest.mark.parametrize("name", FOOTPRINTS)
+def test_no_command_of_a_cell_comes_nearer_than_its_bound(name, kind):
+    assert excess(FOOTPRINTS[name], manoeuvre_of(kind, FOOTPRINTS[name])) <= 0.0
+
+
+def nothing(*arrays):
+    return np.zeros(len(arrays[0]))
+
+
+MUTANTS = {
+    "other speeds": (
+        "path_radii",
+        lambda right: lambda *a: (0.0 * right(*a)[0], right(*a)[1]),
+        "point",
+        "swept",
+    ),
+    "other turns": (
+        "path_radii",
+        lambda right: lambda *a: (right(*a)[0], 0.0 * right(*a)[1]),
+        "square",
+        "swept",
+    ),
+    "sideways": ("sideways", lambda right: nothing, "point", "swept"),
+    "sagitta": ("sagitta", lambda right: nothing, "circle", "swept"),
+    "outline motion": ("outline_motion", lambda right: nothing, "wedge", "swept"),
+    "turning outline": ("outline_motion", lambda right: lambda *a: right(*a[:3], 0.0), "square", "swept"),
+    "longer braking": (
+        "_path",
+        lambda right: lambda v, w, m: right(v, w, Manoeuvre(m.interval)),
+        "point",
+        "braking",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", MUTANTS)
+def test_brute_force_catches_a_bound_without_one_of_its_terms(monkeypatch, name):
+    function, mutate, footprint, kind = MUTANTS[name]
+    monkeypatch.setattr(enclosure, function, mutate(getattr(enclosure, function)))
+    assert excess(FOOTPRINTS[footprint], manoeuvre_of(kind, FOOTPRINTS[footprint])) > 0.0
+
+
+@pytest.mark.parametrize("name", FOOTPRINTS)
+def test_the_centre_command_attains_what_it_is_said_to_attain(name):
+    footprint, manoeuvre = FOOTPRINTS[name], Manoeuvre(0.3)
+    for seed in range(4):
+        world, situations, cells = setting(seed, footprint)
+        found = enclose(cells, situations, manoeuvre, footprint)
+        centre = 0.5 * (cells.lower + cells.upper)
+        for index, (v, w, _) in enumerate(centre):
+            fractions = np.linspace(cells.lower[index, 2], cells.upper[index, 2], 101)
+            poses = drive(situations.poses[index], v, w, fractions * 0.3)
+            assert clearance(world, poses, footprint).min() <= max(found.attained[index], 0.0) + 1e-4
+
+
+def test_halves_cover_their_cell():
+    cells = Cells.whole(np.array([[0.0, -1.0]]), np.array([[0.5, 1.0]]))
+    halves = cells.halved(np.array([1]))
+    np.testing.assert_array_equal(halves.lower, [[0.0, -1.0, 0.0], [0.0, 0.0, 0.0]])
+    np.testing.assert_array_equal(halves.upper, [[0.5, 0.0, 1.0], [0.5, 1.0, 1.0]])
