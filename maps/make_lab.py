@@ -2,8 +2,8 @@
 
     python maps/make_lab.py
 
-The scenarios are drawn with a fixed seed, rounded to millimetres, and kept only if a robot can get from the start
-to the goal with the danger clearance all the way, so that a timeout or a collision is the policy's fault.
+The scenarios are drawn with a fixed seed, rounded to millimetres, and kept only if a robot can get from the
+start to the goal with the danger clearance all the way: a timeout or a collision is then the policy's fault.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ GOAL_SEPARATION = 1.8
 GOAL_DISTANCE = (4.0, 8.0)
 
 HEAD = """\
-# The paper's lab: a 10 m x 10 m walled arena with four fixed and four random cylinders. Written by maps/make_lab.py.
+# The paper's lab: a 10 m x 10 m walled arena with four fixed and four random cylinders.
+# Written by maps/make_lab.py.
 # Lengths in metres, angles in radians; positions in the map frame, poses are x, y, theta.
 schema_version: 1
 name: lab
@@ -46,7 +47,13 @@ robot:
   deceleration: 1.0
   control_interval: 0.1
   footprint: {shape: point}
-  lidar: {field_of_view: 3.141592653589793, rays: 180, bins: 20, minimum_range: 0.2, maximum_range: 7.0, noise: 0.01}
+  lidar:
+    field_of_view: 3.141592653589793
+    rays: 180
+    bins: 20
+    minimum_range: 0.2
+    maximum_range: 7.0
+    noise: 0.01
 
 clearance: {collision: 0.4, danger: 0.5}
 
@@ -65,7 +72,7 @@ generator:
 
 
 def is_passable(world: WorldMap, scenario: Scenario) -> bool:
-    """Tell whether start and goal lie in one piece of what remains after the danger clearance is taken off."""
+    """Tell whether start and goal lie in one piece of the space that keeps the danger clearance."""
     blocked = Scenes.of(world, [scenario]).shapely(0)
     x_min, y_min, x_max, y_max = world.bounds
     free = shapely.box(x_min, y_min, x_max, y_max).difference(blocked.buffer(world.clearance.danger))

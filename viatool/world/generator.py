@@ -91,10 +91,11 @@ class ScenarioGenerator:
     boxes : tuple of (float, float)
         One randomly yawed random box for each: length and width in metres.
     obstacle_separation, start_separation, goal_separation : float
-        Least distance of a new random obstacle's centre, of the start, and of the goal, from the centres of all
-        obstacles placed before; the goal keeps it from the start as well. In metres.
+        Least distance of a new random obstacle's centre, of the start, and of the goal, from the centres of
+        all obstacles placed before; the goal keeps it from the start as well. In metres.
     start_clearance, goal_clearance : float
-        Least distance of the start and of the goal from the obstacles themselves and the arena's walls, in metres.
+        Least distance of the start and of the goal from the obstacles themselves and the arena's walls, in
+        metres.
     goal_distance : tuple of float
         Least and largest distance between start and goal, in metres.
     """
@@ -145,8 +146,8 @@ class ScenarioGenerator:
             barren = 0 if len(fresh) or len(drawn) else barren + 1
             if barren >= _BARREN:
                 raise MapError(
-                    f"the scenario generator finds no room for {len(self.radii) + len(self.boxes)} random obstacles,"
-                    " a start and a goal at the distances asked for",
+                    "the scenario generator finds no room for its "
+                    f"{len(self.radii) + len(self.boxes)} obstacles, a start and a goal",
                     "lower the separations and clearances, or enlarge the generator's area",
                 )
             drawn = drawn + fresh
@@ -205,7 +206,7 @@ class ScenarioGenerator:
     def _keeps(
         others: Floats, separation: float, scenes: Scenes, clearance: float
     ) -> Callable[[Floats, NDArray[np.int64]], Booleans]:
-        """Return the test whether candidates keep away from centres (N, n, 2) and from the obstacles of scenes."""
+        """Return the test whether candidates keep away from centres (N, n, 2) and from obstacles."""
 
         def room(points: Floats, which: NDArray[np.int64]) -> Booleans:
             apart = points[:, :, None] - others[which, None]  # (W, C, n, 2)

@@ -82,7 +82,7 @@ class LidarFile(Strict):
     bins: Annotated[int, Field(ge=1)] | None = None
     minimum_range: NotNegative | None = None
     maximum_range: Positive | None = None
-    noise: NotNegative | None = Field(None, description="standard deviation of each ray, in metres")
+    noise: NotNegative | None = Field(default=None, description="standard deviation of each ray, in metres")
 
 
 class FootprintCircle(Strict):
@@ -111,7 +111,9 @@ FootprintFile = Annotated[FootprintPoint | FootprintCircle | FootprintPolygon, F
 class RobotFile(Strict):
     """A known robot with some values changed."""
 
-    name: str = Field("turtlebot3", description=f"one of {', '.join(ROBOTS)}, which gives the defaults")
+    name: str = Field(
+        default="turtlebot3", description=f"one of {', '.join(ROBOTS)}, which gives the defaults"
+    )
     min_linear: Number | None = None
     max_linear: Number | None = None
     max_angular: Positive | None = None
@@ -165,10 +167,10 @@ class GeneratorFile(Strict):
     obstacle_separation: NotNegative = 0.0
     start_separation: NotNegative = 0.0
     goal_separation: NotNegative = 0.0
-    start_clearance: NotNegative | None = Field(None, description="the danger clearance if left out")
+    start_clearance: NotNegative | None = Field(default=None, description="the danger clearance if left out")
     goal_clearance: NotNegative = 0.0
     goal_distance: tuple[NotNegative, Positive] | None = Field(
-        None, description="least and largest distance between start and goal"
+        default=None, description="least and largest distance between start and goal"
     )
 
 
@@ -176,7 +178,7 @@ class MapFile(Strict):
     """A native viatool map."""
 
     schema_version: Literal[1] = 1
-    name: str = Field("", description="the file's name if left out")
+    name: str = Field(default="", description="the file's name if left out")
     description: str = ""
     arena: Arena
     obstacles: list[Obstacle] = []

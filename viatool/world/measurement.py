@@ -36,6 +36,13 @@ def point_edge_squared(points: Floats, edges: Floats) -> Floats:
     return np.asarray(px * px + py * py)
 
 
+def line_distance(points: Floats, edges: Floats) -> Floats:
+    """Return the distance of points (..., 2) from the lines of edges (..., 4), positive to the left."""
+    dx, dy = edges[..., 2] - edges[..., 0], edges[..., 3] - edges[..., 1]
+    px, py = points[..., 0] - edges[..., 0], points[..., 1] - edges[..., 1]
+    return np.asarray((dx * py - dy * px) / np.hypot(dx, dy))
+
+
 def segments_cross(first: Floats, second: Floats) -> Booleans:
     """Tell which segments (..., 4) cross each other's interior; touching is left to the distances."""
 

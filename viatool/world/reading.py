@@ -40,8 +40,8 @@ def load_map(path: str | Path) -> WorldMap:
     Raises
     ------
     MapError
-        If the file cannot be read, has an unknown, missing or impossible value (the message names file, line and
-        field), or puts a start or a goal into an obstacle.
+        If the file cannot be read, has an unknown, missing or impossible value (the message names file, line
+        and field), or puts a start or a goal into an obstacle.
     """
     place = Path(path)
     try:
@@ -138,14 +138,17 @@ def _build(document: YamlDocument, content: file.MapFile, digest: str) -> WorldM
     return replace(world, generator=generator)
 
 
+def _wrong(document: YamlDocument, location: Sequence[str | int], what: str, hint: str) -> MapError:
+    """Return an error that names file, line and field."""
+    return MapError(f"{document.place(location)}: {_field(location)}: {what}", hint)
+
+
 def _located(document: YamlDocument, location: Sequence[str | int], build: Any) -> Any:
     """Return what `build` builds; its errors become map errors with a place."""
     try:
         return build()
     except ViatoolError as error:
-        raise MapError(
-            f"{document.place(location)}: {_field(location)}: {error.message}", error.hint
-        ) from error
+        raise _wrong(document, location, error.message, error.hint) from error
 
 
 def _polygon(document: YamlDocument, shape: file.Box | file.Polygon, location: Sequence[str | int]) -> Floats:
@@ -214,14 +217,18 @@ def _generator(
     """Return the generator of a world, with the world's values where the file is silent."""
     x_min, y_min, x_max, y_max = content.area or world.bounds
     if not (x_min < x_max and y_min < y_max):
-        raise MapError(
-            f"{document.place(('generator', 'area'))}: generator.area: has no inside, got {list(content.area or ())}",
+        raise _wrong(
+            document,
+            ("generator", "area"),
+            f"has no inside, got {list(content.area or ())}",
             "give smallest x, smallest y, largest x, largest y",
         )
     least, largest = content.goal_distance or (0.0, float("inf"))
     if least > largest:
-        raise MapError(
-            f"{document.place(('generator', 'goal_distance'))}: generator.goal_distance: {least} m is more than {largest} m",
+        raise _wrong(
+            document,
+            ("generator", "goal_distance"),
+            f"{least} m is more than {largest} m",
             "give the least distance first",
         )
     start = content.start_clearance
@@ -252,17 +259,20 @@ def _check_free_space(document: YamlDocument, world: WorldMap) -> None:
     starts = np.array([scenario.start for scenario in world.scenarios])
     free = scenes.footprint_clearance(starts, world.robot.footprint, index)
     blocked = scenes.blocked(np.array([scenario.goal for scenario in world.scenarios]), index)
+    least = world.clearance.collision
     for number, scenario in enumerate(world.scenarios):
-        place = document.place(("scenarios", number))
-        if free[number] < world.clearance.collision or free[number] <= 0.0:
-            raise MapError(
-                f"{place}: scenarios[{number}].start: the robot is {free[number]:.3f} m from the nearest obstacle, "
-                f"expected at least {world.clearance.collision} m (scenario '{scenario.name}')",
+        if free[number] < least or free[number] <= 0.0:
+            raise _wrong(
+                document,
+                ("scenarios", number, "start"),
+                f"the robot is {free[number]:.3f} m from the nearest obstacle, expected at least {least} m "
+                f"(scenario '{scenario.name}')",
                 "move the start into free space",
             )
         if blocked[number]:
-            raise MapError(
-                f"{place}: scenarios[{number}].goal: lies in an obstacle or outside the arena "
-                f"(scenario '{scenario.name}')",
+            raise _wrong(
+                document,
+                ("scenarios", number, "goal"),
+                f"lies in an obstacle or outside the arena (scenario '{scenario.name}')",
                 "move the goal into free space",
             )

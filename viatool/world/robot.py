@@ -47,12 +47,13 @@ class Lidar:
             )
         if self.rays < 1 or self.bins < 1 or self.rays % self.bins:
             raise ConfigurationError(
-                f"LiDAR has {self.rays} rays in {self.bins} bins, expected the same number of rays in every bin",
+                f"LiDAR has {self.rays} rays in {self.bins} bins, expected equally many rays in each",
                 "choose a number of bins that divides the number of rays",
             )
         if not 0.0 <= self.minimum_range < self.maximum_range < math.inf:
             raise ConfigurationError(
-                f"LiDAR range is {self.minimum_range} to {self.maximum_range} m, expected 0 <= minimum < maximum",
+                f"LiDAR range is {self.minimum_range} to {self.maximum_range} m, "
+                "expected 0 <= minimum < maximum",
                 "correct the range limits",
             )
         if not 0.0 <= self.noise < math.inf:
@@ -149,7 +150,7 @@ class Robot:
     lidar: Lidar = field(default_factory=Lidar)
 
     def clip(self, actions: Floats) -> Floats:
-        """Return commands (B, 2) as the robot carries them out: v in m/s and omega in rad/s within its limits."""
+        """Return commands (B, 2), v in m/s and omega in rad/s, as the robot carries them out."""
         lower = (self.min_linear, -self.max_angular)
         return np.clip(actions, lower, (self.max_linear, self.max_angular))
 
@@ -158,8 +159,8 @@ class Robot:
         return replace(self, lidar=lidar)
 
 
-# turtlebot3 is the robot of the paper's task: a point with the task's own command limits. The others carry the
-# limits and outlines of their data sheets; their outlines are taken as centred on the axis of the wheels.
+# turtlebot3 is the robot of the paper's task: a point with the task's own command limits. The others carry
+# the limits and outlines of their data sheets; their outlines are taken as centred on the axis of the wheels.
 ROBOTS: dict[str, Robot] = {
     "turtlebot3": Robot(),
     "turtlebot3_burger": Robot(

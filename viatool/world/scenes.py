@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viatool.world.casting import Ranges, Surroundings, cast_rays
-from viatool.world.measurement import point_edge_squared, segment_edge_squared, winding_number
+from viatool.world.measurement import line_distance, point_edge_squared, segment_edge_squared, winding_number
 from viatool.world.robot import Footprint, Lidar
 from viatool.world.scenario import Scenario
 from viatool.world.shapes import Floats, Obstacles, is_convex, ring_edges
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from viatool.world.world_map import WorldMap
 
 Indices = NDArray[np.int64]
+Booleans = NDArray[np.bool_]
 
 # Points x shapes that are measured at once, so that memory stays flat for any number of points.
 _CHUNK = 1 << 18
@@ -47,8 +48,8 @@ class Scenes:
 
     Notes
     -----
-    Methods take B points with the index of the situation that each belongs to. Costs grow with B times the number
-    of shapes, which suits maps of up to some hundred edges.
+    Methods take B points with the index of the situation that each belongs to. Costs grow with B times the
+    number of shapes, which suits maps of up to some hundred edges.
     """
 
     def __init__(self, arena: Floats, shared: Obstacles, circles: Floats, edges: Floats) -> None:
@@ -113,8 +114,8 @@ class Scenes:
         angles : ndarray, optional
             (R,) other directions than the LiDAR's, in the robot's frame; radians.
         dtype : type
-            np.float64, or np.float32 for twice the speed at an error of about 1e-6 of the range (up to 1e-3 of it
-            for a ray that grazes a circle).
+            np.float64, or np.float32 for twice the speed at an error of about 1e-6 of the range (up to 1e-3
+            of it for a ray that grazes a circle).
 
         Returns
         -------
@@ -123,11 +124,12 @@ class Scenes:
             obstacle or outside the arena.
         """
         rays = lidar.angles() if angles is None else angles
-        directions = np.stack([np.cos(rays), np.sin(rays)]).astype(dtype)
+        directions: Ranges = np.stack([np.cos(rays), np.sin(rays)]).astype(dtype)
 
         def measure(place: Floats, index: Indices) -> Ranges:
             ranges = cast_rays(place, self._surroundings(index), directions, lidar.maximum_range)
-            ranges[self._blocked(place[:, :2], index)] = 0.0
+            if self._edges.shape[1] or not self._convex:
+                ranges[self._blocked(place[:, :2], index)] = 0.0
             return ranges
 
         rows: Ranges = self._in_chunks(measure, scene, poses, rays=len(rays))
@@ -141,9 +143,10 @@ class Scenes:
             return Surroundings(self._circles[scene], edges, arena)
         return Surroundings(self._circles[scene], np.concatenate([edges, arena], axis=1), arena[:, :0])
 
-    def blocked(self, points: Floats, scene: Indices) -> NDArray[np.bool_]:
-        """Tell which points (B, 2) lie inside an obstacle or outside the arena; borders belong to obstacles."""
-        return self._in_chunks(self._blocked, scene, points)
+    def blocked(self, points: Floats, scene: Indices) -> Booleans:
+        """Tell which points (B, 2) lie inside an obstacle or outside the arena."""
+        inside: Booleans = self._in_chunks(self._blocked, scene, points)
+        return inside
 
     def clearance(self, points: Floats, scene: Indices) -> Floats:
         """Return the distance from points to the nearest obstacle or wall of the arena.
@@ -164,7 +167,8 @@ class Scenes:
         -----
         Sound: under rounding only (float64 to nearest). Cost: O(B (K + M)).
         """
-        return self._in_chunks(self._clearance, scene, points)
+        distances: Floats = self._in_chunks(self._clearance, scene, points)
+        return distances
 
     def segment_clearance(self, starts: Floats, ends: Floats, scene: Indices) -> Floats:
         """Return the smallest distance from any point of segments to an obstacle or wall of the arena.
@@ -185,7 +189,8 @@ class Scenes:
         -----
         Sound: under rounding only (float64 to nearest). Cost: O(B (K + M)).
         """
-        return self._in_chunks(self._segment_clearance, scene, starts, ends)
+        distances: Floats = self._in_chunks(self._segment_clearance, scene, starts, ends)
+        return distances
 
     def footprint_clearance(self, poses: Floats, footprint: Footprint, scene: Indices) -> Floats:
         """Return the distance from the robot's outline to the nearest obstacle or wall of the arena.
@@ -206,9 +211,12 @@ class Scenes:
         """
         if footprint.kind != "polygon":
             return np.maximum(self.clearance(poses[:, :2], scene) - footprint.radius, 0.0)
-        return self._in_chunks(
-            lambda place, index: self._polygon_clearance(place, footprint.polygon, index), scene, poses
-        )
+
+        def measure(place: Floats, index: Indices) -> Floats:
+            return self._polygon_clearance(place, footprint.polygon, index)
+
+        distances: Floats = self._in_chunks(measure, scene, poses)
+        return distances
 
     def shapely(self, scene_index: int, *, margin: float = 1.0) -> BaseGeometry:
         """Return everything that is not free, for drawing and as an oracle.
@@ -258,7 +266,7 @@ class Scenes:
         parts = [slice(first, first + step) for first in range(0, len(scene), step)]
         return np.concatenate([measure(*(array[part] for array in arrays), scene[part]) for part in parts])
 
-    def _blocked(self, points: Floats, scene: Indices) -> NDArray[np.bool_]:
+    def _blocked(self, points: Floats, scene: Indices) -> Booleans:
         circles = self._circles[scene]
         away = np.square(circles[..., :2] - points[:, None]).sum(axis=-1)
         blocked = np.any((away <= np.square(circles[..., 2])) & (circles[..., 2] > 0.0), axis=1)
@@ -267,30 +275,43 @@ class Scenes:
         return np.asarray(blocked | (winding_number(points, self._arena) == 0))
 
     def _clearance(self, points: Floats, scene: Indices) -> Floats:
-        edges = np.concatenate(
-            [self._edges[scene], np.broadcast_to(self._arena, (len(points), *self._arena.shape))], axis=1
-        )
-        nearest = np.sqrt(point_edge_squared(points[:, None], edges).min(axis=1))
+        nearest = self._arena_clearance(points)
         circles = self._circles[scene]
         if circles.shape[1]:
-            away = (
-                np.hypot(circles[..., 0] - points[:, :1], circles[..., 1] - points[:, 1:]) - circles[..., 2]
-            )
+            x, y = circles[..., 0] - points[:, :1], circles[..., 1] - points[:, 1:]
+            away = np.sqrt(x * x + y * y) - circles[..., 2]
             nearest = np.minimum(nearest, away.min(axis=1))
-        nearest[self._blocked(points, scene)] = 0.0
+        if self._edges.shape[1]:
+            edges = self._edges[scene]
+            away = np.sqrt(point_edge_squared(points[:, None], edges).min(axis=1))
+            away[winding_number(points, edges) > 0] = 0.0
+            nearest = np.minimum(nearest, away)
         return np.maximum(nearest, 0.0)
+
+    def _arena_clearance(self, points: Floats) -> Floats:
+        """Return the distance (B,) to the arena's walls, at most 0 outside."""
+        if self._convex:
+            return np.asarray(line_distance(points[:, None], self._arena).min(axis=1))
+        nearest = np.sqrt(point_edge_squared(points[:, None], self._arena).min(axis=1))
+        nearest[winding_number(points, self._arena) == 0] = 0.0
+        return np.asarray(nearest)
 
     def _segment_clearance(self, starts: Floats, ends: Floats, scene: Indices) -> Floats:
         segments = np.concatenate([starts, ends], axis=1)[:, None]
-        edges = np.concatenate(
-            [self._edges[scene], np.broadcast_to(self._arena, (len(starts), *self._arena.shape))], axis=1
-        )
-        nearest = np.sqrt(segment_edge_squared(segments, edges).min(axis=1))
+        if self._convex:
+            nearest = np.minimum(self._arena_clearance(starts), self._arena_clearance(ends))
+        else:
+            nearest = np.sqrt(segment_edge_squared(segments, self._arena).min(axis=1))
+            nearest[winding_number(starts, self._arena) == 0] = 0.0
         circles = self._circles[scene]
         if circles.shape[1]:
             away = np.sqrt(point_edge_squared(circles[..., :2], segments)) - circles[..., 2]
             nearest = np.minimum(nearest, away.min(axis=1))
-        nearest[self._blocked(starts, scene)] = 0.0
+        if self._edges.shape[1]:
+            edges = self._edges[scene]
+            away = np.sqrt(segment_edge_squared(segments, edges).min(axis=1))
+            away[winding_number(starts, edges) > 0] = 0.0
+            nearest = np.minimum(nearest, away)
         return np.maximum(nearest, 0.0)
 
     def _polygon_clearance(self, poses: Floats, polygon: Floats, scene: Indices) -> Floats:

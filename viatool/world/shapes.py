@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -109,7 +110,7 @@ def box_polygon(center: ArrayLike, size: ArrayLike, yaw: ArrayLike = 0.0) -> Flo
     cosine, sine = np.cos(yaw)[..., None], np.sin(yaw)[..., None]
     x = cosine * corner[..., 0] - sine * corner[..., 1]
     y = sine * corner[..., 0] + cosine * corner[..., 1]
-    return middle[..., None, :] + np.stack([x, y], axis=-1)
+    return np.asarray(middle[..., None, :] + np.stack([x, y], axis=-1))
 
 
 def wall_polygons(points: ArrayLike, thickness: float) -> tuple[Floats, ...]:
@@ -125,7 +126,7 @@ def wall_polygons(points: ArrayLike, thickness: float) -> tuple[Floats, ...]:
     """
     corner = np.asarray(points, dtype=np.float64)
     boxes = []
-    for first, second in zip(corner[:-1], corner[1:], strict=True):
+    for first, second in pairwise(corner):
         dx, dy = second - first
         length = float(np.hypot(dx, dy))
         boxes.append(box_polygon(0.5 * (first + second), (length + thickness, thickness), np.arctan2(dy, dx)))

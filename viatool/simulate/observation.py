@@ -1,0 +1,201 @@
+"""What a robot observes: the columns of an observation, assembled by the kinds of their channels.
+
+This is the only place that turns a pose and a goal into an observation vector; training, roll-outs and checks
+of sampled poses share it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.errors import PolicyError
+from viatool.policy.specification import LidarSpecification, ObservationChannel
+from viatool.simulate.noise import draw_normal
+from viatool.world import Lidar, Robot, Scenes
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Situation:
+    """B robots and what they head for.
+
+    Parameters
+    ----------
+    poses : ndarray
+        (B, 3) x, y, theta; metres and radians.
+    scene : ndarray
+        (B,) index of the geometry around each of them.
+    goals : ndarray
+        (B, 2) metres.
+    previous : ndarray
+        (B, 2) the command of the step before, m/s and rad/s.
+    """
+
+    poses: Floats
+    scene: Indices
+    goals: Floats
+    previous: Floats
+
+
+def navigation_channels(lidar: Lidar) -> tuple[ObservationChannel, ...]:
+    """Return the channels of the navigation task: LiDAR bins, goal in polar form, previous command.
+
+    Parameters
+    ----------
+    lidar : Lidar
+        Of the robot.
+
+    Returns
+    -------
+    tuple of ObservationChannel
+        ``lidar.bins + 5`` columns.
+    """
+    specification = LidarSpecification(
+        field_of_view=lidar.field_of_view,
+        rays=lidar.rays,
+        bins=lidar.bins,
+        minimum_range=lidar.minimum_range,
+        maximum_range=lidar.maximum_range,
+    )
+    return (
+        ObservationChannel(name="lidar", size=lidar.bins, unit="m", kind="lidar", lidar=specification),
+        ObservationChannel(name="goal_distance", unit="m", kind="goal_distance"),
+        ObservationChannel(name="goal_cosine", kind="goal_cosine"),
+        ObservationChannel(name="goal_sine", kind="goal_sine"),
+        ObservationChannel(name="previous_linear", unit="m/s", kind="previous_linear"),
+        ObservationChannel(name="previous_angular", unit="rad/s", kind="previous_angular"),
+    )
+
+
+class Observer:
+    """Fills observation vectors.
+
+    Parameters
+    ----------
+    channels : sequence of ObservationChannel
+        In the order of the columns.
+    robot : Robot
+        Whose LiDAR is used where the LiDAR channel does not describe one, and whose noise.
+    noise : float, optional
+        Standard deviation of the rays in metres; None is the robot's.
+
+    Raises
+    ------
+    PolicyError
+        If a channel can neither be simulated nor has a fixed value, or the number of bins is unclear.
+    """
+
+    def __init__(
+        self, channels: Sequence[ObservationChannel], robot: Robot, noise: float | None = None
+    ) -> None:
+        self.channels = tuple(channels)
+        self.size = sum(channel.size for channel in channels)
+        self.lidar = _lidar(self.channels, robot)
+        self.noise = self.lidar.noise if noise is None else noise
+        per_bin = self.lidar.rays // self.lidar.bins
+        # First rays of all bins, second rays of all bins, ...: a minimum over the first axis is fast.
+        self._angles = self.lidar.angles().reshape(self.lidar.bins, per_bin).T.ravel()
+        for channel in self.channels:
+            if channel.kind in ("other", "budget") and channel.value is None:
+                raise PolicyError(
+                    f"observation channel '{channel.name}' of kind '{channel.kind}' cannot be simulated",
+                    "give the channel a fixed `value` in the specification, or a recorded trajectory",
+                )
+
+    def scan(self, scenes: Scenes, situation: Situation, rng: np.random.Generator) -> NDArray[np.float32]:
+        """Return the smallest reading of each bin, (B, bins) m: noisy, clipped to the LiDAR's range."""
+        lidar = self.lidar
+        ranges = scenes.cast(situation.poses, situation.scene, lidar, angles=self._angles, dtype=np.float32)
+        if self.noise > 0.0:
+            error = draw_normal(rng, *ranges.shape)
+            error *= np.float32(self.noise)
+            error *= ranges < lidar.maximum_range  # a ray that hits nothing has no error
+            ranges += error
+        binned = ranges.reshape(len(ranges), -1, lidar.bins).min(axis=1)
+        clipped: NDArray[np.float32] = np.clip(binned, lidar.minimum_range, lidar.maximum_range)
+        return clipped
+
+    def measure(
+        self, scenes: Scenes, situation: Situation, rng: np.random.Generator
+    ) -> dict[str, NDArray[Any]]:
+        """Return the values of each kind of channel: (B, bins) for the LiDAR, else (B,).
+
+        Parameters
+        ----------
+        scenes : Scenes
+            The geometry.
+        situation : Situation
+            Where the B robots are.
+        rng : numpy.random.Generator
+            Source of the sensor noise.
+        """
+        return {"lidar": self.scan(scenes, situation, rng), **measure_goals(situation)}
+
+    def observe(self, scenes: Scenes, situation: Situation, rng: np.random.Generator) -> Floats:
+        """Return observations, (B, size): `measure`, then `assemble`."""
+        return self.assemble(self.measure(scenes, situation, rng))
+
+    def assemble(self, measured: Mapping[str, NDArray[Any]]) -> Floats:
+        """Put measured values into the columns of their channels.
+
+        Parameters
+        ----------
+        measured : mapping
+            For each kind of channel (B, size) or (B,); fixed channels take their `value` instead.
+
+        Returns
+        -------
+        ndarray
+            (B, size) float64 holding float32 numbers: the very values that a float32 policy receives.
+        """
+        count = len(next(iter(measured.values())))
+        columns = np.empty((count, self.size), np.float32)
+        first = 0
+        for channel in self.channels:
+            last = first + channel.size
+            if channel.value is not None:
+                columns[:, first:last] = channel.value
+            else:
+                columns[:, first:last] = measured[channel.kind].reshape(count, -1)
+            first = last
+        return columns.astype(np.float64)
+
+
+def measure_goals(situation: Situation) -> dict[str, Floats]:
+    """Return the values of the channels that need no LiDAR, by kind, (B,) each."""
+    poses, previous = situation.poses, situation.previous
+    dx, dy = (situation.goals - poses[:, :2]).T
+    distance = np.sqrt(dx * dx + dy * dy)
+    inverse = 1.0 / np.maximum(distance, 1e-12)
+    cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    return {
+        "goal_distance": distance,
+        "goal_cosine": (dx * cosine + dy * sine) * inverse,
+        "goal_sine": (dy * cosine - dx * sine) * inverse,
+        "previous_linear": previous[:, 0],
+        "previous_angular": previous[:, 1],
+    }
+
+
+def _lidar(channels: Sequence[ObservationChannel], robot: Robot) -> Lidar:
+    """Return the LiDAR that the channels ask for, with the robot's noise."""
+    for channel in channels:
+        if channel.kind == "lidar" and channel.value is None:
+            asked = channel.lidar
+            if asked is not None:
+                return replace(robot.lidar, **asked.model_dump())
+            if channel.size == robot.lidar.bins:
+                return robot.lidar
+            raise PolicyError(
+                f"observation channel '{channel.name}' has {channel.size} numbers, "
+                f"but the LiDAR of {robot.name} has {robot.lidar.bins} bins",
+                "describe the LiDAR in the policy's specification",
+            )
+    return robot.lidar

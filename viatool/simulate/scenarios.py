@@ -1,0 +1,93 @@
+"""Where the robots of a simulator get their next scenario from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.errors import ConfigurationError
+from viatool.world import Scenario, ScenarioBatch, ScenarioGenerator, Scenes, WorldMap
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Taken = tuple[Indices, Floats, Floats]  # scene (W,), starts (W, 3), goals (W, 2)
+
+_DRAWN_AHEAD = 512  # random scenarios that are drawn together
+
+
+class FixedScenarios:
+    """Given scenarios, one after the other, again from the first when they are used up.
+
+    Parameters
+    ----------
+    world_map : WorldMap
+        What all scenarios share.
+    scenarios : sequence of Scenario
+        At least one.
+    """
+
+    def __init__(self, world_map: WorldMap, scenarios: Sequence[Scenario]) -> None:
+        if not scenarios:
+            raise ConfigurationError(
+                f"map '{world_map.name}' gives no scenario to drive",
+                "add `scenarios` or a `generator` to the map",
+            )
+        self.scenes = Scenes.of(world_map, scenarios)
+        self._starts = np.array([scenario.start for scenario in scenarios])
+        self._goals = np.array([scenario.goal for scenario in scenarios])
+        self._next = 0
+
+    def take(self, slots: Indices) -> Taken:
+        """Return the next scenario for each of W robots."""
+        scene = (self._next + np.arange(len(slots))) % len(self.scenes)
+        self._next = int(self._next + len(slots)) % len(self.scenes)
+        return scene, self._starts[scene], self._goals[scene]
+
+
+class RandomScenarios:
+    """Scenarios that are drawn when they are needed; every robot has a scene of its own.
+
+    Parameters
+    ----------
+    world_map : WorldMap
+        A map with a generator.
+    robots : int
+        E.
+    seed : numpy.random.SeedSequence
+        Of the scenarios.
+    """
+
+    def __init__(self, world_map: WorldMap, robots: int, seed: np.random.SeedSequence) -> None:
+        if world_map.generator is None:
+            raise ConfigurationError(
+                f"map '{world_map.name}' has no scenario generator",
+                "add a `generator` to the map, or give scenarios",
+            )
+        self._generator = world_map.generator
+        self._rng = np.random.default_rng(seed)
+        self._drawn = self._generator.draw_arrays(max(_DRAWN_AHEAD, robots), self._rng)
+        self._used = 0
+        first = self._drawn[:robots]
+        self.scenes = Scenes(world_map.arena, world_map.obstacles, first.circles, first.edges())
+
+    def draw_from(self, generator: ScenarioGenerator) -> None:
+        """Draw from another generator from now on."""
+        self._generator = generator
+        self._used = len(self._drawn)
+
+    def take(self, slots: Indices) -> Taken:
+        """Draw a scenario for each of W robots and build it into their scenes."""
+        batch = self._next(len(slots))
+        self.scenes.replace(slots, batch.circles, batch.edges())
+        return slots, batch.starts, batch.goals
+
+    def _next(self, count: int) -> ScenarioBatch:
+        if self._used + count > len(self._drawn):
+            left = self._drawn[self._used :]
+            self._drawn = left + self._generator.draw_arrays(max(_DRAWN_AHEAD, count), self._rng)
+            self._used = 0
+        batch = self._drawn[self._used : self._used + count]
+        self._used += count
+        return batch
