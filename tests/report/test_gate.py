@@ -6,7 +6,7 @@ from fractions import Fraction
 
 import pytest
 
-from viatool.errors import ConfigurationError, EmptyEvaluationError
+from viatool.errors import ConfigurationError
 from viatool.report import Gate, evaluate, parse_threshold
 
 
@@ -52,9 +52,9 @@ def test_a_gate_without_conditions_never_fails(document) -> None:
     assert passes(Gate(), document(0, 0, 0))
 
 
-def test_an_empty_evaluation_is_no_pass_and_no_failure(document) -> None:
-    with pytest.raises(EmptyEvaluationError):
-        evaluate(Gate((parse_threshold("0.0"),)), document(0, 0, 0))
+def test_an_empty_evaluation_never_passes(document) -> None:
+    (check,) = evaluate(Gate((parse_threshold("0.0"),)), document(0, 0, 0))
+    assert (check.passed, check.empty) == (False, True)
 
 
 @pytest.mark.parametrize(("gate", "expected"), [(Gate(max_unsafe=1), True), (Gate(max_unsafe=0), False)])

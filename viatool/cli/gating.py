@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from viatool.cli.failures import GATE_FAILED
 from viatool.cli.options import READABLE
 
 if TYPE_CHECKING:
-    from viatool.report import Gate
+    from viatool.report import Check, Gate
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -48,6 +49,27 @@ def gate_options(command: Command) -> Command:
     ):
         command = option(command)
     return command
+
+
+def leave_by_gate(ctx: click.Context, checks: Sequence[Check], *, exit_zero: bool) -> None:
+    """End a command by the decided conditions of its gate.
+
+    Raises
+    ------
+    EmptyEvaluationError
+        If a condition had nothing to decide on, whatever ``--exit-zero`` says.
+    click.exceptions.Exit
+        If a condition failed.
+    """
+    from viatool.errors import EmptyEvaluationError
+
+    for check in checks:
+        if check.empty:
+            raise EmptyEvaluationError(
+                f"{check.condition}: {check.figures}", "evaluate more scenarios, or gate on another rate"
+            )
+    if not all(check.passed for check in checks) and not exit_zero:
+        ctx.exit(GATE_FAILED)
 
 
 def build_gate(given: Mapping[str, Any]) -> Gate:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from viatool.report.bounds_file import check_bounds_file, write_bounds
-from viatool.report.console import print_report
+from viatool.report.comparison import print_comparison
+from viatool.report.console import print_checks, print_report
 from viatool.report.document import ReportDocument, load_document, read_result
 from viatool.report.gate import Check, Gate, Threshold, evaluate, parse_threshold
 from viatool.report.outputs import REPORTERS, Output, check_outputs, parse_output, write_outputs
@@ -23,6 +24,8 @@ __all__ = [
     "parse_output",
     "parse_threshold",
     "print_bounds",
+    "print_checks",
+    "print_comparison",
     "print_episodes",
     "print_map",
     "print_policy",

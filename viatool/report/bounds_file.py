@@ -38,7 +38,7 @@ def write_bounds(
     arrays = {"observation": observations, "eps": radii, "lower": reachable.lower, "upper": reachable.upper}
     with replacing(path) as draft:
         if path.suffix.lower() == ".npz":
-            np.savez_compressed(draft, **arrays)
+            np.savez_compressed(draft, allow_pickle=False, **arrays)
             return
         with draft.open("w", newline="", encoding="utf-8") as stream:
             writer = csv.writer(stream, lineterminator="\n")

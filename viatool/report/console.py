@@ -16,7 +16,7 @@ from viatool.report.document import FileIdentity, RateByOutcome, ReportDocument
 from viatool.report.gate import Check
 from viatool.report.numbers import MISSING, count, percent_of, percentage, seconds, significant
 from viatool.report.palette import COLOUR, MEANING, VERDICTS
-from viatool.report.wording import assumptions, describe_eps, unit_of
+from viatool.report.wording import assumptions, describe_eps, total_seconds, unit_of
 
 BAR_WIDTH = 60
 OUTCOMES = ("overall", "success", "collision", "timeout")
@@ -36,7 +36,18 @@ def print_report(document: ReportDocument, console: Console, checks: Sequence[Ch
     """
     console.print(Group(*(Padding(part, (0, 0, 1, 0)) for part in _parts(document))))
     if checks:
-        console.print(_gate(checks))
+        print_checks(checks, console)
+
+
+def print_checks(checks: Sequence[Check], console: Console) -> None:
+    """Print the decided conditions of a gate."""
+    table = Table.grid(padding=(0, 2))
+    for check in checks:
+        word = Text("passed", style=f"bold {COLOUR['safe']}")
+        if not check.passed:
+            word = Text("FAILED", style=f"bold {COLOUR['unsafe']}")
+        table.add_row(word, Text(check.condition), Text(check.figures, style="dim"))
+    console.print(_titled("Gate", table if checks else Text("no condition was given")))
 
 
 def _parts(document: ReportDocument) -> list[RenderableType]:
@@ -46,7 +57,7 @@ def _parts(document: ReportDocument) -> list[RenderableType]:
         _rates(document),
         _task(document),
         _widths(document),
-        _time(document.seconds),
+        _time(document),
         _assumed(document),
     ]
 
@@ -140,10 +151,9 @@ def _widths(document: ReportDocument) -> RenderableType:
     return table
 
 
-def _time(stages: Mapping[str, float]) -> RenderableType:
-    parts = [f"{stage} {seconds(value)}" for stage, value in stages.items() if stage != "total"]
-    total = stages.get("total", sum(stages.values()))
-    return _titled("Time", Text(" · ".join([*parts, f"total {seconds(total)}"])))
+def _time(document: ReportDocument) -> RenderableType:
+    parts = [f"{stage} {seconds(value)}" for stage, value in document.seconds.items() if stage != "total"]
+    return _titled("Time", Text(" · ".join([*parts, f"total {seconds(total_seconds(document))}"])))
 
 
 def _assumed(document: ReportDocument) -> RenderableType:
@@ -159,16 +169,6 @@ def _identity(identity: FileIdentity) -> Text:
     text = Text(identity.path)
     text.append(f"  sha256 {identity.sha256[:16]}…", style="dim")
     return text
-
-
-def _gate(checks: Sequence[Check]) -> RenderableType:
-    table = Table.grid(padding=(0, 2))
-    for check in checks:
-        word = Text("passed", style=f"bold {COLOUR['safe']}")
-        if not check.passed:
-            word = Text("FAILED", style=f"bold {COLOUR['unsafe']}")
-        table.add_row(word, Text(check.condition), Text(check.figures, style="dim"))
-    return _titled("Gate", table)
 
 
 def _titled(title: str, body: Any) -> RenderableType:

@@ -83,17 +83,9 @@ def draw_path(axes: Axes, poses: Floats, verdicts: NDArray[np.str_], *, width: f
                 zorder=4 + 0.1 * level,
             )
         )
-        if verdict != "safe":
+        if verdict == "unsafe":
             marked = points[verdicts == verdict]
-            axes.plot(
-                *marked.T,
-                ls="",
-                marker="x" if verdict == "unsafe" else "|",
-                ms=4,
-                mew=1.0,
-                color=COLOUR[verdict],
-                zorder=5,
-            )
+            axes.plot(*marked.T, ls="", marker="x", ms=3 * width, mew=0.8, color=COLOUR[verdict], zorder=5)
 
 
 def draw_region(

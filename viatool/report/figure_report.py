@@ -7,15 +7,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from viatool.report.closest_call import draw_closest_call
 from viatool.report.drawing import (
-    FLOOR,
     INK,
     WALL,
     draw_floor,
@@ -40,13 +40,10 @@ DPI = 160
 
 def write(result: Result, path: Path) -> None:
     """Write the picture of a result as png, svg or pdf."""
-    with replacing(path) as draft:
-        draw_result(result).savefig(draft, dpi=DPI, metadata=_undated(path))
-
-
-def _undated(path: Path) -> dict[str, None]:
-    """Leave out the date, so that the same result gives the same file."""
-    return {} if path.suffix.lower() == ".png" else {"Date" if path.suffix.lower() == ".svg" else "CreationDate": None}
+    # Without a date and with a fixed salt of the identifiers, the same result gives the same file.
+    date = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(path.suffix.lower(), {})
+    with replacing(path) as draft, rc_context({"svg.hashsalt": "viatool"}):
+        draw_result(result).savefig(draft, dpi=DPI, metadata=date)
 
 
 def draw_result(result: Result) -> Figure:
@@ -55,18 +52,20 @@ def draw_result(result: Result) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
-        The overview on the left, up to `PANELS` episodes on the right (those with the most states that are not
-        safe, if there are more), the closest call last.
+        The overview on the left, up to `PANELS` episodes on the right (if there are more, those with the most
+        states that are not safe), the closest call last.
     """
     episodes = choose_episodes(result)
-    figure = Figure(figsize=(15.5, 8.4), layout="constrained", facecolor="white")
-    left, right = figure.subfigures(1, 2, width_ratios=(1.0, 1.35), wspace=0.01)
+    figure = Figure(figsize=(15.5, 7.4), layout="constrained", facecolor="white")
+    halves = figure.add_gridspec(1, 2, width_ratios=(1.0, 1.3))
+    left, right = figure.add_subfigure(halves[0]), figure.add_subfigure(halves[1])
     _overview(left, result)
     rows = -(-(len(episodes) + 2) // COLUMNS)
     grid = right.add_gridspec(max(rows, 1), COLUMNS)
     for place, episode in enumerate(episodes):
         _panel(right.add_subplot(grid[divmod(place, COLUMNS)]), result, episode)
     draw_closest_call(right.add_subplot(grid[-1, -2:]), result)
+    figure.legend(handles=_legend(result), loc="outside lower center", ncols=7, fontsize=9, frameon=False)
     return figure
 
 
@@ -81,7 +80,7 @@ def choose_episodes(result: Result) -> list[int]:
     return sorted(int(episode) for episode in worst_first[:PANELS])
 
 
-def _overview(figure: Figure, result: Result) -> None:
+def _overview(figure: SubFigure, result: Result) -> None:
     axes = figure.add_subplot()
     draw_floor(axes, result.world_map)
     trajectory = result.trajectory
@@ -94,14 +93,13 @@ def _overview(figure: Figure, result: Result) -> None:
             draw_task(axes, scenario)
     axes.set(xlabel="x [m]", ylabel="y [m]")
     axes.set_title(_title(result), fontsize=11, color=INK, loc="left")
-    figure.legend(handles=_legend(result), loc="outside lower center", ncols=4, fontsize=8, frameon=False)
 
 
 def _title(result: Result) -> str:
     safe, total = int((result.verdict == "safe").sum()), len(result.verdict)
-    name = plain(Path(result.policy_path).name)
+    policy, world_map = plain(Path(result.policy_path).name), plain(result.world_map.name)
     return (
-        f"{name} on {plain(result.world_map.name)}, eps {plain(describe_eps(result.eps))}, {result.criterion}\n"
+        f"{policy} on {world_map}, eps {plain(describe_eps(result.eps))}, {result.criterion}\n"
         f"{percentage(safe, total)} of the states proved safe ({count(safe)} of {count(total)})"
     )
 
@@ -109,3 +107,57 @@ def _title(result: Result) -> str:
 def plain(text: str) -> str:
     """Escape what matplotlib would read as mathematics."""
     return text.replace("$", r"\$")
+
+
+def _panel(axes: Axes, result: Result, episode: int) -> None:
+    """Draw one episode: its own obstacles, the tube that has to stay free, and the path."""
+    trajectory, scenario = result.trajectory, result.trajectory.scenarios[episode]
+    draw_floor(axes, result.world_map)
+    axes.set(xticks=[], yticks=[])
+    if scenario is not None:
+        draw_obstacles(axes, scenario.obstacles, facecolor=WALL, edgecolor=INK)
+        draw_task(axes, scenario, size=0.6)
+    states = trajectory.episode == episode
+    if states.any():
+        _tube(axes, result, states)
+        draw_path(axes, trajectory.poses[states], result.verdict[states], width=1.2)
+    safe = int((result.verdict[states] == "safe").sum())
+    name = plain(scenario.name) if scenario is not None else f"episode {episode}"
+    outcome = trajectory.outcomes[episode]
+    axes.set_title(f"{name}: {outcome}, {safe}/{int(states.sum())} safe", fontsize=7, color=INK, pad=2)
+
+
+def _tube(axes: Axes, result: Result, states: NDArray[np.bool_]) -> None:
+    """Shade the area that the swept footprint needs free: everything reachable, widened by d_col."""
+    import shapely
+
+    verdicts = result.verdict[states]
+    regions = np.array(
+        swept_regions(
+            result.trajectory.poses[states],
+            result.reachable.lower[states],
+            result.reachable.upper[states],
+            result.rules.interval,
+        )
+    )
+    for level, verdict in enumerate(VERDICTS):
+        chosen = regions[verdicts == verdict]
+        if len(chosen):
+            tube = shapely.union_all(chosen).buffer(result.rules.clearance.collision)
+            draw_region(axes, tube, facecolor=COLOUR[verdict], alpha=0.22, zorder=1.2 + 0.1 * level)
+
+
+def _legend(result: Result) -> Sequence[Line2D | Patch]:
+    counts = {verdict: int((result.verdict == verdict).sum()) for verdict in VERDICTS}
+    widths = {"safe": 2.0, "unknown": 3.0, "unsafe": 4.0}
+    paths = [
+        Line2D([], [], color=COLOUR[v], lw=widths[v], label=f"{v} ({count(counts[v])} states)")
+        for v in VERDICTS
+    ]
+    return [
+        *paths,
+        Patch(facecolor=COLOUR["safe"], alpha=0.22, label="reachable tube + d_col"),
+        Line2D([], [], marker="^", mfc="white", mec=INK, ls="", label="start"),
+        Line2D([], [], marker="*", ms=9, mfc="#F0E442", mec=INK, ls="", label="goal"),
+        Patch(facecolor=WALL, edgecolor=INK, label="obstacle or outside"),
+    ]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
 
-from viatool.errors import ConfigurationError, EmptyEvaluationError
+from viatool.errors import ConfigurationError
 from viatool.report.document import Rate, ReportDocument
 from viatool.report.numbers import count, digits_needed, percent_of, percentage
 
@@ -51,11 +51,24 @@ class Gate:
 
 @dataclass(frozen=True)
 class Check:
-    """One decided condition of a gate, with the figures that decided it."""
+    """One decided condition of a gate.
+
+    Parameters
+    ----------
+    condition : str
+        What was asked for.
+    passed : bool
+        Whether it holds.
+    figures : str
+        What decided it.
+    empty : bool
+        There was nothing to decide on; such a condition never passes.
+    """
 
     condition: str
     passed: bool
     figures: str
+    empty: bool = False
 
 
 def parse_threshold(text: str) -> Threshold:
@@ -103,11 +116,6 @@ def evaluate(gate: Gate, document: ReportDocument) -> tuple[Check, ...]:
     -------
     tuple of Check
         In the order of the conditions; empty for a gate without conditions, which never fails.
-
-    Raises
-    ------
-    EmptyEvaluationError
-        If a rate that a condition asks for has no states.
     """
     checks = [_threshold(threshold, document) for threshold in gate.thresholds]
     for verdict, most in (("unsafe", gate.max_unsafe), ("unknown", gate.max_unknown)):
@@ -123,14 +131,12 @@ def evaluate(gate: Gate, document: ReportDocument) -> tuple[Check, ...]:
 
 def _threshold(threshold: Threshold, document: ReportDocument) -> Check:
     rate = rate_named(document, threshold.name)
-    if rate.total == 0:
-        raise EmptyEvaluationError(
-            f"the {RATES[threshold.name]} has no states, so the gate cannot pass",
-            "evaluate more scenarios or gate on another rate",
-        )
     digits = digits_needed(threshold.least)
+    condition = f"{RATES[threshold.name]} >= {percent_of(threshold.least, digits)}"
+    if rate.total == 0:
+        return Check(condition, passed=False, figures="no states to decide on", empty=True)
     return Check(
-        f"{RATES[threshold.name]} >= {percent_of(threshold.least, digits)}",
+        condition,
         rate.safe * threshold.least.denominator >= threshold.least.numerator * rate.total,
         f"{percentage(rate.safe, rate.total, digits)} ({count(rate.safe)} of {count(rate.total)})",
     )

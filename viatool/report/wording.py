@@ -49,6 +49,11 @@ def _flat(value: Any) -> str:
     return "none" if value is None else str(value)
 
 
+def total_seconds(document: ReportDocument) -> float:
+    """Return the seconds of a run: as the report says, or the sum over its stages."""
+    return document.seconds.get("total", sum(document.seconds.values()))
+
+
 def unit_of(document: ReportDocument, action: str) -> str:
     """Return the unit of an action, as the report names it (nothing if it does not)."""
     width = document.reachable_width[action]

@@ -1,0 +1,68 @@
+"""What the documents say is what the program does."""
+
+from __future__ import annotations
+
+import re
+import runpy
+import shlex
+from pathlib import Path
+
+import click
+import pytest
+
+from viatool.cli import main
+from viatool.cli.group import COMMANDS
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def command_named(name: str) -> click.Command:
+    command = main.get_command(click.Context(main), name)
+    assert command is not None
+    return command
+
+
+def documented_lines(path: Path) -> list[str]:
+    """Return the viatool command lines of a page, continued lines joined."""
+    text = path.read_text(encoding="utf-8").replace("\\\n", " ")
+    lines = re.findall(r"^(?:    )?(?:.*&& )?(?:\.venv/bin/)?(viatool [a-z].*)$", text, flags=re.MULTILINE)
+    return [line.split(" #")[0] for line in lines]
+
+
+def test_the_reference_is_current() -> None:
+    written = runpy.run_path(str(ROOT / "docs" / "write_reference.py"))
+    assert (ROOT / "docs" / "cli.md").read_text(encoding="utf-8") == written["reference"]()
+    assert (ROOT / "docs" / "report.schema.json").read_text(encoding="utf-8") == written["schema"]()
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_and_option_is_in_the_reference(name: str) -> None:
+    page = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
+    section = page.partition(f"## viatool {name}\n")[2].partition("\n## ")[0]
+    for parameter in command_named(name).params:
+        if isinstance(parameter, click.Option) and parameter.name != "help":
+            assert all(spelling in section for spelling in parameter.opts), (name, parameter.opts)
+
+
+@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md"])
+def test_the_commands_of_the_readme_parse(page: str) -> None:
+    for line in documented_lines(ROOT / page):
+        _, name, *arguments = shlex.split(line.replace("...", ""))
+        assert name in COMMANDS, line
+        command_named(name).make_context(name, arguments, resilient_parsing=False)
+
+
+def test_the_readme_has_two_commands_for_a_fresh_machine() -> None:
+    commands = re.findall(
+        r"^python3 -m venv .*$", (ROOT / "README.md").read_text(encoding="utf-8"), re.MULTILINE
+    )
+    assert len(commands) == 2
+    assert "viatool verify policies/via.onnx --map maps/lab.yaml --eps 0.01" in commands[0]
+    assert commands[1].endswith("-m pytest")
+
+
+def test_every_exit_code_of_the_reference_is_in_the_readme() -> None:
+    pages = [(ROOT / name).read_text(encoding="utf-8") for name in ("README.md", "docs/cli.md")]
+    tables = [re.findall(r"^\| (\d+) \| (.*) \|$", page, re.MULTILINE) for page in pages]
+    assert tables[0] == tables[1]
+    assert [code for code, _ in tables[0]] == ["0", "1", "2", "3", "5", "130"]

@@ -1,0 +1,88 @@
+"""Every failure is one message and one exit code; no input ends in a traceback."""
+
+from __future__ import annotations
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from viatool import errors
+from viatool.cli import main
+from viatool.cli.failures import explain
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "message"),
+    [
+        (errors.MapError("no map", "draw one"), 2, "error: no map\nhint: draw one"),
+        (errors.PolicyError("no policy"), 2, "error: no policy"),
+        (errors.TrajectoryError("no states"), 2, "error: no states"),
+        (errors.ConfigurationError("no eps"), 2, "error: no eps"),
+        (errors.EnclosureError("no bound"), 2, "error: no bound"),
+        (errors.EmptyEvaluationError("nothing", "more"), 5, "error: nothing\nhint: more"),
+        (errors.SelfCheckError("differs"), 3, "error: differs"),
+        (KeyboardInterrupt(), 130, "interrupted"),
+        (click.Abort(), 130, "interrupted"),
+    ],
+)
+def test_each_error_has_its_exit_code(error: BaseException, code: int, message: str) -> None:
+    assert explain(error) == (code, message)
+
+
+def test_a_defect_is_an_internal_error_that_asks_for_a_report() -> None:
+    code, message = explain(ZeroDivisionError("division by zero"))
+    assert code == 3
+    assert message.startswith("error: internal error: ZeroDivisionError: division by zero\nhint: ")
+
+
+def test_a_missing_extra_is_named() -> None:
+    code, message = explain(ModuleNotFoundError("No module named 'torch'", name="torch"))
+    assert code == 2
+    assert "viatool[train]" in message
+
+
+def test_a_missing_part_of_viatool_is_not_mistaken_for_an_extra() -> None:
+    assert explain(ModuleNotFoundError("No module named 'numpy'", name="numpy"))[0] == 3
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["nonsense"],
+        ["verify"],
+        ["--nonsense"],
+        ["verify", "p.onnx", "--map", "m.yaml", "--eps", "-1"],
+        ["verify", "p.onnx", "--map", "m.yaml", "--eps", "nan"],
+        ["verify", "p.onnx", "--map", "m.yaml", "--eps", "inf"],
+        ["verify", "p.onnx", "--map", "m.yaml", "--eps", "lidar="],
+        ["verify", "p.onnx", "--map", "m.yaml", "--eps", "=0.1"],
+        ["verify", "p.onnx", "--map", "m.yaml", "--eps", "0.1", "--eps", "0.2"],
+        ["verify", "p.onnx", "--map", "m.yaml", "--eps", "0.1", "--clearance", "-1"],
+        ["verify", "p.onnx", "--map", "m.yaml", "--eps", "0.1", "--fail-under", "1.5"],
+        ["verify", "p.onnx", "--map", "m.yaml", "--eps", "0.1", "--fail-under", "nan"],
+        ["verify", "p.onnx", "--map", "m.yaml", "--eps", "0.1", "--output", "report.json"],
+        ["verify", "p.onnx", "--map", "m.yaml", "--eps", "0.1", "--output", "poem:out.txt"],
+        ["verify", "p.onnx", "--map", "m.yaml", "--eps", "0.1", "--output", "states:out.txt"],
+        ["verify", "p.onnx", "--map", "m.yaml", "--eps", "0.1", "--criterion", "hope"],
+        ["verify", "p.onnx", "--map", "m.yaml", "--eps", "0.1", "--seed", "-1"],
+        ["verify", "missing.onnx", "--map", "missing.yaml", "--eps", "0.1"],
+        ["simulate", "missing.onnx", "--map", "missing.yaml"],
+        ["bounds", "missing.onnx", "missing.csv", "--eps", "0.1"],
+        ["inspect", "missing.onnx"],
+        ["map", "missing.yaml"],
+    ],
+    ids=" ".join,
+)
+def test_wrong_usage_exits_2_with_one_message_and_no_traceback(arguments: list[str]) -> None:
+    result = CliRunner().invoke(main, arguments)
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    first, *rest = result.stderr.strip().splitlines()
+    assert first.startswith("error: ")
+    assert len([line for line in rest if line.startswith("hint: ")]) == 1
+    assert "Traceback" not in result.stderr
+
+
+def test_no_arguments_show_the_help() -> None:
+    result = CliRunner().invoke(main, [])
+    assert (result.exit_code, "verify" in result.stdout) == (0, True)

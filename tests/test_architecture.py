@@ -1,0 +1,87 @@
+"""The floors of the house, the public names, and a top level that stays light."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import viatool
+
+ROOT = Path(__file__).resolve().parents[1]
+HEAVY = (
+    "torch",
+    "pybullet",
+    "sympy",
+    "matplotlib",
+    "shapely",
+    "scipy",
+    "onnx",
+    "onnxruntime",
+    "numpy",
+    "pydantic",
+    "rich",
+)
+PUBLIC = [
+    "Policy",
+    "ReachableSet",
+    "Result",
+    "Trajectory",
+    "WorldMap",
+    "__version__",
+    "load_map",
+    "load_policy",
+    "load_trajectory",
+    "reach",
+    "roll_out",
+    "verify",
+]
+
+
+def test_every_room_imports_from_lower_floors_only() -> None:
+    script = Path(sys.executable).with_name("lint-imports")
+    run = subprocess.run([script, "--no-cache"], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stdout + run.stderr
+
+
+def test_the_public_names_are_these() -> None:
+    assert sorted(viatool.__all__) == PUBLIC
+    assert dir(viatool) == PUBLIC
+    assert all(getattr(viatool, name) is not None for name in PUBLIC)
+
+
+def test_an_unknown_name_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="verfy"):
+        viatool.verfy  # noqa: B018  # reading the attribute is the test
+
+
+@pytest.mark.parametrize(
+    "program",
+    [
+        "import viatool",
+        "from viatool.cli import main\ntry:\n    main(['--help'])\nexcept SystemExit:\n    pass",
+    ],
+    ids=["import viatool", "viatool --help"],
+)
+def test_the_top_level_imports_nothing_heavy(program: str) -> None:
+    probe = f"{program}\nimport sys\nprint('LOADED', *sorted({HEAVY!r} & sys.modules.keys()))"
+    probe = probe.replace(repr(HEAVY), repr(set(HEAVY)))
+    run = subprocess.run([sys.executable, "-c", probe], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert run.stdout.splitlines()[-1].split() == ["LOADED"]
+
+
+def test_torch_and_pybullet_stay_in_their_rooms() -> None:
+    allowed = {"torch": "train", "pybullet": "simulate"}
+    for path in sorted((ROOT / "viatool").rglob("*.py")):
+        room = path.relative_to(ROOT / "viatool").parts[0]
+        for line in path.read_text(encoding="utf-8").splitlines():
+            for package, home in allowed.items():
+                if line.strip().startswith((f"import {package}", f"from {package}")):
+                    assert room == home, f"{path}: {line.strip()}"
+
+
+def test_the_changelog_and_the_citation_name_the_version() -> None:
+    assert f"## {viatool.__version__} " in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert f"version: {viatool.__version__}" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")

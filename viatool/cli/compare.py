@@ -1,0 +1,20 @@
+"""``viatool compare``: two stored reports side by side."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from viatool.cli import options
+from viatool.cli.terminal import open_console
+
+
+@click.command()
+@click.argument("before", type=options.READABLE)
+@click.argument("after", type=options.READABLE)
+def command(before: Path, after: Path) -> None:
+    """Show two reports in JSON, BEFORE and AFTER, side by side."""
+    from viatool.report import load_document, print_comparison
+
+    print_comparison(load_document(before), load_document(after), open_console())

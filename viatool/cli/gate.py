@@ -1,0 +1,27 @@
+"""``viatool gate``: the gate on a stored report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from viatool.cli import options
+from viatool.cli.gating import build_gate, gate_options, leave_by_gate
+from viatool.cli.terminal import open_console
+
+
+@click.command()
+@click.argument("report", type=options.READABLE)
+@gate_options
+@options.quiet_option
+@click.pass_context
+def command(ctx: click.Context, /, report: Path, quiet: bool, **given: Any) -> None:
+    """Apply a gate to REPORT, a report in JSON that verify wrote."""
+    from viatool.report import evaluate, load_document, print_checks
+
+    checks = evaluate(build_gate(given), load_document(report))
+    if not quiet:
+        print_checks(checks, open_console())
+    leave_by_gate(ctx, checks, exit_zero=given["exit_zero"])
