@@ -4,9 +4,11 @@ Everything is computed as the *inverse* range, which turns "nearest hit" into "l
 anything at or below 0, and every shape into rows of one matrix product with the directions of the rays. In
 the robot's frame, with d the unit direction of a ray:
 
-- a line n.x = h with h > 0 is met at 1/t = (n/h).d;
+- a line n.x = h with unit normal n and h > 0 is met at 1/t = (n/h).d;
 - a circle with centre c and q = |c|^2 - r^2 > 0 is met at 1/t = P + sqrt(P^2 - 1/q), P = (c/q).d;
 - an edge from a to b with D = a x b > 0 is met at 1/t = u + w, u = (d x b)/D, w = (a x d)/D, if u, w >= 0.
+
+Points and directions of the plane are complex numbers x + iy: turning into the robot's frame is a product.
 """
 
 from __future__ import annotations
@@ -21,11 +23,13 @@ from viatool.world.shapes import Floats
 
 Ranges = NDArray[np.floating[Any]]
 Booleans = NDArray[np.bool_]
-Frame = tuple[Floats, Floats, Floats, Floats]  # x, y, cos theta, sin theta of B poses, (B,) each
+Plane = NDArray[np.complex128]  # points x + iy, or directions
 
 # Edges are taken longer by this part of their length at both ends, and fade out within it: so no ray slips
 # through between two edges that share a corner, whatever the rounding.
 _OVERLAP: dict[type, float] = {np.float32: 1e-4, np.float64: 1e-9}
+# Distances from a circle (as q) and from a line are not divided by if they are smaller, in m^2 and m.
+_TOUCHING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,26 +38,33 @@ class Surroundings:
 
     Parameters
     ----------
-    circles : ndarray
-        (B, K, 3) x, y, radius; a radius of 0 or less stands for no circle.
-    edges : ndarray
-        (B, M, 4) both ends of edges, the visible side to their left; equal ends stand for no edge.
-    lines : ndarray
-        (B, L, 4) edges of a convex arena, its inside to their left.
+    centres, radii : ndarray
+        (K, B) of circles, in metres; a radius of 0 cannot be seen.
+    first, second : ndarray
+        (M, B) both ends of edges, the visible side to their left; equal ends cannot be seen.
+    normals, offsets : ndarray
+        (L, 1) lines around a convex arena: unit normal outward, distance of the line from the map's origin.
     """
 
-    circles: Floats
-    edges: Floats
-    lines: Floats
+    centres: Plane
+    radii: Floats
+    first: Plane
+    second: Plane
+    normals: Plane
+    offsets: Floats
 
 
-def cast_rays(poses: Floats, around: Surroundings, directions: Ranges, limit: float) -> Ranges:
+def cast_rays(
+    places: Plane, headings: Floats, around: Surroundings, directions: Ranges, limit: float
+) -> Ranges:
     """Return the distance at which each ray first meets a shape.
 
     Parameters
     ----------
-    poses : ndarray
-        (B, 3) x, y, theta of the ray fans; not within the polygons of the edges.
+    places : ndarray
+        (B,) origins of the ray fans, not within the polygons of the edges.
+    headings : ndarray
+        (B,) radians.
     around : Surroundings
         The shapes around each of them.
     directions : ndarray
@@ -67,30 +78,33 @@ def cast_rays(poses: Floats, around: Surroundings, directions: Ranges, limit: fl
     ndarray
         (B, R) metres; 0 for a fan within a circle or beyond a line.
     """
-    fans, rays = len(poses), directions.shape[1]
-    kind = directions.dtype.type
-    frame = poses[:, 0], poses[:, 1], np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    circle_rows, offset, within = _circle_rows(frame, around.circles)
-    line_rows, beyond = _line_rows(frame, around.lines)
-    edge_rows = _edge_rows(frame, around.edges, _OVERLAP[kind])
-    parts = [circle_rows, line_rows, *edge_rows]
-    rows = np.concatenate(parts, dtype=kind, casting="same_kind").reshape(-1, 2)
-    products = (rows @ directions).reshape(-1, fans, rays)
-    ends = np.cumsum([len(part) for part in parts])
-    circles, lines, inverse, from_first, from_second = np.split(products, ends[:-1])  # (shapes, B, R) each
-    nearest = np.full((fans, rays), 1.0 / limit, kind)
-    if len(lines):
-        np.maximum(nearest, lines.max(axis=0), out=nearest)
-    if len(circles):
-        np.fmax(nearest, _inverse_circle_ranges(circles, offset.astype(kind)), out=nearest)
-    if len(inverse):
-        np.minimum(from_first, from_second, out=from_first)
-        np.minimum(from_first, inverse, out=inverse)
-        np.maximum(nearest, inverse.max(axis=0), out=nearest)
+    fans, kind = len(places), directions.dtype.type
+    turn = np.exp(-1j * headings)
+    circles, offset, within = _circle_rows(places, turn, around)
+    lines, beyond = _line_rows(places, turn, around)
+    rows = [circles, lines]
+    if len(around.first):
+        rows += _edge_rows(places, turn, around, _OVERLAP[kind])
+    products = _project(np.concatenate(rows), directions)  # (shapes, B, R)
+    count, beside = len(circles), len(circles) + len(lines)
+    nearest = np.full((fans, directions.shape[1]), 1.0 / limit, kind)
+    if beside > count:
+        np.maximum(nearest, products[count:beside].max(axis=0), out=nearest)
+    if count:
+        np.fmax(nearest, _inverse_circle_ranges(products[:count], offset.astype(kind)), out=nearest)
+    if len(rows) > 2:
+        np.maximum(nearest, _inverse_edge_ranges(products[beside:]), out=nearest)
     np.reciprocal(nearest, out=nearest)
     np.minimum(nearest, kind(limit), out=nearest)
     nearest[within | beyond] = 0.0
     return nearest
+
+
+def _project(rows: Plane, directions: Ranges) -> Ranges:
+    """Return the dot products, (N, B, R), of vectors (N, B) with the directions (2, R)."""
+    single = directions.dtype == np.float32
+    flat = rows.astype(np.complex64).view(np.float32) if single else rows.view(np.float64)
+    return (flat.reshape(-1, 2) @ directions).reshape(*rows.shape, -1)
 
 
 def _inverse_circle_ranges(projections: Ranges, offset: Ranges) -> Ranges:
@@ -104,43 +118,41 @@ def _inverse_circle_ranges(projections: Ranges, offset: Ranges) -> Ranges:
     return nearest
 
 
-def _to_frame(frame: Frame, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-    """Return the coordinates of points (B, K) in the frames of B poses, (K, B) each."""
-    x_origin, y_origin, cosine, sine = frame
-    x, y = x.T - x_origin, y.T - y_origin
-    return cosine * x + sine * y, cosine * y - sine * x
+def _inverse_edge_ranges(products: Ranges) -> Ranges:
+    """Return the largest u + w, (B, R), of edges that are hit; at most 0 where none is."""
+    inverse, from_first, from_second = np.split(products, 3)
+    np.minimum(from_first, from_second, out=from_first)
+    np.minimum(from_first, inverse, out=inverse)
+    nearest: Ranges = inverse.max(axis=0)
+    return nearest
 
 
-def _circle_rows(frame: Frame, circles: Floats) -> tuple[Floats, Floats, Booleans]:
-    """Return c/q, (K, B, 2), 1/q, (K, B), and which fans stand within a circle, (B,)."""
-    x, y = _to_frame(frame, circles[..., 0], circles[..., 1])
-    radius = circles[..., 2].T
-    there = radius > 0.0
-    power = np.where(there, x * x + y * y - radius * radius, 1.0)  # with c/q = 0, 1/q = 1 no ray hits
-    outside = power > 0.0
-    inverse = 1.0 / np.where(outside, power, 1.0)
-    scale = inverse * there
-    return np.stack([x * scale, y * scale], axis=-1), inverse, np.any(~outside, axis=0)
+def _circle_rows(places: Plane, turn: Plane, around: Surroundings) -> tuple[Plane, Floats, Booleans]:
+    """Return c/q and 1/q, (K, B), and which fans stand within a circle, (B,)."""
+    centres = around.centres - places
+    power = np.square(centres.real) + np.square(centres.imag) - np.square(around.radii)
+    within = np.any(power <= 0.0, axis=0)
+    inverse = 1.0 / np.maximum(power, _TOUCHING)
+    centres *= turn
+    centres *= inverse
+    return centres, inverse, np.asarray(within)
 
 
-def _line_rows(frame: Frame, lines: Floats) -> tuple[Floats, Booleans]:
-    """Return n/h, (L, B, 2), with n the outward normal, and which fans stand beyond a line, (B,)."""
-    x, y = _to_frame(frame, lines[..., 0], lines[..., 1])
-    x_second, y_second = _to_frame(frame, lines[..., 2], lines[..., 3])
-    cross = x * y_second - y * x_second  # the distance from the line times the edge's length
-    before = cross > 0.0
-    scale = before / np.where(before, cross, 1.0)
-    return np.stack([(y_second - y) * scale, (x - x_second) * scale], axis=-1), np.any(~before, axis=0)
+def _line_rows(places: Plane, turn: Plane, around: Surroundings) -> tuple[Plane, Booleans]:
+    """Return n/h, (L, B), and which fans stand beyond a line, (B,)."""
+    normals = around.normals
+    distance = around.offsets - (normals.real * places.real + normals.imag * places.imag)
+    beyond = np.any(distance <= 0.0, axis=0)
+    return normals * turn / np.maximum(distance, _TOUCHING), np.asarray(beyond)
 
 
-def _edge_rows(frame: Frame, edges: Floats, overlap: float) -> tuple[Floats, Floats, Floats]:
-    """Return the rows, (M, B, 2), of u + w and of u and w divided by half the overlap."""
-    dx, dy = overlap * (edges[..., 2] - edges[..., 0]), overlap * (edges[..., 3] - edges[..., 1])
-    x, y = _to_frame(frame, edges[..., 0] - dx, edges[..., 1] - dy)
-    x_second, y_second = _to_frame(frame, edges[..., 2] + dx, edges[..., 3] + dy)
-    cross = x * y_second - y * x_second
+def _edge_rows(places: Plane, turn: Plane, around: Surroundings, overlap: float) -> list[Plane]:
+    """Return the rows, (M, B) each, of u + w and of u and w divided by half the overlap."""
+    extension = overlap * (around.second - around.first)
+    first = (around.first - extension - places) * turn
+    second = (around.second + extension - places) * turn
+    cross = first.real * second.imag - first.imag * second.real
     seen = cross > 1e-12
     scale = seen / np.where(seen, cross, 1.0)
-    first = np.stack([y_second * scale, -x_second * scale], axis=-1)
-    second = np.stack([-y * scale, x * scale], axis=-1)
-    return first + second, first * (2.0 / overlap), second * (2.0 / overlap)
+    from_second, from_first = -1j * second * scale, 1j * first * scale
+    return [from_first + from_second, from_first * (2.0 / overlap), from_second * (2.0 / overlap)]

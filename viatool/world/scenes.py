@@ -8,11 +8,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.world.casting import Ranges, Surroundings, cast_rays
-from viatool.world.measurement import line_distance, point_edge_squared, segment_edge_squared, winding_number
+from viatool.world.casting import Booleans, Plane, Ranges, Surroundings, cast_rays
+from viatool.world.measurement import (
+    as_plane,
+    dot,
+    point_edge_squared,
+    segment_edge_squared,
+    winding_number,
+)
 from viatool.world.robot import Footprint, Lidar
 from viatool.world.scenario import Scenario
-from viatool.world.shapes import Floats, Obstacles, is_convex, ring_edges
+from viatool.world.shapes import Floats, Obstacles, is_convex
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -20,12 +26,11 @@ if TYPE_CHECKING:
     from viatool.world.world_map import WorldMap
 
 Indices = NDArray[np.int64]
-Booleans = NDArray[np.bool_]
 
 # Points x shapes that are measured at once, so that memory stays flat for any number of points.
 _CHUNK = 1 << 18
 # What fills the arrays of a scene that has fewer shapes than another: too far away to be near or seen.
-_NO_CIRCLE = (0.0, 0.0, -1e9)
+_NO_CIRCLE = (1e9, 1e9, 0.0)
 _NO_EDGE = (1e9, 1e9, 1e9, 1e9)
 # The shapes of their own of one situation that has none.
 NO_CIRCLES: Floats = np.zeros((1, 0, 3))
@@ -53,12 +58,20 @@ class Scenes:
     """
 
     def __init__(self, arena: Floats, shared: Obstacles, circles: Floats, edges: Floats) -> None:
-        self._arena = ring_edges(arena)
+        corners = as_plane(arena)[:, None]
+        self._arena = corners, np.roll(corners, -1, axis=0)  # (n, 1) both ends of its edges
         self._convex = is_convex(arena)
-        count, rounds, sides = len(circles), shared.circles, shared.edges()
-        self._circles = np.concatenate([np.broadcast_to(rounds, (count, *rounds.shape)), circles], axis=1)
-        self._edges = np.concatenate([np.broadcast_to(sides, (count, *sides.shape)), edges], axis=1)
-        self._own = (len(rounds), len(sides))
+        along = self._arena[1] - corners
+        self._normals = -1j * along / np.abs(along)
+        self._offsets = dot(self._normals, corners)
+        rounds = np.broadcast_to(shared.circles, (len(circles), *shared.circles.shape))
+        sides = np.broadcast_to(shared.edges(), (len(edges), *shared.edges().shape))
+        rounds, sides = np.concatenate([rounds, circles], axis=1).T, np.concatenate([sides, edges], axis=1).T
+        self._centres: Plane = rounds[0] + 1j * rounds[1]  # (K, S)
+        self._radii: Floats = rounds[2].copy()
+        self._first: Plane = sides[0] + 1j * sides[1]  # (M, S)
+        self._second: Plane = sides[2] + 1j * sides[3]
+        self._own = len(shared.circles), shared.edges().shape[0]
 
     @classmethod
     def of(cls, world_map: WorldMap, scenarios: Sequence[Scenario | None]) -> Scenes:
@@ -70,7 +83,7 @@ class Scenes:
 
     def __len__(self) -> int:
         """Return the number of situations."""
-        return len(self._circles)
+        return int(self._centres.shape[1])
 
     def replace(self, which: Indices, circles: Floats, edges: Floats) -> None:
         """Give some situations other obstacles of their own, in place.
@@ -80,17 +93,14 @@ class Scenes:
         which : ndarray
             (W,) indices of the situations.
         circles, edges : ndarray
-            (W, k, 3) and (W, m, 4), at most as many as the situations were made for.
+            (W, k, 3) and (W, m, 4), as many as the situations were made for.
         """
-        for array, own, values, nothing in (
-            (self._circles, self._own[0], circles, _NO_CIRCLE),
-            (self._edges, self._own[1], edges, _NO_EDGE),
-        ):
-            room, needed = array.shape[1] - own, values.shape[1]
-            if needed > room:
-                raise ValueError(f"scenes have room for {room} shapes of their own, got {needed}")
-            array[which, own : own + needed] = values
-            array[which, own + needed :] = nothing
+        rounds, sides = circles.T, edges.T
+        self._centres[self._own[0] :, which] = rounds[0] + 1j * rounds[1]
+        self._radii[self._own[0] :, which] = rounds[2]
+        if edges.shape[1]:
+            self._first[self._own[1] :, which] = sides[0] + 1j * sides[1]
+            self._second[self._own[1] :, which] = sides[2] + 1j * sides[3]
 
     def cast(
         self,
@@ -126,26 +136,31 @@ class Scenes:
         rays = lidar.angles() if angles is None else angles
         directions: Ranges = np.stack([np.cos(rays), np.sin(rays)]).astype(dtype)
 
-        def measure(place: Floats, index: Indices) -> Ranges:
-            ranges = cast_rays(place, self._surroundings(index), directions, lidar.maximum_range)
-            if self._edges.shape[1] or not self._convex:
-                ranges[self._blocked(place[:, :2], index)] = 0.0
+        def measure(place: Plane, heading: Floats, index: Indices) -> Ranges:
+            around = self._surroundings(index)
+            ranges = cast_rays(place, heading, around, directions, lidar.maximum_range)
+            if len(around.first):
+                ranges[self._blocked(place, index)] = 0.0
             return ranges
 
-        rows: Ranges = self._in_chunks(measure, scene, poses, rays=len(rays))
+        places = as_plane(poses)
+        rows: Ranges = self._in_chunks(measure, scene, places, poses[:, 2], rays=len(rays))
         return rows
 
     def _surroundings(self, scene: Indices) -> Surroundings:
         """Return the shapes around B ray fans."""
-        arena = np.broadcast_to(self._arena, (len(scene), *self._arena.shape))
-        edges = self._edges[scene][..., [2, 3, 0, 1]]  # obstacles are seen from their right
+        centres, radii = self._centres.take(scene, axis=1), self._radii.take(scene, axis=1)
+        # Obstacles are seen from their right, the arena's walls from their left.
+        first, second = self._second.take(scene, axis=1), self._first.take(scene, axis=1)
         if self._convex:
-            return Surroundings(self._circles[scene], edges, arena)
-        return Surroundings(self._circles[scene], np.concatenate([edges, arena], axis=1), arena[:, :0])
+            return Surroundings(centres, radii, first, second, self._normals, self._offsets)
+        walls = (np.broadcast_to(ends, (len(ends), len(scene))) for ends in self._arena)
+        first, second = (np.concatenate(pair) for pair in zip((first, second), walls, strict=True))
+        return Surroundings(centres, radii, first, second, self._normals[:0], self._offsets[:0])
 
     def blocked(self, points: Floats, scene: Indices) -> Booleans:
         """Tell which points (B, 2) lie inside an obstacle or outside the arena."""
-        inside: Booleans = self._in_chunks(self._blocked, scene, points)
+        inside: Booleans = self._in_chunks(self._blocked, scene, as_plane(points))
         return inside
 
     def clearance(self, points: Floats, scene: Indices) -> Floats:
@@ -167,7 +182,7 @@ class Scenes:
         -----
         Sound: under rounding only (float64 to nearest). Cost: O(B (K + M)).
         """
-        distances: Floats = self._in_chunks(self._clearance, scene, points)
+        distances: Floats = self._in_chunks(self._clearance, scene, as_plane(points))
         return distances
 
     def segment_clearance(self, starts: Floats, ends: Floats, scene: Indices) -> Floats:
@@ -189,7 +204,7 @@ class Scenes:
         -----
         Sound: under rounding only (float64 to nearest). Cost: O(B (K + M)).
         """
-        distances: Floats = self._in_chunks(self._segment_clearance, scene, starts, ends)
+        distances: Floats = self._in_chunks(self._segment_clearance, scene, as_plane(starts), as_plane(ends))
         return distances
 
     def footprint_clearance(self, poses: Floats, footprint: Footprint, scene: Indices) -> Floats:
@@ -235,7 +250,8 @@ class Scenes:
         """
         import shapely
 
-        arena = shapely.Polygon(self._arena[:, :2])
+        corners = self._arena[0][:, 0]
+        arena = shapely.Polygon(np.stack([corners.real, corners.imag], axis=1))
         frame = shapely.box(*arena.bounds).buffer(margin, join_style="mitre")
         return shapely.union_all([frame.difference(arena), *self._shapes(scene_index)])
 
@@ -244,92 +260,79 @@ class Scenes:
         import shapely
 
         quarter = 64
-        circles = self._circles[scene_index]
-        circles = circles[circles[:, 2] > 0.0]
-        outer = circles[:, 2] / np.cos(np.pi / (4 * quarter))
-        shapes = list(shapely.buffer(shapely.points(circles[:, :2]), outer, quad_segs=quarter))
-        ring: list[list[float]] = []
-        for *first, x, y in self._edges[scene_index].tolist():
+        centres, radii = self._centres[:, scene_index], self._radii[:, scene_index]
+        centres, radii = centres[radii > 0.0], radii[radii > 0.0]
+        outer = radii / np.cos(np.pi / (4 * quarter))
+        shapes = list(shapely.buffer(shapely.points(centres.real, centres.imag), outer, quad_segs=quarter))
+        ring: list[complex] = []
+        edges = zip(self._first[:, scene_index].tolist(), self._second[:, scene_index].tolist(), strict=True)
+        for first, second in edges:
             ring.append(first)
-            if [x, y] == ring[0]:  # closed
+            if second == ring[0]:  # closed
                 if len(ring) > 1:
-                    shapes.append(shapely.Polygon(ring))
+                    shapes.append(shapely.Polygon([(corner.real, corner.imag) for corner in ring]))
                 ring = []
         return shapes
 
-    def _in_chunks(self, measure: Callable[..., Any], scene: Indices, *arrays: Floats, rays: int = 1) -> Any:
+    def _in_chunks(
+        self, measure: Callable[..., Any], scene: Indices, *arrays: NDArray[Any], rays: int = 1
+    ) -> Any:
         """Apply a measurement to arrays of B rows, some rows at a time."""
-        shapes = self._circles.shape[1] + self._edges.shape[1] + len(self._arena)
+        shapes = len(self._centres) + 3 * len(self._first) + len(self._normals)
         step = max(1, _CHUNK // (shapes * rays))
         if len(scene) <= step:
             return measure(*arrays, scene)
         parts = [slice(first, first + step) for first in range(0, len(scene), step)]
         return np.concatenate([measure(*(array[part] for array in arrays), scene[part]) for part in parts])
 
-    def _blocked(self, points: Floats, scene: Indices) -> Booleans:
-        circles = self._circles[scene]
-        away = np.square(circles[..., :2] - points[:, None]).sum(axis=-1)
-        blocked = np.any((away <= np.square(circles[..., 2])) & (circles[..., 2] > 0.0), axis=1)
-        if self._edges.shape[1]:
-            blocked |= winding_number(points, self._edges[scene]) > 0
-        return np.asarray(blocked | (winding_number(points, self._arena) == 0))
+    def _blocked(self, points: Plane, scene: Indices) -> Booleans:
+        return np.asarray(self._clearance(points, scene) <= 0.0)
 
-    def _clearance(self, points: Floats, scene: Indices) -> Floats:
+    def _clearance(self, points: Plane, scene: Indices) -> Floats:
         nearest = self._arena_clearance(points)
-        circles = self._circles[scene]
-        if circles.shape[1]:
-            x, y = circles[..., 0] - points[:, :1], circles[..., 1] - points[:, 1:]
-            away = np.sqrt(x * x + y * y) - circles[..., 2]
-            nearest = np.minimum(nearest, away.min(axis=1))
-        if self._edges.shape[1]:
-            edges = self._edges[scene]
-            away = np.sqrt(point_edge_squared(points[:, None], edges).min(axis=1))
-            away[winding_number(points, edges) > 0] = 0.0
+        if len(self._centres):
+            centres, radii = self._centres.take(scene, axis=1), self._radii.take(scene, axis=1)
+            nearest = np.minimum(nearest, (np.abs(centres - points) - radii).min(axis=0))
+        if len(self._first):
+            edges = self._first.take(scene, axis=1), self._second.take(scene, axis=1)
+            away = np.sqrt(point_edge_squared(points, *edges).min(axis=0))
+            away[winding_number(points, *edges) > 0] = 0.0
             nearest = np.minimum(nearest, away)
         return np.maximum(nearest, 0.0)
 
-    def _arena_clearance(self, points: Floats) -> Floats:
+    def _arena_clearance(self, points: Plane) -> Floats:
         """Return the distance (B,) to the arena's walls, at most 0 outside."""
         if self._convex:
-            return np.asarray(line_distance(points[:, None], self._arena).min(axis=1))
-        nearest = np.sqrt(point_edge_squared(points[:, None], self._arena).min(axis=1))
-        nearest[winding_number(points, self._arena) == 0] = 0.0
+            return np.asarray((self._offsets - dot(self._normals, points)).min(axis=0))
+        nearest = np.sqrt(point_edge_squared(points, *self._arena).min(axis=0))
+        nearest[winding_number(points, *self._arena) == 0] = 0.0
         return np.asarray(nearest)
 
-    def _segment_clearance(self, starts: Floats, ends: Floats, scene: Indices) -> Floats:
-        segments = np.concatenate([starts, ends], axis=1)[:, None]
-        if self._convex:
-            nearest = np.minimum(self._arena_clearance(starts), self._arena_clearance(ends))
-        else:
-            nearest = np.sqrt(segment_edge_squared(segments, self._arena).min(axis=1))
-            nearest[winding_number(starts, self._arena) == 0] = 0.0
-        circles = self._circles[scene]
-        if circles.shape[1]:
-            away = np.sqrt(point_edge_squared(circles[..., :2], segments)) - circles[..., 2]
-            nearest = np.minimum(nearest, away.min(axis=1))
-        if self._edges.shape[1]:
-            edges = self._edges[scene]
-            away = np.sqrt(segment_edge_squared(segments, edges).min(axis=1))
-            away[winding_number(starts, edges) > 0] = 0.0
+    def _segment_clearance(self, starts: Plane, ends: Plane, scene: Indices) -> Floats:
+        nearest = np.minimum(self._arena_clearance(starts), self._arena_clearance(ends))
+        if not self._convex:
+            away = np.sqrt(segment_edge_squared(starts, ends, *self._arena).min(axis=0))
+            nearest = np.minimum(nearest, away)
+        if len(self._centres):
+            centres, radii = self._centres.take(scene, axis=1), self._radii.take(scene, axis=1)
+            away = np.sqrt(point_edge_squared(centres, starts, ends)) - radii
+            nearest = np.minimum(nearest, away.min(axis=0))
+        if len(self._first):
+            edges = self._first.take(scene, axis=1), self._second.take(scene, axis=1)
+            away = np.sqrt(segment_edge_squared(starts, ends, *edges).min(axis=0))
+            away[winding_number(starts, *edges) > 0] = 0.0
             nearest = np.minimum(nearest, away)
         return np.maximum(nearest, 0.0)
 
     def _polygon_clearance(self, poses: Floats, polygon: Floats, scene: Indices) -> Floats:
-        cosine, sine = np.cos(poses[:, 2, None]), np.sin(poses[:, 2, None])
-        x = poses[:, :1] + cosine * polygon[:, 0] - sine * polygon[:, 1]
-        y = poses[:, 1:2] + sine * polygon[:, 0] + cosine * polygon[:, 1]
-        corners = np.stack([x, y], axis=-1)  # (B, n, 2)
-        following = np.roll(corners, -1, axis=1)
+        corners = as_plane(poses) + np.exp(1j * poses[:, 2]) * as_plane(polygon)[:, None]  # (n, B)
+        following = np.roll(corners, -1, axis=0)
         nearest = np.full(len(poses), np.inf)
-        for side in range(len(polygon)):
-            np.minimum(
-                nearest, self._segment_clearance(corners[:, side], following[:, side], scene), out=nearest
-            )
+        for first, second in zip(corners, following, strict=True):
+            np.minimum(nearest, self._segment_clearance(first, second, scene), out=nearest)
         # An obstacle may lie wholly within the outline: then its centre, or a corner of it, does.
-        outline = np.concatenate([corners, following], axis=-1)
-        inside = np.concatenate([self._circles[scene, :, :2], self._edges[scene, :, :2]], axis=1)
-        for obstacle in range(inside.shape[1]):
-            nearest[winding_number(inside[:, obstacle], outline) > 0] = 0.0
+        for obstacle in (*self._centres, *self._first):
+            nearest[winding_number(obstacle[scene], corners, following) > 0] = 0.0
         return nearest
 
 
