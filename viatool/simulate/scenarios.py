@@ -28,6 +28,8 @@ class FixedScenarios:
         At least one.
     """
 
+    generator: ScenarioGenerator | None = None
+
     def __init__(self, world_map: WorldMap, scenarios: Sequence[Scenario]) -> None:
         if not scenarios:
             raise ConfigurationError(
@@ -72,8 +74,13 @@ class RandomScenarios:
         first = self._drawn[:robots]
         self.scenes = Scenes(world_map.arena, world_map.obstacles, first.circles, first.edges())
 
-    def draw_from(self, generator: ScenarioGenerator) -> None:
-        """Draw from another generator from now on."""
+    @property
+    def generator(self) -> ScenarioGenerator:
+        """What draws the scenarios; may be set to one with as many obstacles."""
+        return self._generator
+
+    @generator.setter
+    def generator(self, generator: ScenarioGenerator) -> None:
         self._generator = generator
         self._used = len(self._drawn)
 

@@ -121,19 +121,18 @@ class NavigationSimulator:
         """Return E, the number of robots."""
         return len(self.poses)
 
-    def draw_from(self, generator: ScenarioGenerator) -> None:
-        """Draw the scenarios of later resets from another generator, for example in a curriculum.
+    @property
+    def generator(self) -> ScenarioGenerator | None:
+        """What draws the scenarios of later resets, None where they are fixed; a curriculum sets it."""
+        return self._source.generator
 
-        Raises
-        ------
-        ConfigurationError
-            If the simulator drives fixed scenarios.
-        """
+    @generator.setter
+    def generator(self, generator: ScenarioGenerator) -> None:
         if not isinstance(self._source, RandomScenarios):
             raise ConfigurationError(
                 "a simulator of fixed scenarios draws none", "create it with scenarios=None"
             )
-        self._source.draw_from(generator)
+        self._source.generator = generator
 
     def reset(self, which: Booleans | None = None) -> Floats:
         """Put robots at the start of their next scenario.
