@@ -1,0 +1,19 @@
+"""Training navigation policies: VIA on a TD3 backbone, many seeds side by side, export of the best."""
+
+from __future__ import annotations
+
+from viatool.train.configuration import PRESETS, TrainingConfiguration, load_configuration, make_configuration
+from viatool.train.progress import Progress, Silence, console_progress
+from viatool.train.trainer import TrainingResult, train
+
+__all__ = [
+    "PRESETS",
+    "Progress",
+    "Silence",
+    "TrainingConfiguration",
+    "TrainingResult",
+    "console_progress",
+    "load_configuration",
+    "make_configuration",
+    "train",
+]

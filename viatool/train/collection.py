@@ -1,0 +1,215 @@
+"""Driving the robots of all seeds: exploration, budget, reward, and the finished episodes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from viatool.simulate import NavigationSimulator, NavigationTask, Step
+from viatool.train.configuration import TrainingConfiguration
+from viatool.train.constraint import next_budget
+from viatool.train.networks import Weights
+from viatool.train.observation import Scaling
+from viatool.train.returns import Transition
+from viatool.train.updates import act
+from viatool.world import WorldMap
+
+Floats = NDArray[np.float64]
+Booleans = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Episodes:
+    """Finished episodes, one entry each."""
+
+    seed: NDArray[np.int64]
+    cost: Floats  # undiscounted
+    reward: Floats  # undiscounted and unscaled, with shaping
+    length: NDArray[np.int64]
+    success: Booleans
+    collision: Booleans
+    steady: Booleans  # driven with little exploration noise: u and lambda are updated from these
+
+    @staticmethod
+    def joined(parts: list[Episodes]) -> Episodes:
+        """Return the episodes of all parts."""
+        names = Episodes.__dataclass_fields__
+        return Episodes(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+
+    def of_seed(self, seed: int) -> Episodes:
+        """Return the episodes of one seed."""
+        return self.where(self.seed == seed)
+
+    def where(self, which: Booleans) -> Episodes:
+        """Return some of the episodes."""
+        names = Episodes.__dataclass_fields__
+        return Episodes(**{name: getattr(self, name)[which] for name in names})
+
+    def __len__(self) -> int:
+        """Return the number of episodes."""
+        return len(self.seed)
+
+
+def exploration_noise(configuration: TrainingConfiguration) -> Floats:
+    """Return ``(S * E,)`` the noise of every robot, geometrically spaced over the robots of each seed."""
+    lowest, highest = configuration.noise_lowest, configuration.noise_highest
+    if lowest > 0:
+        spread = np.geomspace(lowest, highest, configuration.robots)
+    else:
+        spread = np.linspace(lowest, highest, configuration.robots)
+    return np.tile(spread, configuration.seeds)
+
+
+def make_task(configuration: TrainingConfiguration) -> NavigationTask:
+    """Return the task with the rewards of the configuration; where episodes end is the task's own."""
+    return NavigationTask(
+        horizon=configuration.horizon,
+        goal_reward=configuration.success_reward,
+        collision_reward=-configuration.collision_penalty,
+        turn_penalty=configuration.turn_penalty,
+        proximity_penalty=configuration.proximity_penalty,
+        proximity_range=configuration.proximity_range,
+    )
+
+
+def shaping_reward(
+    weight: float, discount: float, before: Floats, after: Floats, terminated: Booleans
+) -> Floats:
+    """Return the potential-based shaping ``gamma Phi(s') - Phi(s)`` with ``Phi = -weight * goal distance``.
+
+    The potential of a terminal state is 0 and that of a truncated one is its own, so that the discounted sum
+    over an episode depends on its first state alone and the best policy stays the best (Ng, Harada and
+    Russell, 1999).
+    """
+    return weight * (before - discount * after * ~terminated)
+
+
+class Collector:
+    """S * E robots that drive with the policies of S seeds, robots of one seed beside each other.
+
+    Parameters
+    ----------
+    configuration : TrainingConfiguration
+        Number of robots, noise, reward, curriculum.
+    world_map : WorldMap
+        With a generator, unless the map's own scenarios shall be driven.
+    scaling : Scaling
+        For the networks' inputs and outputs.
+    var : ndarray
+        ``(S,)`` u, the budget at the start of an episode.
+    """
+
+    def __init__(
+        self, configuration: TrainingConfiguration, world_map: WorldMap, scaling: Scaling, var: Floats
+    ) -> None:
+        self.configuration = configuration
+        self.world_map = world_map
+        self.scaling = scaling
+        count = configuration.seeds * configuration.robots
+        scenarios = None if world_map.generator is not None else world_map.scenarios
+        self.simulator = NavigationSimulator(
+            world_map, count, scenarios=scenarios, seed=configuration.seed, task=make_task(configuration)
+        )
+        self.rng = np.random.default_rng([configuration.seed, 1])
+        self.noise = exploration_noise(configuration)
+        self.steady = self.noise <= max(configuration.constraint_noise, configuration.noise_lowest)
+        self.seed_of_robot = np.repeat(np.arange(configuration.seeds), configuration.robots)
+        self.budget = var[self.seed_of_robot]
+        self.cost, self.reward = np.zeros(count), np.zeros(count)
+        self.length = np.zeros(count, dtype=np.int64)
+        self._observe(self.simulator.reset())
+
+    def _observe(self, observation: NDArray[Any]) -> None:
+        bins = self.world_map.robot.lidar.bins
+        self.distance = np.array(observation[:, bins], dtype=np.float64)
+        self.observation = self._normalised(observation, self.budget)
+
+    def _normalised(self, observation: NDArray[Any], budget: Floats) -> Tensor:
+        shape = (self.configuration.seeds, self.configuration.robots, -1)
+        return self.scaling.normalise(observation, budget).view(shape)
+
+    def explore(self, actor: Weights) -> Floats:
+        """Return the policies' actions with exploration noise, ``(S * E, A)`` in [-1, 1]."""
+        with torch.no_grad():
+            action = act(actor, self.observation)
+        flat = action.reshape(len(self.noise), -1).numpy().astype(np.float64)
+        noise = self.rng.standard_normal(flat.shape) * self.noise[:, None]
+        return np.clip(flat + noise, -1.0, 1.0)
+
+    def step(self, actor: Weights, var: Floats) -> tuple[Transition, Episodes]:
+        """Drive every robot for one control interval.
+
+        Parameters
+        ----------
+        actor : Weights
+            Of S seeds.
+        var : ndarray
+            ``(S,)`` u: the budget of the episodes that begin now.
+
+        Returns
+        -------
+        tuple
+            The ``(S, E)`` transitions, and the episodes that ended.
+        """
+        action = self.explore(actor)
+        step = self.simulator.step(self.scaling.physical_action(action))
+        budget = next_budget(
+            self.budget, step.cost, self.configuration.discount, self.configuration.budget_limit
+        )
+        reward = step.reward + shaping_reward(
+            self.configuration.shaping,
+            self.configuration.discount,
+            self.distance,
+            step.goal_distance,
+            step.terminated,
+        )
+        transition = self._transition(action, reward, step, self._normalised(step.observation, budget))
+        self.cost += step.cost
+        self.reward += reward
+        self.length += 1
+        done = step.done
+        episodes = self._finished(done, step)
+        self._begin(done, budget, var, step)
+        return transition, episodes
+
+    def _transition(self, action: Floats, reward: Floats, step: Step, after: Tensor) -> Transition:
+        shape = (self.configuration.seeds, self.configuration.robots)
+
+        def numbers(values: Floats) -> Tensor:
+            return torch.from_numpy(values.astype(np.float32)).view(*shape, *values.shape[1:])
+
+        return Transition(
+            observation=self.observation,
+            next_observation=after,
+            action=numbers(action),
+            reward=numbers(reward * self.configuration.reward_scale),
+            cost=numbers(step.cost),
+            terminated=torch.from_numpy(step.terminated).view(shape),
+            truncated=torch.from_numpy(step.truncated).view(shape),
+        )
+
+    def _finished(self, done: Booleans, step: Step) -> Episodes:
+        return Episodes(
+            self.seed_of_robot, self.cost, self.reward, self.length, step.success, step.collision, self.steady
+        ).where(done)
+
+    def _begin(self, done: Booleans, budget: Floats, var: Floats, step: Step) -> None:
+        """Start the next episode of the robots that are done."""
+        self.budget = np.where(done, var[self.seed_of_robot], budget)
+        for total in (self.cost, self.reward, self.length):
+            total[done] = 0
+        self._observe(self.simulator.reset(done) if done.any() else step.observation)
+
+    def limit_goal_distance(self, largest: float) -> None:
+        """Draw goals of the coming episodes within this distance of their start (curriculum), in metres."""
+        generator = self.world_map.generator
+        if generator is not None:
+            least = min(generator.goal_distance[0], largest)
+            self.simulator.generator = generator.with_goal_distance(
+                least, min(generator.goal_distance[1], largest)
+            )

@@ -1,0 +1,301 @@
+"""One flat, typed description of a training run; presets, YAML files and ``key=value`` overrides.
+
+Every field is documented at its declaration. The command line offers ``--preset NAME``,
+``--config FILE.yaml``, ``--map``, ``--seeds``, ``--seed`` and ``--set key=value`` (repeatable); later ones
+win over earlier ones.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+
+from viatool.errors import ConfigurationError
+from viatool.train.constraint import MultiplierRule, VarRule
+from viatool.train.networks import HiddenActivation
+
+Count = Annotated[int, Field(ge=1)]
+Whole = Annotated[int, Field(ge=0)]
+Positive = Annotated[FiniteFloat, Field(gt=0)]
+NonNegative = Annotated[FiniteFloat, Field(ge=0)]
+Fraction = Annotated[FiniteFloat, Field(ge=0, le=1)]
+Discount = Annotated[FiniteFloat, Field(gt=0, lt=1)]
+Method = Literal["via"]
+
+
+def _option(default: Any, description: str) -> Any:
+    return Field(default=default, description=description)
+
+
+class TrainingConfiguration(BaseModel):
+    """Everything that decides what a training run does; the defaults are those of the preset ``quick``."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True)
+
+    # What is trained, and where
+    method: Method = _option("via", "training method")
+    map: str = _option("maps/lab.yaml", "map file; its generator draws the training and held-out scenarios")
+    seed: Whole = _option(0, "seed of every random number of the run")
+    seeds: Count = _option(3, "S, policies trained side by side in one batch; the best one is exported")
+
+    # How long
+    epochs: Count = _option(30, "K, epochs; after each one u and lambda are updated")
+    epoch_steps: Count | None = _option(100, "steps of every robot in an epoch")
+    epoch_episodes: Count | None = _option(
+        None, "instead of epoch_steps: an epoch ends when every seed has finished so many episodes"
+    )
+    robots: Count = _option(64, "E, simulated robots of each seed")
+    updates_per_step: Count = _option(8, "updates of the critics after each step of the robots")
+    horizon: Count = _option(300, "steps after which an episode is truncated")
+    warmup_episodes: Whole = _option(64, "N, episodes of the initial policy whose costs give u0")
+    learning_starts: Whole = _option(640, "transitions of each seed to collect before the first update")
+
+    # Networks
+    actor_hidden: tuple[Count, ...] = _option((26, 26), "widths of the actor's hidden layers")
+    actor_activation: HiddenActivation = _option("relu", "of the actor's hidden layers; its output is tanh")
+    actor_output_scale: Positive = _option(0.1, "factor on the initial weights of the actor's last layer")
+    saturation_penalty: NonNegative = _option(0.05, "weight of the actor's outputs deep in tanh's flat parts")
+    critic_hidden: tuple[Count, ...] = _option((64, 64), "widths of the critics' hidden layers")
+    near_features: bool = _option(True, "show the critics exp(-4 clearance) of every LiDAR bin as well")
+
+    # TD3
+    discount: Discount = _option(0.99, "gamma")
+    learning_rate: Positive = _option(1e-3, "of Adam, for all networks")
+    final_learning_rate: Fraction = _option(
+        0.1, "learning rate at the end, as a fraction of the first; linear"
+    )
+    return_steps: Count = _option(3, "n of the n-step returns of both critics (the paper: 1)")
+    batch_size: Count = _option(128, "transitions of each seed in one update")
+    replay_capacity: Count = _option(200_000, "transitions of each seed that are kept")
+    policy_delay: Count = _option(2, "updates of the critics for one update of the actor and the targets")
+    target_rate: Fraction = _option(0.005, "rho, how far the targets move towards their networks")
+    target_noise: NonNegative = _option(0.2, "sigma of target policy smoothing, in [-1, 1] action units")
+    target_noise_limit: NonNegative = _option(0.5, "c, at which the smoothing noise is clipped")
+    noise_lowest: NonNegative = _option(
+        0.05, "exploration noise of a seed's first robot, in [-1, 1] action units"
+    )
+    noise_highest: NonNegative = _option(0.5, "of its last robot; geometrically spaced between")
+
+    # CVaR constraint
+    alpha: Discount = _option(0.9, "CVaR level: the worst 1 - alpha of the episodes count")
+    cost_limit: Positive = _option(10.0, "b, limit of the CVaR of the episode cost")
+    quantiles: Annotated[int, Field(ge=2)] = _option(20, "M, quantiles of the cost critic")
+    huber_threshold: Positive = _option(1.0, "kappa of the quantile Huber loss")
+    cost_critic_delay: Count = _option(2, "updates of the task critics for one update of the cost critic")
+    budget_limit: Positive = _option(
+        10.0, "budget e is clipped to this size and divided by it for the networks"
+    )
+    var_step: NonNegative = _option(2.0, "beta_u")
+    var_rule: VarRule = _option("adaptive", "'adaptive' (the paper) or 'empirical' (quantile of the epoch)")
+    var_ceiling: Fraction = _option(0.9, "u is kept below this fraction of b")
+    multiplier_initial: NonNegative = _option(0.0, "lambda_0")
+    multiplier_step: NonNegative = _option(0.01, "beta_lambda")
+    multiplier_maximum: NonNegative = _option(0.3, "lambda_max, in units of the scaled reward")
+    multiplier_rule: MultiplierRule = _option(
+        "mean", "'mean' (the paper: b - u - mean cost) or 'cvar' (b - CVaR)"
+    )
+    constraint_noise: NonNegative = _option(
+        0.1,
+        "u and lambda see the episodes of robots with at most this exploration noise",
+    )
+
+    # Reward
+    reward_scale: Positive = _option(0.1, "factor on the reward before it is learnt")
+    success_reward: NonNegative = _option(100.0, "for reaching the goal")
+    collision_penalty: NonNegative = _option(100.0, "for a collision")
+    turn_penalty: NonNegative = _option(0.05, "per rad/s and step (the paper's task: 0.5)")
+    proximity_penalty: NonNegative = _option(
+        0.25, "per metre below proximity_range and step (the paper's task: 0.5)"
+    )
+    proximity_range: NonNegative = _option(1.35, "metres")
+    shaping: NonNegative = _option(15.0, "potential-based shaping, per metre towards the goal; 0 is off")
+    curriculum_start: Positive = _option(
+        20.0, "metres, largest distance of the goal at the start of the training"
+    )
+    curriculum_epochs: Whole = _option(0, "epochs over which that distance grows to 20 m; 0 is no curriculum")
+
+    # Evaluation and records
+    evaluation_interval: Count = _option(3, "epochs between evaluations")
+    evaluation_start: Fraction = _option(0.7, "fraction of the run after which evaluations begin")
+    validation_scenarios: Count = _option(200, "random scenarios on which every seed is evaluated")
+    validation_seed: Whole = _option(1_000_001, "of the validation scenarios")
+    finalists: Count = _option(
+        4, "best (seed, epoch) pairs that are compared on the final validation scenarios"
+    )
+    final_scenarios: Count = _option(500, "further random scenarios that choose among the finalists")
+    test_scenarios: Whole = _option(500, "random scenarios of the final evaluation, used for nothing else")
+    test_seed: Whole = _option(2_000_003, "of the test scenarios")
+    checkpoint_interval: Count = _option(5, "epochs between checkpoints; the last epoch always has one")
+    tensorboard: bool = _option(True, "also write the metrics as TensorBoard events")
+
+    @model_validator(mode="after")
+    def _consistent(self) -> TrainingConfiguration:
+        if (self.epoch_steps is None) == (self.epoch_episodes is None):
+            raise ValueError("give exactly one of epoch_steps and epoch_episodes, and null for the other")
+        if self.noise_highest < self.noise_lowest:
+            raise ValueError(f"noise_highest {self.noise_highest} is below noise_lowest {self.noise_lowest}")
+        if self.replay_capacity < max(self.learning_starts, self.robots):
+            raise ValueError(
+                f"replay_capacity {self.replay_capacity} holds less than learning_starts or one step"
+            )
+        if self.test_seed in (self.validation_seed, self.validation_seed + 1):
+            raise ValueError(
+                "test_seed must differ from validation_seed and the next number: they choose the policy"
+            )
+        return self
+
+    def to_yaml(self) -> str:
+        """Return the configuration as a YAML file that `load_configuration` reads."""
+        import yaml
+
+        text: str = yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False)
+        return text
+
+
+_PAPER: dict[str, Any] = {
+    "seeds": 5,
+    "epochs": 100,
+    "epoch_steps": None,
+    "epoch_episodes": 70,
+    "robots": 10,
+    "updates_per_step": 10,
+    "warmup_episodes": 70,
+    "learning_starts": 1000,
+    "critic_hidden": (26, 26),
+    "near_features": False,
+    "learning_rate": 1e-4,
+    "final_learning_rate": 1.0,
+    "return_steps": 1,
+    "batch_size": 40,
+    "cost_critic_delay": 1,
+    "saturation_penalty": 0.0,
+    "var_step": 1.0,
+    "noise_lowest": 0.2,
+    "noise_highest": 0.2,
+    "constraint_noise": 0.2,
+    "turn_penalty": 0.5,
+    "proximity_penalty": 0.5,
+    "shaping": 0.0,
+    "evaluation_interval": 5,
+    "evaluation_start": 0.0,
+    "checkpoint_interval": 10,
+}
+
+_BEST: dict[str, Any] = {
+    "seeds": 4,
+    "epochs": 120,
+    "batch_size": 256,
+    "replay_capacity": 400_000,
+    "final_learning_rate": 0.02,
+    "final_scenarios": 2000,
+    "finalists": 8,
+    "evaluation_start": 0.6,
+}
+
+PRESETS: dict[str, dict[str, Any]] = {"quick": {}, "paper": _PAPER, "best": _BEST}
+"""What each preset changes of the defaults: a policy in minutes, the paper's schedule, the best policy."""
+
+
+def make_configuration(
+    preset: str = "quick",
+    file: str | os.PathLike[str] | None = None,
+    settings: Sequence[str] = (),
+    **overrides: Any,
+) -> TrainingConfiguration:
+    """Build a configuration; later sources win.
+
+    Parameters
+    ----------
+    preset : str
+        A name in `PRESETS`.
+    file : path, optional
+        YAML with any of the fields.
+    settings : sequence of str
+        ``key=value`` with the value in YAML, as from ``--set``.
+    **overrides
+        Fields by name; None means not given.
+
+    Raises
+    ------
+    ConfigurationError
+        For an unknown preset or key, a value that is out of range, or an unreadable file.
+    """
+    if preset not in PRESETS:
+        raise ConfigurationError(f"there is no preset '{preset}'", f"choose one of {', '.join(PRESETS)}")
+    values: dict[str, Any] = dict(PRESETS[preset])
+    if file is not None:
+        values |= _read_yaml(Path(file))
+    values |= dict(_parse_setting(setting) for setting in settings)
+    values |= {key: value for key, value in overrides.items() if value is not None}
+    return _validated(values, f"configuration {file}" if file is not None else "training configuration")
+
+
+def load_configuration(path: str | os.PathLike[str]) -> TrainingConfiguration:
+    """Read a YAML file; fields that it does not name have their defaults.
+
+    Raises
+    ------
+    ConfigurationError
+        Names the file, the field and what was expected.
+    """
+    return _validated(_read_yaml(Path(path)), str(path))
+
+
+def _validated(values: Mapping[str, Any], where: str) -> TrainingConfiguration:
+    unknown = sorted(values.keys() - TrainingConfiguration.model_fields.keys())
+    if unknown:
+        raise ConfigurationError(f"{where}: unknown option {', '.join(unknown)}", _nearest(unknown[0]))
+    try:
+        return TrainingConfiguration.model_validate(dict(values))
+    except ValidationError as error:
+        findings = [
+            f"{'.'.join(map(str, found['loc'])) or 'options'}: {found['msg'].removeprefix('Value error, ')}"
+            for found in error.errors()
+        ]
+        raise ConfigurationError(
+            f"{where}: {'; '.join(findings)}", "see docs/training.md for the options"
+        ) from error
+
+
+def _nearest(name: str) -> str:
+    from difflib import get_close_matches
+
+    close = get_close_matches(name, list(TrainingConfiguration.model_fields), n=1)
+    return f"did you mean {close[0]}?" if close else "see docs/training.md for the options"
+
+
+def _parse_setting(setting: str) -> tuple[str, Any]:
+    import yaml
+
+    key, equals, value = setting.partition("=")
+    if not equals or not key.strip():
+        raise ConfigurationError(f"setting '{setting}' is not key=value", "write for example --set epochs=20")
+    try:
+        return key.strip().replace("-", "_"), yaml.safe_load(value)
+    except yaml.YAMLError as error:
+        raise ConfigurationError(f"setting '{setting}': the value is not YAML", "quote the value") from error
+
+
+def _read_yaml(path: Path) -> dict[str, Any]:
+    import yaml
+
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not a text file"
+        raise ConfigurationError(f"cannot read {path}: {reason}", "give a YAML file") from error
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f":{mark.line + 1}" if mark is not None else ""
+        raise ConfigurationError(
+            f"{path}{line}: not valid YAML", "see docs/training.md for an example"
+        ) from error
+    if content is None:
+        return {}
+    if not isinstance(content, dict) or not all(isinstance(key, str) for key in content):
+        raise ConfigurationError(f"{path}: expected fields and values", "write for example `epochs: 20`")
+    return content

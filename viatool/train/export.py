@@ -1,0 +1,134 @@
+"""From trained weights to ``policy.onnx``: normaliser, squash and scaling inside, checked against torch."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.errors import SelfCheckError
+from viatool.policy import Activation, Affine, Input, Network, Policy, PolicySpecification, load_policy
+from viatool.policy.activations import activation
+from viatool.policy.writer import write_onnx
+from viatool.train.evaluation import actor_command
+from viatool.train.networks import Weights
+from viatool.train.observation import Scaling
+
+Floats = NDArray[np.float64]
+
+CHECKED_OBSERVATIONS = 4096
+TOLERANCE = 1e-4  # of the action range; float32 rounding stays about a hundred times below
+
+_ACTIVATIONS = {"relu": "Relu", "tanh": "Tanh"}
+
+
+def select_seed(weights: Weights, seed: int) -> Weights:
+    """Return the network of one seed, with a leading dimension of 1."""
+    single = Weights(weights.sizes, 1, weights.activation)
+    for own, every in zip(single.layers, weights.layers, strict=True):
+        own.detach().copy_(every.detach()[seed : seed + 1])
+    return single
+
+
+def actor_network(actor: Weights, scaling: Scaling) -> Network:
+    """Build the exported program of one seed.
+
+    Parameters
+    ----------
+    actor : Weights
+        Of one seed, see `select_seed`.
+    scaling : Scaling
+        Becomes the first and the last affine node.
+
+    Returns
+    -------
+    Network
+        From the raw physical observation ``(B, n)``, budget included, to physical commands ``(B, A)``.
+    """
+    nodes: list[Input | Affine | Activation] = [Input(actor.sizes[0])]
+
+    def affine(weight: Floats, bias: Floats) -> None:
+        nodes.append(Affine((len(nodes) - 1,), (_float32(weight),), _float32(bias)))
+
+    def elementwise(name: str) -> None:
+        nodes.append(Activation(len(nodes) - 1, activation(name), nodes[-1].size))
+
+    affine(np.diag(scaling.factor), -scaling.offset * scaling.factor)
+    for index in range(0, len(actor.layers), 2):
+        weight, bias = (
+            layer.detach()[0].numpy().astype(np.float64) for layer in actor.layers[index : index + 2]
+        )
+        affine(weight.T, bias[0])
+        elementwise("Tanh" if index == len(actor.layers) - 2 else _ACTIVATIONS[actor.activation])
+    affine(np.diag(scaling.action_factor), scaling.action_offset)
+    return Network(tuple(nodes))
+
+
+def _float32(values: Floats) -> Floats:
+    """Round to what the file stores."""
+    return values.astype(np.float32).astype(np.float64)
+
+
+def export_actor(
+    actor: Weights, scaling: Scaling, specification: PolicySpecification, path: str | os.PathLike[str]
+) -> Policy:
+    """Write the policy of one seed and check the file against torch.
+
+    Parameters
+    ----------
+    actor : Weights
+        Of one seed.
+    scaling : Scaling
+        Of the robot that it was trained for.
+    specification : PolicySpecification
+        Goes into the metadata.
+    path : path
+        The ONNX file, written whole or not at all.
+
+    Returns
+    -------
+    Policy
+        The written file, loaded.
+
+    Raises
+    ------
+    SelfCheckError
+        If onnxruntime and torch disagree by more than rounding; the file is removed then.
+    """
+    path = Path(path)
+    write_onnx(actor_network(actor, scaling), specification, path)
+    try:
+        policy = load_policy(path)
+        check_against_torch(policy, actor, scaling)
+    except Exception:
+        path.unlink(missing_ok=True)
+        raise
+    return policy
+
+
+def check_against_torch(policy: Policy, actor: Weights, scaling: Scaling) -> float:
+    """Compare the exported program with the trained network; return the largest difference found.
+
+    Raises
+    ------
+    SelfCheckError
+        If an action differs by more than `TOLERANCE` of its range.
+    """
+    rng = np.random.default_rng(0)
+    normalised = rng.uniform(-1.5, 2.5, (CHECKED_OBSERVATIONS, len(scaling.offset)))
+    observation = (normalised / scaling.factor + scaling.offset).astype(np.float32).astype(np.float64)
+    assert policy.spec is not None
+    budget = float(policy.spec.channel("budget").value or 0.0)
+    observation[:, -1] = np.float32(budget)
+    expected = actor_command(actor, scaling, np.array([budget]))(observation[:, :-1])
+    difference = np.abs(policy.run(observation) - expected) / scaling.action_factor
+    worst = float(difference.max())
+    if not worst <= TOLERANCE:
+        raise SelfCheckError(
+            f"{policy.path}: onnxruntime and torch differ by {worst:.2e} of the action range, "
+            f"expected at most {TOLERANCE:.0e}",
+            "report this as a bug, with the checkpoint",
+        )
+    return worst

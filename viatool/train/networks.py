@@ -1,0 +1,144 @@
+"""Small multilayer perceptrons for S seeds at once: every weight has a leading seed dimension.
+
+S seeds train in one run because their layers are multiplied in one batched product:
+``(S, B, in) @ (S, in, out)``. All weights of one network live in one flat tensor, so that the optimiser and
+the moving average of a target network are a handful of elementwise operations whatever the number of layers
+and seeds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Literal
+
+import torch
+from torch import Tensor
+
+HiddenActivation = Literal["relu", "tanh"]
+
+ADAM_DECAY = (0.9, 0.999)
+ADAM_EPSILON = 1e-8
+
+
+class Weights:
+    """The weights of S perceptrons of one shape, in one flat tensor.
+
+    Parameters
+    ----------
+    sizes : sequence of int
+        Widths from the input to the output layer.
+    seeds : int
+        S, the leading dimension of every weight.
+    activation : str
+        Of the hidden layers; the output layer is linear.
+
+    Attributes
+    ----------
+    flat : Tensor
+        ``(P,)`` float32, every weight.
+    layers : list of Tensor
+        ``(S, in, out)``, ``(S, 1, out)``, ... alternately the matrix and the bias of each layer; leaves of
+        autograd that share their memory with `flat`.
+    """
+
+    def __init__(self, sizes: Sequence[int], seeds: int, activation: HiddenActivation = "relu") -> None:
+        self.sizes = tuple(sizes)
+        self.seeds = seeds
+        self.activation: HiddenActivation = activation
+        shapes = [
+            shape
+            for fan_in, fan_out in pairwise(sizes)
+            for shape in ((seeds, fan_in, fan_out), (seeds, 1, fan_out))
+        ]
+        counts = [torch.Size(shape).numel() for shape in shapes]
+        self.flat = torch.zeros(sum(counts))
+        self.layers = [
+            part.view(shape).detach().requires_grad_()
+            for part, shape in zip(torch.split(self.flat, counts), shapes, strict=True)
+        ]
+
+    def draw(self, generator: torch.Generator, output_scale: float = 1.0) -> Weights:
+        """Draw every weight from U(-1/sqrt(in), 1/sqrt(in)), the output layer scaled; return self."""
+        with torch.no_grad():
+            for index in range(0, len(self.layers), 2):
+                bound = self.sizes[index // 2] ** -0.5
+                if index == len(self.layers) - 2:
+                    bound *= output_scale
+                for weight in self.layers[index : index + 2]:
+                    weight.uniform_(-bound, bound, generator=generator)
+        return self
+
+    def copy(self) -> Weights:
+        """Return equal weights in their own memory."""
+        other = Weights(self.sizes, self.seeds, self.activation)
+        other.flat.copy_(self.flat)
+        return other
+
+    def __call__(self, inputs: Tensor) -> Tensor:
+        """Evaluate the S perceptrons.
+
+        Parameters
+        ----------
+        inputs : Tensor
+            ``(S, B, sizes[0])``.
+
+        Returns
+        -------
+        Tensor
+            ``(S, B, sizes[-1])``.
+        """
+        hidden = inputs
+        for index in range(0, len(self.layers) - 2, 2):
+            hidden = torch.baddbmm(self.layers[index + 1], hidden, self.layers[index])
+            hidden = hidden.relu_() if self.activation == "relu" else hidden.tanh_()
+        return torch.baddbmm(self.layers[-1], hidden, self.layers[-2])
+
+
+class TrainedNetwork:
+    """S perceptrons with their target networks and the moments of their Adam optimiser.
+
+    Parameters
+    ----------
+    weights : Weights
+        Initial weights; the target starts as their copy.
+    """
+
+    def __init__(self, weights: Weights) -> None:
+        self.weights = weights
+        self.target = weights.copy()
+        self.first_moment = torch.zeros_like(weights.flat)
+        self.second_moment = torch.zeros_like(weights.flat)
+        self.steps = 0
+
+    def descend(self, gradients: Sequence[Tensor], learning_rate: float) -> None:
+        """Take one Adam step along the gradients of `weights.layers`."""
+        gradient = torch.cat([part.reshape(-1) for part in gradients])
+        self.steps += 1
+        first, second = ADAM_DECAY
+        self.first_moment.lerp_(gradient, 1 - first)
+        self.second_moment.mul_(second).addcmul_(gradient, gradient, value=1 - second)
+        scale = (self.second_moment / (1 - second**self.steps)).sqrt_().add_(ADAM_EPSILON)
+        self.weights.flat.addcdiv_(self.first_moment, scale, value=-learning_rate / (1 - first**self.steps))
+
+    def follow(self, rate: float) -> None:
+        """Move the target by `rate` towards the weights (exponential moving average)."""
+        self.target.flat.lerp_(self.weights.flat, rate)
+
+    def state(self) -> dict[str, Tensor]:
+        """Return all that a resumed run needs, as tensors by name (shared memory)."""
+        return {
+            "weights": self.weights.flat,
+            "target": self.target.flat,
+            "first_moment": self.first_moment,
+            "second_moment": self.second_moment,
+            "steps": torch.tensor(self.steps),
+        }
+
+    def restore(self, state: dict[str, Tensor]) -> None:
+        """Take over what `state` returned in an earlier run."""
+        self.weights.flat.copy_(state["weights"])
+        self.target.flat.copy_(state["target"])
+        self.first_moment.copy_(state["first_moment"])
+        self.second_moment.copy_(state["second_moment"])
+        self.steps = int(state["steps"])

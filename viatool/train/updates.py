@@ -1,0 +1,189 @@
+"""One function for each update of the networks; each takes one step and returns its metrics.
+
+The networks of S seeds are updated together: losses are means over the batch and sums over the seeds, whose
+weights are disjoint, so that no seed feels another. Networks are updated in place; metrics are ``(S,)``
+tensors.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+from torch.autograd import grad
+
+from viatool.train.networks import TrainedNetwork, Weights
+from viatool.train.quantiles import (
+    noncrossing_quantiles,
+    quantile_huber_gradient,
+    quantile_huber_loss,
+    tail_cost,
+)
+from viatool.train.replay import Batch
+
+Metrics = dict[str, Tensor]
+
+SATURATION = 2.5  # tanh(2.5) = 0.987
+
+
+@dataclass(frozen=True, eq=False)
+class Agent:
+    """The networks of S seeds.
+
+    Parameters
+    ----------
+    actor : TrainedNetwork
+        S perceptrons, n to A; the action is ``tanh`` of the output.
+    task_critics : TrainedNetwork
+        2 S perceptrons, the first critic of every seed before the second of every seed.
+    cost_critic : TrainedNetwork
+        S perceptrons with M + 2 outputs.
+    """
+
+    actor: TrainedNetwork
+    task_critics: TrainedNetwork
+    cost_critic: TrainedNetwork
+
+
+def act(actor: Weights, observation: Tensor) -> Tensor:
+    """Return the deterministic action ``(S, B, A)`` in [-1, 1] for normalised observations ``(S, B, n)``."""
+    return actor(observation).tanh()
+
+
+def critic_input(features: Tensor, action: Tensor) -> Tensor:
+    """Join the features of a state and an action: ``(S, B, f)`` and ``(S, B, A)`` to ``(S, B, f + A)``."""
+    return torch.cat([features, action], dim=-1)
+
+
+def smoothed_action(
+    target_actor: Weights, observation: Tensor, noise: float, limit: float, generator: torch.Generator
+) -> Tensor:
+    """Return the target policy's action with clipped Gaussian noise (target policy smoothing of TD3)."""
+    action = act(target_actor, observation)
+    smoothing = torch.randn(action.shape, generator=generator).mul_(noise).clamp_(-limit, limit)
+    return action.add_(smoothing).clamp_(-1.0, 1.0)
+
+
+def task_target(target_critics: Weights, next_input: Tensor, batch: Batch) -> Tensor:
+    """Return ``y = r + gamma min_i Q_i(s', a')``, ``(S, B)``; gamma is 0 after a termination."""
+    return batch.reward + batch.discount * twin_values(target_critics, next_input).amin(0)
+
+
+def twin_values(critics: Weights, inputs: Tensor) -> Tensor:
+    """Evaluate both task critics: ``(S, B, f + A)`` to ``(2, S, B)``."""
+    seeds, count, _ = inputs.shape
+    return critics(inputs.repeat(2, 1, 1)).view(2, seeds, count)
+
+
+def update_task_critics(
+    critics: TrainedNetwork, inputs: Tensor, target: Tensor, learning_rate: float
+) -> Metrics:
+    """Regress both critics on the target, ``sum_i E[(Q_i(s, a) - y)^2]``.
+
+    Parameters
+    ----------
+    critics : TrainedNetwork
+        Updated in place.
+    inputs : Tensor
+        ``(S, B, f + A)``.
+    target : Tensor
+        ``(S, B)``, see `task_target`.
+    learning_rate : float
+        Of this step.
+    """
+    values = twin_values(critics.weights, inputs)
+    losses = (values - target).square().mean(-1)  # (2, S)
+    critics.descend(grad(losses.sum(), critics.weights.layers), learning_rate)
+    return {"task_critic_loss": losses.detach().sum(0), "task_value": values.detach().mean((0, 2))}
+
+
+def cost_target(target_critic: Weights, next_input: Tensor, batch: Batch) -> Tensor:
+    """Return ``c + gamma q_j(s', a')``, ``(S, B, M)``; the discount of the batch is 0 after a termination."""
+    quantiles = noncrossing_quantiles(target_critic(next_input))
+    return batch.cost.unsqueeze(-1) + batch.discount.unsqueeze(-1) * quantiles
+
+
+def update_cost_critic(
+    critic: TrainedNetwork, inputs: Tensor, target: Tensor, learning_rate: float, *, measure: bool = False
+) -> Metrics:
+    """Regress the quantiles on the target distribution with the quantile Huber loss.
+
+    Parameters
+    ----------
+    critic : TrainedNetwork
+        Updated in place.
+    inputs, target : Tensor
+        ``(S, B, f + A)`` and ``(S, B, M)``.
+    learning_rate : float
+        Of this step.
+    measure : bool
+        Also compute the loss itself, which the step does not need.
+    """
+    predicted = noncrossing_quantiles(critic.weights(inputs))
+    gradient = quantile_huber_gradient(predicted.detach(), target) / predicted.shape[1]
+    critic.descend(grad(predicted, critic.weights.layers, gradient), learning_rate)
+    if not measure:
+        return {}
+    return {
+        "cost_critic_loss": quantile_huber_loss(predicted.detach(), target).mean(-1),
+        "cost_value": predicted.detach().mean((1, 2)),
+    }
+
+
+def update_actor(
+    agent: Agent,
+    observation: Tensor,
+    features: Tensor,
+    budget: Tensor,
+    multiplier: Tensor,
+    *,
+    alpha: float,
+    learning_rate: float,
+    saturation_penalty: float = 0.0,
+) -> Metrics:
+    """Descend ``-E[Q_1(s, pi(s))] + lambda E[V_C(s, pi(s))]`` and a penalty on saturated outputs.
+
+    Parameters
+    ----------
+    agent : Agent
+        The actor is updated in place.
+    observation, features : Tensor
+        ``(S, B, n)`` and ``(S, B, f)``.
+    budget : Tensor
+        ``(S, B)``, the budget e of each state, unscaled.
+    multiplier : Tensor
+        ``(S,)`` lambda. If all are zero the cost critic is not evaluated.
+    alpha, learning_rate : float
+        CVaR level (for the fallback of V_C), and the rate of this step.
+    saturation_penalty : float
+        Weight of the mean squared excess of the output before tanh over `SATURATION`. A seed whose outputs
+        saturate everywhere has no gradient left and would stay as it is, for instance at a standstill.
+    """
+    raw = agent.actor.weights(observation)
+    inputs = critic_input(features, raw.tanh())
+    value = first_value(agent.task_critics.weights, inputs).mean(-1)  # (S,)
+    excess = (raw.abs() - SATURATION).clamp(min=0.0)
+    loss = saturation_penalty * excess.square().mean((1, 2)) - value
+    metrics = {"actor_value": value.detach()}
+    if bool(multiplier.any()):
+        tail = tail_cost(noncrossing_quantiles(agent.cost_critic.weights(inputs)), budget, alpha).mean(-1)
+        loss = loss + multiplier * tail
+        metrics["tail_cost"] = tail.detach()
+    agent.actor.descend(grad(loss.sum(), agent.actor.weights.layers), learning_rate)
+    return metrics
+
+
+def first_value(critics: Weights, inputs: Tensor) -> Tensor:
+    """Evaluate only the first task critic, ``(S, B, f + A)`` to ``(S, B)``."""
+    first = [weight.detach()[: inputs.shape[0]] for weight in critics.layers]
+    hidden = inputs
+    for index in range(0, len(first) - 2, 2):
+        hidden = torch.baddbmm(first[index + 1], hidden, first[index]).relu_()
+    return torch.baddbmm(first[-1], hidden, first[-2]).squeeze(-1)
+
+
+def update_targets(agent: Agent, rate: float) -> None:
+    """Move every target network by `rate` towards its network."""
+    for network in (agent.actor, agent.task_critics, agent.cost_critic):
+        network.follow(rate)
