@@ -1,7 +1,7 @@
 """Arrays of intervals with outward rounding, used to evaluate sympy expressions rigorously.
 
-An `Interval` overloads the arithmetic operators, so a sympy expression that is compiled with `ENCLOSED_FUNCTIONS`
-as its namespace evaluates to a guaranteed enclosure of its range.
+An `Interval` overloads the arithmetic operators, so a sympy expression that is compiled with
+`ENCLOSED_FUNCTIONS` as its namespace evaluates to a guaranteed enclosure of its range.
 """
 
 from __future__ import annotations
@@ -19,22 +19,24 @@ Floats = NDArray[np.float64]
 _EPS = 2.0**-52
 _TINY = 5e-324
 _LARGEST = float(np.finfo(np.float64).max)
-_FUNCTION_ULPS = 8  # numpy and scipy state at most 4 for exp, log, tanh, erf; ndtr inherits erfc's
+_FUNCTION_ULPS = 8  # numpy and scipy state at most 4 for exp, log, tanh, erf
 
 
-def step_down(x: Floats, ulps: int = 1) -> Floats:
-    """Return floats at least `ulps` units in the last place below `x`; positive infinity becomes the largest float."""
+def step_down(x: Floats, ulps: int | Floats = 1) -> Floats:
+    """Return floats at least `ulps` units in the last place below `x`; infinity becomes the largest float."""
     return np.minimum(x, _LARGEST) - (np.minimum(np.abs(x), _LARGEST) * (ulps * _EPS) + _TINY)
 
 
-def step_up(x: Floats, ulps: int = 1) -> Floats:
-    """Return floats at least `ulps` units in the last place above `x`; negative infinity becomes the smallest float."""
+def step_up(x: Floats, ulps: int | Floats = 1) -> Floats:
+    """Return floats at least `ulps` units in the last place above `x`; -infinity becomes the smallest float."""
     return np.maximum(x, -_LARGEST) + (np.minimum(np.abs(x), _LARGEST) * (ulps * _EPS) + _TINY)
 
 
 @dataclass(frozen=True, eq=False)
 class Interval:
-    """Intervals ``[lower, upper]``, elementwise; NaN never appears, an undefined operation gives the whole line.
+    """Intervals ``[lower, upper]``, elementwise; NaN never appears.
+
+    An undefined operation gives the whole line.
 
     **Sound:** yes; every operation rounds outward.
     """
@@ -131,12 +133,23 @@ def _increasing(
 _sqrt = _increasing(np.sqrt, least=0.0)
 
 
+def _normal_cdf(x: Interval | float) -> Interval:
+    """Enclose the normal distribution function; scipy loses x^2 ulps in its left tail, then underflows."""
+    x = _interval(x)
+    ulps_lower, ulps_upper = (
+        _FUNCTION_ULPS + 2 * np.clip(end, -40.0, 0.0) ** 2 for end in (x.lower, x.upper)
+    )
+    lower = step_down(special.ndtr(x.lower), ulps_lower) - 1e-300
+    upper = step_up(special.ndtr(x.upper), ulps_upper) + 1e-300
+    return Interval(np.clip(lower, 0.0, 1.0), np.clip(upper, 0.0, 1.0))
+
+
 ENCLOSED_FUNCTIONS: dict[str, Any] = {
     "exp": _increasing(np.exp, least=0.0),
     "log": _increasing(np.log),
     "tanh": _increasing(np.tanh, -1.0, 1.0),
     "erf": _increasing(special.erf, -1.0, 1.0),
-    "NormalCdf": _increasing(special.ndtr, 0.0, 1.0),
+    "NormalCdf": _normal_cdf,
     "sqrt": _sqrt,
     "pi": np.pi,
 }
