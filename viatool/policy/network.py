@@ -2,8 +2,8 @@
 
 Every value is a flat vector per state, so an array of B states is ``(B, N)``. All linear operators of ONNX
 (Gemm, MatMul, Add, Sub, Mul by a constant, Concat, Slice, Gather, Transpose, ReduceMean, Conv, ...) are one
-kind, `Affine`; every elementwise function of one variable is `Activation`; what couples two computed vectors is
-`Product`, `Maximum` or `Minimum`. `Cast` changes the precision in which the runtime computes.
+kind, `Affine`; every elementwise function of one variable is `Activation`; what couples two computed vectors
+is `Product`, `Maximum` or `Minimum`. `Cast` changes the precision in which the runtime computes.
 """
 
 from __future__ import annotations
@@ -47,14 +47,19 @@ class Affine:
     bias : ndarray
         ``(size,)`` float64.
     precision : str
-        The precision in which the runtime computes this node. A row whose only nonzero weight is 1 and whose bias
-        is 0 copies a value and is exact in every precision.
+        The precision in which the runtime computes this node. A row whose only nonzero weight is 1 and whose
+        bias is 0 copies a value and is exact in every precision.
+    roundings : int
+        How many more roundings than a dot product each term may carry, because a weight stands for several
+        operations of the program (a division, a normalisation). When it is not 0, the stored weights and bias
+        are within this many float64 roundings of the real numbers that they stand for.
     """
 
     sources: tuple[int, ...]
     weights: tuple[Floats, ...]
     bias: Floats
     precision: Precision = "float32"
+    roundings: int = 0
 
     @property
     def size(self) -> int:
@@ -171,8 +176,9 @@ class Network:
         if isinstance(node, Affine):
             for source, weight in zip(node.sources, node.weights, strict=True):
                 if weight.shape != (node.size, self.nodes[source].size):
+                    size = self.nodes[source].size
                     raise ValueError(
-                        f"node {index}: weight {weight.shape} does not map {self.nodes[source].size} to {node.size}"
+                        f"node {index}: weight {weight.shape} does not map {size} to {node.size}"
                     )
         elif any(self.nodes[source].size != node.size for source in node.sources):
             raise ValueError(f"node {index}: an elementwise node keeps the size of its sources")

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from viatool.errors import PolicyError
+from viatool.policy.action_map import apply_action_map, with_action_map
+from viatool.policy.model_file import ModelFile, Port, actor_graph, open_model
 from viatool.policy.network import Network
+from viatool.policy.reader import read_network
+from viatool.policy.runtime import Runtime, runtime_of
+from viatool.policy.self_check import SelfCheck, check_network
 from viatool.policy.specification import PolicySpecification, load_specification
 
 Floats = NDArray[np.float64]
@@ -31,12 +35,19 @@ class Policy:
         The function that is verified, with the action map of the specification at its end.
     spec : PolicySpecification or None
         None for a foreign model without a sidecar.
+    port : Port
+        The graph's input.
+    self_check : SelfCheck or None
+        What the comparison with onnxruntime found; None where it was skipped.
     """
 
     path: Path
     sha256: str
     network: Network
     spec: PolicySpecification | None
+    port: Port
+    runtime: Runtime = field(repr=False)
+    self_check: SelfCheck | None = None
 
     @property
     def input_size(self) -> int:
@@ -49,12 +60,50 @@ class Policy:
         return self.network.output_size
 
     def __call__(self, observations: ArrayLike) -> Floats:
-        """Evaluate the network in float64: ``(B, input_size)`` to ``(B, output_size)``."""
-        return self.network(np.asarray(observations, dtype=np.float64))
+        """Evaluate the network in float64: ``(B, input_size)`` to ``(B, output_size)``.
+
+        Raises
+        ------
+        PolicyError
+            If the observations do not have the policy's size.
+        """
+        return self.network(self._rows(observations))
 
     def run(self, observations: ArrayLike) -> Floats:
-        """Run the deployed program (onnxruntime): ``(B, input_size)`` to ``(B, output_size)``."""
-        raise NotImplementedError
+        """Run the deployed program: onnxruntime on one thread, then the action map of the specification.
+
+        Parameters
+        ----------
+        observations : array_like
+            ``(B, input_size)``; rounded to the input type of the model, mostly float32.
+
+        Returns
+        -------
+        ndarray
+            ``(B, output_size)``, float64 numbers as the program gives them.
+
+        Raises
+        ------
+        PolicyError
+            If the observations do not have the policy's size, or onnxruntime cannot run the model.
+
+        Notes
+        -----
+        A single row is bit for bit what the robot computes; in a batch the last place may round differently.
+        """
+        rows = self._rows(observations)
+        if not len(rows):
+            return np.zeros((0, self.output_size))
+        return apply_action_map(self.runtime(rows), self.spec)
+
+    def _rows(self, observations: ArrayLike) -> Floats:
+        rows = np.asarray(observations, dtype=np.float64)
+        if rows.ndim != 2 or rows.shape[1] != self.input_size:
+            raise PolicyError(
+                f"observations have shape {list(rows.shape)}, the policy takes (states, {self.input_size})",
+                "give one row of the policy's input size for each state",
+            )
+        return rows
 
 
 def load_policy(
@@ -62,6 +111,8 @@ def load_policy(
     spec: str | os.PathLike[str] | PolicySpecification | None = None,
     *,
     self_check: bool = True,
+    input_name: str | None = None,
+    output_name: str | None = None,
 ) -> Policy:
     """Read an ONNX policy.
 
@@ -73,6 +124,8 @@ def load_policy(
         A sidecar; it replaces the specification inside the file.
     self_check : bool
         Compare the network with onnxruntime before anything is built on it.
+    input_name, output_name : str, optional
+        Which of several; they override those of the specification.
 
     Raises
     ------
@@ -81,12 +134,52 @@ def load_policy(
     SelfCheckError
         If the network and onnxruntime disagree.
     """
-    path = Path(path)
+    model = open_model(path)
     if isinstance(spec, (str, os.PathLike)):
         spec = load_specification(spec)
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise PolicyError(f"cannot read the policy {path}: {error.strerror}") from error
-    hashlib.sha256(content).hexdigest()
-    raise NotImplementedError
+    if spec is None:
+        spec = model.specification()
+    network, runtime, port = load_actor(
+        model,
+        input_name or (spec.input if spec else None),
+        output_name or (spec.output if spec else None),
+    )
+    if spec is not None:
+        _check_sizes(model.path, network, spec)
+    found = check_network(network, runtime, spec) if self_check else None
+    return Policy(model.path, model.sha256, with_action_map(network, spec), spec, port, runtime, found)
+
+
+def load_actor(
+    model: ModelFile, input_name: str | None = None, output_name: str | None = None
+) -> tuple[Network, Runtime, Port]:
+    """Return the network and the program of a parsed model.
+
+    Raises
+    ------
+    PolicyError
+        Lists every node that is not supported.
+    """
+    graph, port = actor_graph(model, input_name, output_name)
+    reading = read_network(graph, port.name, port.shape, port.precision, model.folder)
+    if reading.network is None:
+        count = len(reading.findings)
+        lines = "".join(f"\n  - {finding}" for finding in reading.findings)
+        hints = dict.fromkeys(finding.hint for finding in reading.findings if finding.hint)
+        raise PolicyError(
+            f"{model.path}: {count} {'node is' if count == 1 else 'nodes are'} not supported:{lines}",
+            "; ".join(hints),
+        )
+    return reading.network, runtime_of(model, graph, port), port
+
+
+def _check_sizes(path: Path, network: Network, spec: PolicySpecification) -> None:
+    for what, found, expected in (
+        ("observations", network.input_size, spec.observation_size),
+        ("actions", network.output_size, spec.action_size),
+    ):
+        if found != expected:
+            raise PolicyError(
+                f"{path} has {found} {what}, its specification describes {expected}",
+                "correct the channels of the specification, or give the policy that belongs to it",
+            )

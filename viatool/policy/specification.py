@@ -145,7 +145,7 @@ class ActionChannel(_Strict):
 
 
 class ActionMap(_Strict):
-    """What the robot's software does with the raw output: ``scale * output + offset``, then clip to limits."""
+    """What the robot's software does with the raw output: ``scale * output + offset``, then a clip."""
 
     scale: list[FiniteFloat]
     offset: list[FiniteFloat]
@@ -257,7 +257,7 @@ class PolicySpecification(_Strict):
         Raises
         ------
         ConfigurationError
-            For an unknown channel, a negative or non-finite radius, one for a fixed channel, or a missing one.
+            For an unknown channel, a negative or non-finite radius, one for a fixed channel, or none.
         """
         given: Mapping[str, float]
         given = {} if eps is None else (eps if isinstance(eps, Mapping) else {"": float(eps)})

@@ -1,0 +1,201 @@
+"""Opening a model file: one regular file of bounded size, parsed once; its inputs and outputs; what it is."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import stat
+from dataclasses import dataclass
+from pathlib import Path
+
+import onnx
+from google.protobuf.message import DecodeError  # type: ignore[import-untyped]  # none published
+
+from viatool.errors import PolicyError
+from viatool.policy.graph import Graph, live, read_graph
+from viatool.policy.network import Precision
+from viatool.policy.specification import METADATA_KEY, PolicySpecification, specification_from_json
+from viatool.policy.tensors import MAX_BYTES, as_precision, dtype_name
+
+_EXPORT_HINT = "give the .onnx file of an exported actor"
+
+
+@dataclass(frozen=True, eq=False)
+class ModelFile:
+    """A parsed model.
+
+    Parameters
+    ----------
+    path : Path
+        Where it stands.
+    sha256 : str
+        Of the file's bytes.
+    proto : onnx.ModelProto
+        The model.
+    """
+
+    path: Path
+    sha256: str
+    proto: onnx.ModelProto
+
+    @property
+    def folder(self) -> Path:
+        """Return the folder in which external data may lie."""
+        return self.path.parent
+
+    @property
+    def opset(self) -> int:
+        """Return the version of the default opset, 0 if none is imported."""
+        return next((int(o.version) for o in self.proto.opset_import if o.domain in ("", "ai.onnx")), 0)
+
+    @property
+    def producer(self) -> str:
+        """Return the exporter that the file names."""
+        return f"{self.proto.producer_name} {self.proto.producer_version}".strip()
+
+    def specification(self) -> PolicySpecification | None:
+        """Return the specification in the metadata, None where there is none."""
+        for entry in self.proto.metadata_props:
+            if entry.key == METADATA_KEY:
+                return specification_from_json(entry.value, f"{self.path}: metadata entry '{METADATA_KEY}'")
+        return None
+
+
+@dataclass(frozen=True)
+class Port:
+    """The input of a graph.
+
+    Parameters
+    ----------
+    name : str
+        Of the value.
+    shape : tuple of int
+        At batch size 1.
+    precision : str
+        Element type.
+    batched : bool
+        Whether the first axis is a free batch axis.
+    """
+
+    name: str
+    shape: tuple[int, ...]
+    precision: Precision
+    batched: bool
+
+
+def open_model(path: str | os.PathLike[str]) -> ModelFile:
+    """Parse a model file.
+
+    Raises
+    ------
+    PolicyError
+        If it is missing, is no regular file, is too large, or is no ONNX model.
+    """
+    path = Path(path)
+    try:
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
+            raise PolicyError(f"the policy {path} is no file", _EXPORT_HINT)
+        if status.st_size > 2 * MAX_BYTES:
+            raise PolicyError(
+                f"the policy {path} has {status.st_size / 2**20:.0f} MiB, far more than a policy needs",
+                "export the actor alone",
+            )
+        content = path.read_bytes()
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "the path is not valid"
+        raise PolicyError(f"cannot read the policy {path}: {reason}", "check the path") from error
+    proto = onnx.ModelProto()
+    try:
+        proto.ParseFromString(content)
+    except (DecodeError, UnicodeDecodeError, ValueError, RecursionError) as error:
+        raise PolicyError(f"{path} is not an ONNX model, or is damaged", _EXPORT_HINT) from error
+    if not proto.HasField("graph") or not proto.opset_import:
+        raise PolicyError(f"{path} is not an ONNX model: it holds no graph", _EXPORT_HINT)
+    return ModelFile(path, hashlib.sha256(content).hexdigest(), proto)
+
+
+def actor_graph(
+    model: ModelFile, input_name: str | None = None, output_name: str | None = None
+) -> tuple[Graph, Port]:
+    """Return the live part of the graph between one input and one output.
+
+    Raises
+    ------
+    PolicyError
+        If the names are unknown, or are needed and not given, or the input's shape is not one observation.
+    """
+    graph = read_graph(model.proto, model.folder)
+    if not graph.outputs:
+        raise PolicyError("the model has no output", _EXPORT_HINT)
+    if output_name is None:
+        output_name = _only_output(graph)
+    elif output_name not in graph.outputs:
+        raise PolicyError(
+            f"the model has no output '{output_name}'", f"choose one of {', '.join(graph.outputs)}"
+        )
+    part = live(graph, output_name)
+    needed = list(part.inputs)
+    if input_name is not None and input_name not in graph.inputs:
+        raise PolicyError(
+            f"the model has no input '{input_name}'", f"choose one of {', '.join(graph.inputs)}"
+        )
+    if not needed:
+        raise PolicyError(
+            f"the output '{output_name}' does not depend on any input",
+            "choose another output, or export again",
+        )
+    if len(needed) > 1 or (input_name is not None and needed != [input_name]):
+        raise PolicyError(
+            f"the output '{output_name}' depends on the inputs {', '.join(needed)}, where one is expected",
+            "export the actor with a single observation vector, or choose another output",
+        )
+    return part, _port(part.inputs[needed[0]])
+
+
+def _only_output(graph: Graph) -> str:
+    """Return the only output that depends on an input; several need a choice, never a guess."""
+    if len(graph.outputs) == 1:
+        return graph.outputs[0]
+    depending = [name for name in graph.outputs if live(graph, name).inputs]
+    if len(depending) == 1:
+        return depending[0]
+    raise PolicyError(
+        f"the model has {len(depending)} outputs that depend on its inputs: {', '.join(depending)}",
+        "name the action with `output:` in the specification (or output_name=...)",
+    )
+
+
+def _port(value: onnx.ValueInfoProto) -> Port:
+    if not value.type.HasField("tensor_type"):
+        raise PolicyError(
+            f"the input '{value.name}' is no tensor", "export the actor with a vector as its input"
+        )
+    tensor = value.type.tensor_type
+    dtype = dtype_name(tensor.elem_type)
+    precision = as_precision(dtype) if dtype else None
+    if precision is None:
+        raise PolicyError(
+            f"the input '{value.name}' is of type {dtype or tensor.elem_type}, not a floating-point one",
+            "export the actor with a float32 observation",
+        )
+    if not tensor.HasField("shape"):
+        raise PolicyError(f"the input '{value.name}' has no shape", "export with the size of the observation")
+    sizes = [int(axis.dim_value) if axis.HasField("dim_value") else None for axis in tensor.shape.dim]
+    batched = len(sizes) > 1 and sizes[0] is None
+    shape = tuple(1 if batched and axis == 0 else size for axis, size in enumerate(sizes))
+    written = ", ".join("?" if size is None else str(size) for size in sizes)
+    if any(size is None or size < 1 for size in shape):
+        raise PolicyError(
+            f"the input '{value.name}' has the shape [{written}]: its size is not fixed",
+            "export with only the first axis dynamic",
+        )
+    fixed = tuple(size for size in shape if size is not None)
+    count = 1
+    for size in fixed:
+        count *= size
+    if count > 2**16:
+        raise PolicyError(
+            f"the input '{value.name}' has the shape [{written}], {count} numbers", "export the actor alone"
+        )
+    return Port(value.name, fixed, precision, batched)

@@ -1,0 +1,124 @@
+"""Functions of one variable: each becomes one activation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from viatool.policy.activations import ActivationFunction, activation
+from viatool.policy.assembly import Computed, Refusal
+from viatool.policy.operators.registry import Call, Value, reads
+
+_FLOAT32_LARGEST = float(np.finfo(np.float32).max)
+
+_WITHOUT_PARAMETERS: dict[str, tuple[int, ...]] = {
+    "Abs": (6, 13),
+    "Erf": (9, 13),
+    "Exp": (6, 13),
+    "HardSwish": (14, 22),
+    "Log": (6, 13),
+    "Mish": (18, 22),
+    "Reciprocal": (6, 13),
+    "Relu": (6, 13, 14),
+    "Sigmoid": (6, 13),
+    "Softplus": (1, 22),
+    "Softsign": (1, 22),
+    "Sqrt": (6, 13),
+    "Tanh": (6, 13),
+}
+
+_WITH_PARAMETERS: dict[str, tuple[tuple[int, ...], tuple[str, ...], tuple[str, ...]]] = {
+    # operator: versions, parameters, those that must be positive
+    "Celu": ((12, 28), ("alpha",), ("alpha",)),
+    "Elu": ((6, 22), ("alpha",), ()),
+    "HardSigmoid": ((6, 22), ("alpha", "beta"), ("alpha",)),
+    "LeakyRelu": ((6, 16), ("alpha",), ()),
+    "Selu": ((6, 22), ("alpha", "gamma"), ()),
+    "ThresholdedRelu": ((10, 22), ("alpha",), ()),
+}
+
+
+def _declared(call: Call) -> Sequence[Value]:
+    operator = call.node.operator
+    _, names, positive = _WITH_PARAMETERS.get(operator, ((), (), ()))
+    parameters = {name: call.number(name) for name in names}
+    for name in positive:
+        if parameters[name] <= 0:
+            raise Refusal(f"has {name} = {parameters[name]}, where a positive number is expected")
+    return [call.assembly.activation(call.computed(0), activation(operator, **parameters))]
+
+
+for _operator, _versions in _WITHOUT_PARAMETERS.items():
+    reads(_operator, *_versions, treatment="enclosed")(_declared)
+for _operator, (_versions, _, _) in _WITH_PARAMETERS.items():
+    reads(_operator, *_versions, treatment="enclosed")(_declared)
+
+
+@reads("Gelu", 20, treatment="enclosed")
+def read_gelu(call: Call) -> Sequence[Value]:
+    """Read both forms of Gelu."""
+    forms = {"none": "Gelu", "tanh": "GeluTanh"}
+    form = forms.get(str(call.attributes.get("approximate")))
+    if form is None:
+        raise Refusal(
+            f"has approximate = '{call.attributes.get('approximate')}', which is neither none nor tanh"
+        )
+    return [call.assembly.activation(call.computed(0), form)]
+
+
+@reads("Swish", 24, treatment="enclosed")
+def read_swish(call: Call) -> Sequence[Value]:
+    """Read ``x * sigmoid(alpha * x)``; with alpha = 1 it is Silu."""
+    x, alpha = call.computed(0), call.number("alpha")
+    if alpha == 1.0:
+        return [call.assembly.activation(x, "Silu")]
+    gate = call.assembly.activation(call.assembly.scaled(x, alpha), "Sigmoid")
+    return [call.assembly.product(x, gate)]
+
+
+@reads("Clip", 6, 11, 12, 13, treatment="enclosed", note="constant bounds")
+def read_clip(call: Call) -> Sequence[Value]:
+    """Read bounds from attributes (opset 6) or inputs."""
+    if call.version == 6:
+        lower, upper = call.number("min"), call.number("max")
+    else:
+        lower, upper = call.scalar(1, "lower bound", -np.inf), call.scalar(2, "upper bound", np.inf)
+    lower = -np.inf if lower <= -_FLOAT32_LARGEST else lower
+    upper = np.inf if upper >= _FLOAT32_LARGEST else upper
+    return [clipped(call, call.computed(0), lower, upper)]
+
+
+def clipped(call: Call, x: Computed, lower: float, upper: float) -> Computed:
+    """Return x limited to a range; limits may be infinite."""
+    if lower > upper:
+        raise Refusal(f"clips to the empty range [{lower}, {upper}]")
+    if np.isinf(lower) and np.isinf(upper):
+        return x
+    function: ActivationFunction = activation("Clip", min=lower, max=upper)
+    if lower == 0 and np.isinf(upper):
+        function = activation("Relu")
+    return call.assembly.activation(x, function)
+
+
+@reads("PRelu", 6, 7, 9, 16, treatment="enclosed")
+def read_prelu(call: Call) -> Sequence[Value]:
+    """Read a leaky rectifier whose slope may differ from element to element."""
+    x, slope = call.computed(0), call.weights(1, "slope")
+    if call.version == 6 and slope.ndim == 1 and slope.size > 1:
+        slope = slope.reshape(-1, *(1 for _ in x.shape[2:]))
+    slopes = np.broadcast_to(slope, x.shape).ravel()
+    if (slopes == slopes[0]).all():
+        return [call.assembly.activation(x, activation("LeakyRelu", alpha=float(slopes[0])))]
+    assembly = call.assembly
+    assembly.reserve(x.size, x.size)
+    positive = assembly.activation(x, "Relu")
+    rest = 1.0 - slopes
+    if (rest + slopes == 1.0).all() and (
+        (1.0 - rest) == slopes
+    ).all():  # 1 - s is exact: one bent term is tighter
+        terms = [(positive, np.diag(rest)), (x, np.diag(slopes))]
+    else:
+        negative = assembly.activation(assembly.scaled(x, -1.0), "Relu")
+        terms = [(positive, np.eye(x.size)), (negative, np.diag(-slopes))]
+    return [assembly.affine(terms, np.zeros(x.size), x.shape, x.precision)]

@@ -1,0 +1,180 @@
+"""Which operators are read, by name and opset version, and by which function.
+
+A reader is a function of a `Call`; it is registered for the versions of the operator whose meaning it knows.
+An operator in a version that nobody registered is refused, never guessed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.policy.assembly import Assembly, Computed, Refusal
+from viatool.policy.graph import GraphNode
+from viatool.policy.tensors import Constant
+
+Floats = NDArray[np.float64]
+Value = Constant | Computed
+Treatment = Literal["exact", "enclosed"]
+
+
+@dataclass(frozen=True, eq=False)
+class Call:
+    """One node with its inputs, as an operator reader sees it.
+
+    Parameters
+    ----------
+    node : GraphNode
+        The call in the file.
+    version : int
+        The opset version that defines the operator's meaning here.
+    inputs : sequence of Constant, Computed or None
+        None where an optional input is left out; at least one is computed.
+    attributes : dict
+        With the defaults of the standard.
+    assembly : Assembly
+        Where network nodes go.
+    """
+
+    node: GraphNode
+    version: int
+    inputs: Sequence[Value | None]
+    attributes: Mapping[str, Any]
+    assembly: Assembly
+
+    def has(self, index: int) -> bool:
+        """Whether an optional input is given."""
+        return index < len(self.inputs) and self.inputs[index] is not None
+
+    def value(self, index: int) -> Value:
+        """Return an input that must be given."""
+        value = self.inputs[index] if index < len(self.inputs) else None
+        if value is None:
+            raise Refusal(f"lacks input {index}")
+        return value
+
+    def computed(self, index: int) -> Computed:
+        """Return an input that must depend on the observation."""
+        value = self.value(index)
+        if isinstance(value, Constant):
+            raise Refusal(f"has a constant as input {index}, where a computed value is expected")
+        return value
+
+    def constant(self, index: int, meaning: str) -> Constant:
+        """Return an input that must not depend on the observation."""
+        value = self.value(index)
+        if isinstance(value, Computed):
+            raise Refusal(
+                f"takes its {meaning} from the observation", "export the policy with fixed shapes and weights"
+            )
+        return value
+
+    def weights(self, index: int, meaning: str) -> Floats:
+        """Return a constant input as finite float64 numbers."""
+        return finite(self.constant(index, meaning), meaning)
+
+    def scalar(self, index: int, meaning: str, default: float) -> float:
+        """Return an optional constant input that must be a single number, not NaN."""
+        if not self.has(index):
+            return default
+        array = np.asarray(self.constant(index, meaning).array, dtype=np.float64)
+        if array.size != 1 or np.isnan(array).any():
+            raise Refusal(f"has a {meaning} that is no single number")
+        return float(array.ravel()[0])
+
+    def integer(self, name: str) -> int:
+        """Return an integer attribute."""
+        value = self.attributes.get(name)
+        if not isinstance(value, int):
+            raise Refusal(f"has no integer attribute '{name}'")
+        return value
+
+    def number(self, name: str) -> float:
+        """Return a finite floating-point attribute."""
+        value = self.attributes.get(name)
+        if not isinstance(value, float) or not np.isfinite(value):
+            raise Refusal(f"has no finite attribute '{name}'")
+        return value
+
+    def integers(self, name: str) -> tuple[int, ...] | None:
+        """Return an attribute that is a list of integers, None where it is left out."""
+        value = self.attributes.get(name)
+        if value is None:
+            return None
+        if not isinstance(value, tuple) or not all(isinstance(entry, int) for entry in value):
+            raise Refusal(f"has an attribute '{name}' that is no list of integers")
+        return value
+
+
+Reader = Callable[[Call], Sequence[Value]]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """How one operator is read.
+
+    Parameters
+    ----------
+    operator : str
+        Its name in the default domain.
+    versions : tuple of int
+        The opset versions that define it and are known.
+    treatment : str
+        ``exact``: its result is linear in its computed input. ``enclosed``: it bends, so that the engine
+        approximates it with a guaranteed error.
+    reader : callable
+        Makes the network nodes.
+    note : str
+        A limit, for the table in the documentation.
+    """
+
+    operator: str
+    versions: tuple[int, ...]
+    treatment: Treatment
+    reader: Reader
+    note: str = ""
+
+
+_REGISTRY: dict[tuple[str, int], Entry] = {}
+
+
+def reads(operator: str, *versions: int, treatment: Treatment, note: str = "") -> Callable[[Reader], Reader]:
+    """Register a reader for some versions of an operator."""
+
+    def register(reader: Reader) -> Reader:
+        entry = Entry(operator, versions, treatment, reader, note)
+        for version in versions:
+            if (operator, version) in _REGISTRY:
+                raise ValueError(f"{operator} version {version} is registered twice")
+            _REGISTRY[operator, version] = entry
+        return reader
+
+    return register
+
+
+def entry_of(operator: str, version: int) -> Entry | None:
+    """Return how an operator of the default domain is read in a version, None if it is not."""
+    return _REGISTRY.get((operator, version))
+
+
+def registered() -> Mapping[tuple[str, int], Entry]:
+    """Return all entries by operator and version."""
+    return dict(_REGISTRY)
+
+
+def finite(constant: Constant, meaning: str) -> Floats:
+    """Return a constant as float64 numbers, all finite.
+
+    Raises
+    ------
+    Refusal
+        If one is NaN or infinite.
+    """
+    array = np.asarray(constant.array, dtype=np.float64)
+    if not np.isfinite(array).all():
+        raise Refusal(f"has a {meaning} with NaN or infinite numbers", "train and export the policy again")
+    return array

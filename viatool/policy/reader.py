@@ -1,0 +1,181 @@
+"""From the nodes of a model to the network that is verified, or to a list of all that stands in the way."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import onnx
+
+from viatool.errors import PolicyError
+from viatool.policy.assembly import Assembly, Computed, Refusal
+from viatool.policy.folding import FOLDED_ONLY, fold, fold_shape
+from viatool.policy.graph import Graph, GraphNode
+from viatool.policy.network import Network, Precision
+from viatool.policy.operators import Call, Value, entry_of
+from viatool.policy.refusals import reason_for
+from viatool.policy.tensors import read_tensor
+
+_MALFORMED = (
+    ValueError,
+    TypeError,
+    IndexError,
+    KeyError,
+    AttributeError,
+    ArithmeticError,
+    RuntimeError,
+    AssertionError,
+)
+"""What the evaluation of a malformed node may raise."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One node that cannot be read.
+
+    Parameters
+    ----------
+    node : str
+        Its name.
+    operator : str
+        What it calls, with its domain.
+    reason, hint : str
+        Why, and one imperative.
+    """
+
+    node: str
+    operator: str
+    reason: str
+    hint: str = ""
+
+    def __str__(self) -> str:
+        return f"node '{self.node}' ({self.operator}) {self.reason}"
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """What came of reading a graph: the network, or the findings that prevent it."""
+
+    network: Network | None
+    findings: tuple[Finding, ...]
+
+
+class _Unreadable:
+    """Stands for a value that a refused node should have made."""
+
+
+_UNREADABLE = _Unreadable()
+
+
+def read_network(
+    graph: Graph, input_name: str, shape: tuple[int, ...], precision: Precision, folder: Path
+) -> Reading:
+    """Read the live nodes of a graph into a network.
+
+    Parameters
+    ----------
+    graph : Graph
+        With one output and its live nodes in order.
+    input_name : str
+        The value that is the observation.
+    shape : tuple of int
+        Its shape at batch size 1.
+    precision : str
+        Its element type.
+    folder : Path
+        Where external data may lie.
+
+    Raises
+    ------
+    PolicyError
+        If a stored tensor is broken.
+    """
+    size = 1
+    for extent in shape:
+        size *= extent
+    assembly = Assembly(size, precision)
+    values: dict[str, Value | _Unreadable] = {input_name: Computed(0, shape, precision)}
+    for name, tensor in graph.initializers.items():
+        values[name] = read_tensor(tensor, folder)
+    findings: list[Finding] = []
+    for node in graph.nodes:
+        try:
+            results = _read_node(node, values, assembly)
+        except Refusal as refusal:
+            findings.append(Finding(node.name, _operator(node), refusal.reason, refusal.hint))
+            results = []
+        values.update((name, _UNREADABLE) for name in node.outputs if name)
+        if results is not None:
+            values.update((name, value) for name, value in zip(node.outputs, results, strict=False) if name)
+    if findings:
+        return Reading(None, tuple(findings))
+    output = values[graph.outputs[0]]
+    if not isinstance(output, Computed):
+        raise PolicyError(
+            f"the output '{graph.outputs[0]}' does not depend on the input '{input_name}'",
+            "choose another output, or export the policy again",
+        )
+    return Reading(assembly.network(output), ())
+
+
+def _operator(node: GraphNode) -> str:
+    return f"{node.domain}.{node.operator}" if node.domain else node.operator
+
+
+def _read_node(
+    node: GraphNode, values: Mapping[str, Value | _Unreadable], assembly: Assembly
+) -> list[Value] | None:
+    """Return the values that a node makes; None where its inputs are unreadable and it says nothing new."""
+    version, schema = _schema(node)
+    entry = entry_of(node.operator, version)
+    if entry is None and node.operator not in FOLDED_ONLY:
+        raise reason_for(node, version)
+    given = [values[name] if name else None for name in node.inputs]
+    attributes = _with_defaults(node, schema)
+    inputs: list[Value | None] = []
+    for value in given:
+        if isinstance(value, _Unreadable):
+            return None
+        inputs.append(value)
+    try:
+        known = fold_shape(node, inputs, attributes)
+        if known is not None:
+            return [known]
+        if not any(isinstance(value, Computed) for value in inputs):
+            constants = [value for value in inputs if not isinstance(value, Computed)]
+            return list(fold(node, constants, attributes))
+        if entry is None:
+            raise reason_for(node, version)
+        return list(entry.reader(Call(node, version, inputs, attributes, assembly)))
+    except _MALFORMED as error:
+        raise Refusal(f"is malformed: {_first_line(error)}", "export the policy again") from error
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error) or type(error).__name__).splitlines()[0][:200]
+
+
+def _schema(node: GraphNode) -> tuple[int, Any]:
+    if node.domain:
+        raise reason_for(node, node.opset)
+    try:
+        schema = onnx.defs.get_schema(node.operator, node.opset, "")
+    except onnx.defs.SchemaError as error:
+        raise Refusal(f"is not an operator of opset {node.opset}", "export the policy again") from error
+    return schema.since_version, schema
+
+
+def _with_defaults(node: GraphNode, schema: Any) -> dict[str, Any]:
+    attributes: dict[str, Any] = {}
+    for name, declared in schema.attributes.items():
+        if name in node.attributes:
+            attributes[name] = node.attributes[name]
+        elif declared.default_value.type:
+            value = onnx.helper.get_attribute_value(declared.default_value)
+            attributes[name] = value.decode() if isinstance(value, bytes) else value
+    unknown = sorted(node.attributes.keys() - schema.attributes.keys())
+    if unknown:
+        raise Refusal(f"has the unknown attribute '{unknown[0]}'", "export the policy again")
+    return attributes

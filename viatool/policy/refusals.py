@@ -1,0 +1,69 @@
+"""Why an operator is refused, and what the user can do about it."""
+
+from __future__ import annotations
+
+from viatool.policy.assembly import Refusal
+from viatool.policy.graph import GraphNode
+
+# fmt: off
+_STEPS = frozenset((
+    "Equal", "Greater", "GreaterOrEqual", "Less", "LessOrEqual", "Not", "And", "Or", "Xor", "Sign",
+    "Floor", "Ceil", "Round", "Mod", "IsNaN", "IsInf", "QuantizeLinear", "DynamicQuantizeLinear",
+    "BitShift", "BitwiseAnd", "BitwiseNot", "BitwiseOr", "BitwiseXor", "BitCast",
+))
+# fmt: on
+
+_FAMILIES: tuple[tuple[str, str, frozenset[str]], ...] = (
+    (
+        "is recurrent: its result depends on earlier observations",
+        "export the actor without its memory, or with the memory as part of the observation",
+        frozenset(("LSTM", "GRU", "RNN", "CausalConvWithState", "LinearAttention")),
+    ),
+    (
+        "is control flow",
+        "export the actor with fixed shapes, so that no branch or loop is left",
+        frozenset(("If", "Loop", "Scan", "SequenceMap")),
+    ),
+    (
+        "is stochastic",
+        "export the deterministic action (the mean), not the sampled one",
+        frozenset(
+            (
+                "RandomNormal",
+                "RandomNormalLike",
+                "RandomUniform",
+                "RandomUniformLike",
+                "Multinomial",
+                "Bernoulli",
+            )
+        ),
+    ),
+    (
+        "makes a discrete choice from computed values",
+        "export the continuous actions; policies with discrete actions are not verified",
+        frozenset(
+            ("ArgMax", "ArgMin", "TopK", "Hardmax", "NonZero", "Unique", "NonMaxSuppression", "OneHot")
+        ),
+    ),
+    (
+        "is a step function of computed values",
+        "export the actor without the comparison, or clip instead",
+        _STEPS,
+    ),
+)
+
+
+def reason_for(node: GraphNode, version: int) -> Refusal:
+    """Return why an operator is not read."""
+    if node.domain:
+        return Refusal(
+            f"is from the domain '{node.domain}', which is not ONNX",
+            "export the policy with standard operators, before any runtime's own optimisation",
+        )
+    for reason, hint, operators in _FAMILIES:
+        if node.operator in operators:
+            return Refusal(reason, hint)
+    return Refusal(
+        f"is not read in opset version {version}",
+        "export the actor alone, see docs/operators.md for what is read",
+    )

@@ -1,0 +1,195 @@
+"""The gate before every verdict: the loaded network against the program, within what rounding can explain.
+
+The tolerance is no constant. For each observation a running error analysis follows the rounding of the
+program through the network: a dot product of n terms errs by at most ``gamma_n * sum |w| |x|``, an activation
+by its own error plus what its argument's error can move.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.errors import SelfCheckError
+from viatool.policy.network import Activation, Affine, Cast, Input, Network, Product
+from viatool.policy.specification import PolicySpecification
+
+Floats = NDArray[np.float64]
+
+UNIT_ROUNDOFF = {"bfloat16": 2.0**-8, "float16": 2.0**-11, "float32": 2.0**-24, "float64": 2.0**-53}
+_TINY = {"bfloat16": 2.0**-126, "float16": 2.0**-14, "float32": 2.0**-126, "float64": 2.0**-1022}
+_LARGEST = {"bfloat16": 3.3e38, "float16": 65504.0, "float32": 3.4e38, "float64": 1.7e308}
+
+_ACTIVATION_UNITS = 64.0
+"""Error of a runtime's activation in unit roundoffs of max(1, |x|, |f(x)|), above all that was seen."""
+
+_EXACT_ACTIVATIONS = ("Abs", "Clip", "Relu", "ThresholdedRelu")
+_RANDOM_POINTS = 48
+_CORNERS = 16
+
+
+@dataclass(frozen=True)
+class SelfCheck:
+    """What the comparison found.
+
+    Parameters
+    ----------
+    points : int
+        Observations that were compared.
+    largest_difference : float
+        Between the network and the program.
+    largest_tolerance : float
+        What rounding can explain, at the point where it is largest.
+    """
+
+    points: int
+    largest_difference: float
+    largest_tolerance: float
+
+
+def check_network(
+    network: Network, program: Callable[[Floats], Floats], spec: PolicySpecification | None, *, seed: int = 0
+) -> SelfCheck:
+    """Compare a network with the program on nominal, corner and random observations.
+
+    Parameters
+    ----------
+    network : Network
+        As read.
+    program : callable
+        ``(B, n) -> (B, A)``, the deployed program.
+    spec : PolicySpecification, optional
+        Gives sensible ranges of the observation.
+    seed : int
+        Of the random points.
+
+    Raises
+    ------
+    SelfCheckError
+        If they differ by more than rounding can explain.
+    """
+    points = check_points(network.input_size, spec, seed)
+    if network.nodes[0].precision != "float64":
+        points = points.astype(np.float16 if network.nodes[0].precision == "float16" else np.float32).astype(
+            np.float64
+        )
+    values, errors = propagate_rounding(network, points)
+    usable = np.isfinite(values[-1]).all(axis=1) & np.isfinite(errors[-1]).all(axis=1)
+    if not usable.any():
+        raise SelfCheckError(
+            "the network overflows on every observation of the self-check",
+            "check the weights and their units",
+        )
+    actions = program(points[usable])
+    expected, tolerance = values[-1][usable], errors[-1][usable]
+    if actions.shape != expected.shape:
+        raise SelfCheckError(
+            f"onnxruntime gives {actions.shape[-1]} actions, the loaded network {expected.shape[-1]}",
+            "report this model: it was read wrongly",
+        )
+    difference = np.abs(actions - expected)
+    excess = np.where(np.isnan(difference), np.inf, difference) - tolerance
+    worst = np.unravel_index(np.argmax(excess), excess.shape)
+    if excess[worst] > 0:
+        raise SelfCheckError(
+            f"the loaded network and onnxruntime disagree in action {worst[1]}: {expected[worst]:.9g} "
+            f"against {actions[worst]:.9g}, where rounding explains {tolerance[worst]:.2g}",
+            "report this model: it was read wrongly, and no verdict may rest on it",
+        )
+    return SelfCheck(len(actions), float(difference.max()), float(tolerance.max()))
+
+
+def check_points(size: int, spec: PolicySpecification | None, seed: int = 0) -> Floats:
+    """Return the observations of the check, ``(P, size)``: nominal ones, corners of a box, random ones."""
+    lower, upper = _plausible_range(size, spec)
+    middle = (lower + upper) / 2
+    generator = np.random.default_rng(seed)
+    corners = np.where(generator.random((_CORNERS, size)) < 0.5, lower, upper)
+    random = lower + (upper - lower) * generator.random((_RANDOM_POINTS, size))
+    wide = generator.normal(size=(_RANDOM_POINTS, size)) * 10.0 ** generator.uniform(
+        -3, 1, (_RANDOM_POINTS, 1)
+    )
+    points = np.concatenate([[middle, lower, upper, np.zeros(size)], corners, random, wide])
+    if spec is not None and spec.observation_size == size:
+        fixed = spec.fixed_values()
+        points[: len(points) // 2, ~np.isnan(fixed)] = fixed[~np.isnan(fixed)]
+    return points
+
+
+def _plausible_range(size: int, spec: PolicySpecification | None) -> tuple[Floats, Floats]:
+    if spec is None or spec.observation_size != size:
+        return np.full(size, -1.0), np.full(size, 1.0)
+    lower, upper = [], []
+    for channel in spec.observation:
+        least, most = -1.0, 1.0
+        if channel.lidar is not None:
+            least, most = channel.lidar.minimum_range, channel.lidar.maximum_range
+        elif channel.kind == "goal_distance":
+            least, most = 0.0, 15.0
+        lower += [least] * channel.size
+        upper += [most] * channel.size
+    return np.array(lower), np.array(upper)
+
+
+def propagate_rounding(network: Network, points: Floats) -> tuple[list[Floats], list[Floats]]:
+    """Return the float64 value of every node and how far the program may be from it, ``(B, size)`` each.
+
+    Notes
+    -----
+    First-order error analysis at points; activations are evaluated at both ends of their argument's error.
+    **Sound:** up to the monotonicity of activations within that error; a check, not a proof.
+    """
+    with np.errstate(all="ignore"):
+        values = network.values(points)
+        errors: list[Floats] = []
+        for node, value in zip(network.nodes, values, strict=True):
+            unit, tiny = UNIT_ROUNDOFF[node.precision], _TINY[node.precision]
+            error: Floats
+            if isinstance(node, Input):
+                error = np.zeros_like(value)  # the points are representable
+            elif isinstance(node, Affine):
+                error = _affine_error(node, values, errors, unit, tiny)
+            elif isinstance(node, Activation):
+                error = _activation_error(node, values[node.source], value, errors[node.source], unit)
+            elif isinstance(node, Product):
+                left, right = errors[node.left], errors[node.right]
+                error = np.abs(values[node.left]) * right + np.abs(values[node.right]) * left + left * right
+                error = error + unit * (np.abs(value) + error) + tiny
+            elif isinstance(node, Cast):
+                error = errors[node.source] + unit * (np.abs(value) + errors[node.source]) + tiny
+            else:
+                error = np.maximum(errors[node.left], errors[node.right])
+            errors.append(np.where(np.abs(value) + error < _LARGEST[node.precision], error, np.inf))
+    return values, errors
+
+
+def _affine_error(
+    node: Affine, values: list[Floats], errors: list[Floats], unit: float, tiny: float
+) -> Floats:
+    terms = np.zeros(node.size)
+    inherited = np.zeros((len(values[0]), node.size))
+    magnitude = np.broadcast_to(np.abs(node.bias), inherited.shape)
+    for source, weight in zip(node.sources, node.weights, strict=True):
+        absolute = np.abs(weight).T
+        terms = terms + np.count_nonzero(weight, axis=1)
+        inherited = inherited + errors[source] @ absolute
+        magnitude = magnitude + (np.abs(values[source]) + errors[source]) @ absolute
+    roundings = (terms + 1 + node.roundings) * unit
+    copies = (terms == 1) & (node.bias == 0) & np.all([(np.abs(w) <= 1).all() for w in node.weights])
+    copies &= np.array(
+        [all(np.isin(w[row], (-1.0, 0.0, 1.0)).all() for w in node.weights) for row in range(node.size)]
+    )
+    factor = np.where(copies | (terms == 0), 0.0, roundings / np.maximum(1 - roundings, 1e-3))
+    error: Floats = inherited + factor * magnitude + (factor > 0) * terms * tiny
+    return error
+
+
+def _activation_error(node: Activation, x: Floats, value: Floats, inherited: Floats, unit: float) -> Floats:
+    moved = np.zeros_like(value)
+    for step in (-1.0, -0.5, 0.5, 1.0):
+        moved = np.fmax(moved, np.abs(node.function(x + step * inherited) - value))
+    units = 0.0 if node.function.name in _EXACT_ACTIVATIONS else _ACTIVATION_UNITS
+    return moved + units * unit * np.maximum(1.0, np.maximum(np.abs(x), np.abs(value)))
