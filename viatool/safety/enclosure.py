@@ -12,8 +12,8 @@ length ``l = v T`` and the turn ``phi = omega T`` of the whole path, where T is 
        <=  s |l - l_c| + s^2 |l_c| |phi - phi_c| / 2,
 
    because ``|e(a) - e(b)| <= |a - b|``. The footprint's point q turns with the heading, which adds at most
-   ``s |phi - phi_c| |q|``. For the plain interval this is 
-   ``r_v t + |v_c| r_omega t^2 / 2 + |q| r_omega t``. The extremes of l and phi over a box are attained at |v| and |omega| at their ends, as both are
+   ``s |phi - phi_c| |q|``. For the plain interval this is ``r_v t + |v_c| r_omega t^2 / 2 + |q| r_omega
+   t``. The extremes of l and phi over a box are attained at |v| and |omega| at their ends, as both are
    monotone in v, in omega, in |v| and in |omega|.
 2. *Other fractions, round footprints.* Between s_0 and s_1 the position follows the chord linearly up to
    ``|l_c phi_c| (s_1 - s_0)^2 / 8`` (the error of linear interpolation for second derivative

@@ -2,99 +2,127 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.safety.motion import advance
+from viatool.safety.case import Case
 from viatool.safety.proof import Effort, Proof, prove_clearance
-from viatool.safety.rules import Rules
-from viatool.safety.situations import Situations
 
 Floats = NDArray[np.float64]
 Booleans = NDArray[np.bool_]
 
-# The paper discretises the interval "into multiple time steps"; 10 steps of 10 ms here, with both ends.
+# The paper discretises the interval "into multiple time steps"; 10 steps here, with both ends.
 SAMPLED_FRACTIONS = np.linspace(0.0, 1.0, 11)
+
 _COARSE = Effort(tolerance=1e-4)
+_CHUNK = 4096  # states that are judged together, so that memory stays flat
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
-    """B states and what is asked of them.
+class Contested:
+    """Which of N states some admissible command of the robot could make fail.
 
     Parameters
     ----------
-    rules : Rules
-        What is asked.
-    situations : Situations
-        Where the robot stands when the policy observes.
-    previous : ndarray or None
-        (B, 2) commands that go on for the dead time; needed when the rules have a delay.
+    collision, danger : ndarray
+        (N,) bool: by coming as near as d_col, and as near as d_danger.
     """
 
-    rules: Rules
-    situations: Situations
-    previous: Floats | None = None
+    collision: Booleans
+    danger: Booleans
 
-    def __len__(self) -> int:
-        """Return the number of states."""
-        return len(self.situations)
+    @property
+    def either(self) -> Booleans:
+        """Return the states whose commands have to be known, (N,)."""
+        return self.collision | self.danger
 
-    def select(self, which: NDArray[Any]) -> Case:
-        """Return some of the states."""
-        previous = None if self.previous is None else self.previous[which]
-        return replace(self, situations=self.situations.select(which), previous=previous)
 
-    @cached_property
-    def acting(self) -> Situations:
-        """Where the robot stands when the new command begins to act."""
-        if self.previous is None or not self.rules.delay:
-            return self.situations
-        poses = advance(self.situations.poses, self.previous, self.rules.delay)
-        return self.situations.moved(poses)
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """What holds in N states.
 
-    def waiting_proved(self, threshold: float) -> Booleans:
-        """Tell in which states the footprint keeps its clearance during the dead time, (B,)."""
-        if self.previous is None or not self.rules.delay:
-            return np.ones(len(self), dtype=bool)
-        rules, held = self.rules, self.previous
-        return prove_clearance(self.situations, held, held, threshold, rules.waiting, rules.footprint).proved
+    Parameters
+    ----------
+    safe, danger : ndarray
+        (N,) bool: the criterion holds at d_col, and at d_danger.
+    sampled : ndarray
+        (N,) bool: the paper's nine commands pass at d_col.
+    """
 
-    def paths(self, actions: Floats, fractions: Floats) -> Floats:
-        """Return the poses of commands over the whole time that is judged.
+    safe: Booleans
+    danger: Booleans
+    sampled: Booleans
 
-        Parameters
-        ----------
-        actions : ndarray
-            (B, A, 2) commands of each state, as the robot carries them out.
-        fractions : ndarray
-            (F,) of the path, and of the dead time if there is one.
 
-        Returns
-        -------
-        ndarray
-            (B, A, F, 3), or (B, A, 2 F, 3) with the dead time first.
-        """
-        acting = self.rules.manoeuvre.path(self.acting.poses[:, None, None], actions[:, :, None], fractions)
-        if self.previous is None or not self.rules.delay:
-            return acting
-        waiting = self.rules.waiting.path(
-            self.situations.poses[:, None, None], self.previous[:, None, None], fractions
-        )
-        return np.concatenate([np.broadcast_to(waiting, acting.shape), acting], axis=2)
+def find_contested(case: Case) -> Contested:
+    """Return which states geometry alone does not settle, at both distances."""
+    clearance = case.rules.clearance
+    return Contested(_contested(case, clearance.collision), _contested(case, clearance.danger))
 
-    def clearance(self, paths: Floats) -> Floats:
-        """Return the exact clearance of the footprint at poses (B, ..., 3), as (B, ...) metres."""
-        shape, at = paths.shape[:-1], self.situations
-        each = int(np.prod(shape[1:], dtype=np.int64))
-        found = at.scenes.footprint_clearance(
-            paths.reshape(-1, 3), self.rules.footprint, np.repeat(at.scene, each)
-        )
-        return np.asarray(found.reshape(shape))
+
+def judge(case: Case, lower: Floats, upper: Floats, contested: Contested) -> Judgement:
+    """Judge states by the criterion of their rules, at both distances.
+
+    Parameters
+    ----------
+    case : Case
+        N states.
+    lower, upper : ndarray
+        (N, 2) what the policy can command; only the contested states are read.
+    contested : Contested
+        The states that are looked at; all others are safe.
+
+    Returns
+    -------
+    Judgement
+        Of N states.
+
+    Notes
+    -----
+    Sound: `safe` and `danger` by `prove`, unless the criterion is the sampled one; `sampled` proves nothing.
+    """
+    clearance = case.rules.clearance
+    nine = replace(case, rules=replace(case.rules, criterion="sampled"))
+    sampled = _hold(sample, nine, lower, upper, clearance.collision, contested.collision)
+    if case.rules.criterion == "sampled":
+        danger = _hold(sample, nine, lower, upper, clearance.danger, contested.danger)
+        return Judgement(sampled, danger, sampled)
+    safe = _hold(_proved, case, lower, upper, clearance.collision, contested.collision)
+    danger = _hold(_proved, case, lower, upper, clearance.danger, contested.danger)
+    return Judgement(safe, danger, sampled)
+
+
+def _hold(
+    test: Callable[[Case, Floats, Floats, float], Booleans],
+    case: Case,
+    lower: Floats,
+    upper: Floats,
+    distance: float,
+    contested: Booleans,
+) -> Booleans:
+    """Return (N,) where a test holds, looking at the contested states alone."""
+    holds = ~contested
+    rows = np.flatnonzero(contested)
+    for start in range(0, len(rows), _CHUNK):
+        some = rows[start : start + _CHUNK]
+        holds[some] = test(case.select(some), lower[some], upper[some], distance)
+    return holds
+
+
+def _proved(case: Case, lower: Floats, upper: Floats, distance: float) -> Booleans:
+    return prove(case, lower, upper, distance).proved
+
+
+def _contested(case: Case, distance: float) -> Booleans:
+    """Return (N,) which states are not settled, looking at some at a time."""
+    contested = np.ones(len(case), dtype=bool)
+    for start in range(0, len(case), _CHUNK):
+        some = np.arange(start, min(start + _CHUNK, len(case)))
+        contested[some] = ~settle(case.select(some), distance)
+    return contested
 
 
 def settle(case: Case, threshold: float) -> Booleans:

@@ -103,6 +103,30 @@ class Manoeuvre:
         seconds = self.seconds(np.abs(actions[..., 0]), np.abs(actions[..., 1]))
         return advance(poses, actions, seconds * fractions)
 
+    def clock(self, actions: Floats, fractions: Floats) -> Floats:
+        """Return after how many seconds the robot really is at fractions of the path.
+
+        Parameters
+        ----------
+        actions : ndarray
+            (..., 2) commands.
+        fractions : ndarray
+            (...) in [0, 1].
+
+        Returns
+        -------
+        ndarray
+            (...) seconds since the command began to act; later than at full speed while it brakes.
+        """
+        speed, turn = np.abs(actions[..., 0]), np.abs(actions[..., 1])
+        at_full_speed = fractions * self.seconds(speed, turn)
+        if self.deceleration is None:
+            return np.asarray(at_full_speed)
+        stop = (speed + self.rim * turn) / self.deceleration
+        past = np.maximum(at_full_speed - self.interval, 0.0)
+        left = np.sqrt(np.maximum(1.0 - 2.0 * past / np.where(stop > 0.0, stop, 1.0), 0.0))
+        return np.where(past > 0.0, self.interval + stop * (1.0 - left), at_full_speed)
+
     def longest(self, lower: Floats, upper: Floats) -> Floats:
         """Return a bound of the length of the path over action boxes (..., 2); metres."""
         speed = np.maximum(np.abs(lower), np.abs(upper))

@@ -1,0 +1,289 @@
+"""Counterexamples: an observation within the box whose command, computed by the deployed program, fails."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from viatool.policy.network import Network
+from viatool.safety.case import Case
+from viatool.taylor.derivatives import gradient
+
+Floats = NDArray[np.float64]
+Booleans = NDArray[np.bool_]
+
+MARGIN = 1e-7
+"""Metres by which a witness must fail, so that it fails again in whatever order the runtime sums."""
+
+_FRACTIONS = np.linspace(0.0, 1.0, 21)
+_ROUNDS = 3
+_STEPS = 4
+_CONFIRMED = 6
+_CHUNK = 256
+_CORNERS = np.array([(v, w) for v in (-1.0, 0.0, 1.0) for w in (-1.0, 0.0, 1.0)])
+
+
+class RunnablePolicy(Protocol):
+    """What the search needs of a policy."""
+
+    @property
+    def network(self) -> Network:
+        """The function, for gradients in float64."""
+
+    def run(self, observations: ArrayLike, /) -> Floats:
+        """Return the actions (B, A) of observations (B, n), as the deployed program computes them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Witnesses:
+    """W counterexamples.
+
+    Parameters
+    ----------
+    state : ndarray
+        (W,) index of the state.
+    observation : ndarray
+        (W, n) float32 numbers within the box of the state.
+    action : ndarray
+        (W, 2) v in m/s and omega in rad/s as onnxruntime computed them, clipped by the robot.
+    seconds : ndarray
+        (W,) time from the observation to the closest approach.
+    pose : ndarray
+        (W, 3) where the robot is then.
+    clearance : ndarray
+        (W,) metres that are left then.
+    """
+
+    state: NDArray[np.int64]
+    observation: Floats
+    action: Floats
+    seconds: Floats
+    pose: Floats
+    clearance: Floats
+
+    def __len__(self) -> int:
+        """Return the number of counterexamples."""
+        return len(self.state)
+
+    @classmethod
+    def join(cls, parts: list[Witnesses], size: int) -> Witnesses:
+        """Return all parts as one, ordered by state; `size` numbers in an observation."""
+        shapes = ((0,), (0, size), (0, 2), (0,), (0, 3), (0,))
+        none = cls(np.zeros(0, dtype=np.int64), *(np.zeros(shape) for shape in shapes[1:]))
+        every = [none, *parts]
+        names = tuple(cls.__dataclass_fields__)
+        joined = {name: np.concatenate([getattr(part, name) for part in every]) for name in names}
+        order = np.argsort(joined["state"], kind="stable")
+        return cls(**{name: array[order] for name, array in joined.items()})
+
+
+def search_witnesses(
+    policy: RunnablePolicy,
+    columns: Sequence[int],
+    case: Case,
+    doubtful: NDArray[np.int64],
+    observations: Floats,
+    radii: Floats,
+    lower: Floats,
+    upper: Floats,
+    *,
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> Witnesses:
+    """Look for an observation within each box that makes the robot come nearer than the collision distance.
+
+    Parameters
+    ----------
+    policy : Policy
+        n inputs.
+    columns : sequence of int
+        Which actions are v and omega.
+    case : Case
+        N states.
+    doubtful : ndarray
+        (W,) the states to be searched, those that are not safe.
+    observations : ndarray
+        (N, n) float32 numbers that the policy received.
+    radii : ndarray
+        (n,) half-widths of the boxes.
+    lower, upper : ndarray
+        (N, 2) bounds of the commands, which say where to aim.
+    seed : int
+        Of the random points.
+    progress : callable, optional
+        Called with the states done and the states in all.
+
+    Returns
+    -------
+    Witnesses
+        For some of the doubtful states.
+
+    Notes
+    -----
+    Sound: yes, as nothing is claimed of a state without a witness, and every witness is confirmed: its
+    numbers are float32 and within the box, its command comes from onnxruntime, and the exact clearance on
+    its exact path is less than the distance by `MARGIN` (or 0).
+
+    The search aims in the plane of commands: from the command of the box that comes nearest it takes the
+    direction in which the clearance falls, follows the gradient of that combination of commands from corner
+    to corner of the observation box, and takes the direction anew at the command it found.
+    """
+    generator = np.random.default_rng(seed)
+    parts: list[Witnesses] = []
+    for start in range(0, len(doubtful), _CHUNK):
+        rows = doubtful[start : start + _CHUNK]
+        some, seen = case.select(rows), observations[rows]
+        easy = confirm(policy, columns, some, seen[:, None])
+        parts.append(_of_states(easy, rows))
+        hard = np.setdiff1d(np.arange(len(rows)), easy.state)
+        if len(hard):
+            rows, some, seen = rows[hard], some.select(hard), seen[hard]
+            search = _Search(policy, columns, some, seen, radii, lower[rows], upper[rows])
+            within = to_float32_within(search.candidates(generator), seen[:, None], radii)
+            parts.append(_of_states(confirm(policy, columns, some, within), rows))
+        if progress is not None:
+            progress(min(start + _CHUNK, len(doubtful)), len(doubtful))
+    return Witnesses.join(parts, observations.shape[1])
+
+
+def to_float32_within(points: Floats, centre: Floats, radii: Floats) -> Floats:
+    """Round points to float32 numbers that lie within boxes in real arithmetic.
+
+    Parameters
+    ----------
+    points, centre : ndarray
+        (..., n); the centres are float32 numbers.
+    radii : ndarray
+        (n,) half-widths.
+
+    Returns
+    -------
+    ndarray
+        (..., n) float64 holding float32 numbers; the centre where a box is too thin to hold another.
+    """
+    low, high = np.nextafter(centre - radii, np.inf), np.nextafter(centre + radii, -np.inf)
+    rounded = np.clip(points, low, high).astype(np.float32)
+    outside_high, outside_low = rounded > high, rounded < low
+    rounded = np.where(outside_high, np.nextafter(rounded, np.float32(-np.inf)), rounded)
+    rounded = np.where(outside_low, np.nextafter(rounded, np.float32(np.inf)), rounded)
+    inside = (rounded >= low) & (rounded <= high)
+    return np.where(inside, rounded.astype(np.float64), centre)
+
+
+def confirm(policy: RunnablePolicy, columns: Sequence[int], case: Case, candidates: Floats) -> Witnesses:
+    """Run candidates through the deployed program and keep, for each state, the one that fails most.
+
+    Parameters
+    ----------
+    policy, columns, case
+        As in `search_witnesses`.
+    candidates : ndarray
+        (B, K, n) float32 numbers within the boxes.
+
+    Returns
+    -------
+    Witnesses
+        At most one for each state.
+    """
+    states, each, size = candidates.shape
+    raw = policy.run(candidates.reshape(-1, size))[:, list(columns)]
+    actions = case.rules.clip(np.asarray(raw, dtype=np.float64)).reshape(states, each, 2)
+    clearances, seconds, poses = case.closest_approach(actions)
+    rows, best = np.arange(states), clearances.argmin(axis=1)
+    left = clearances[rows, best]
+    failed = (left < case.rules.clearance.collision - MARGIN) | (left <= 0.0)
+    rows, best = rows[failed], best[failed]
+    picked: list[Any] = [array[rows, best] for array in (candidates, actions, seconds, poses, clearances)]
+    return Witnesses(rows, *picked)
+
+
+def _of_states(found: Witnesses, rows: NDArray[np.int64]) -> Witnesses:
+    """Return witnesses of a selection with the states counted in the whole."""
+    return Witnesses(
+        rows[found.state], found.observation, found.action, found.seconds, found.pose, found.clearance
+    )
+
+
+class _Search:
+    """The search in float64, for a chunk of states."""
+
+    def __init__(
+        self,
+        policy: RunnablePolicy,
+        columns: Sequence[int],
+        case: Case,
+        observations: Floats,
+        radii: Floats,
+        lower: Floats,
+        upper: Floats,
+    ) -> None:
+        self.network, self.columns, self.case = policy.network, list(columns), case
+        self.observations, self.radii = observations, radii
+        self.centre, self.radius = 0.5 * (lower + upper), np.maximum(0.5 * (upper - lower), 1e-9)
+
+    def candidates(self, generator: np.random.Generator) -> Floats:
+        """Return the most promising observations (B, K, n) of every state."""
+        aim = self._nearest_of_box()
+        found = [self.observations]
+        starts = [self.observations, self._random(generator), self._random(generator)]
+        for _ in range(_ROUNDS):
+            directions = [self._descent(aim), *self._diagonals(aim)]
+            found += [self._climb(start, direction) for start in starts for direction in directions]
+            points = np.stack(found, axis=1)
+            actions = self._actions(points)
+            nearest = self._clearances(actions).argsort(axis=1)[:, :_CONFIRMED]
+            rows = np.arange(len(points))
+            found = list(np.moveaxis(points[rows[:, None], nearest], 1, 0))
+            starts, aim = [found[0]], actions[rows, nearest[:, 0]]
+        return np.stack(found, axis=1)
+
+    def _nearest_of_box(self) -> Floats:
+        """Return the command of the action box, among its corners and middles, that comes nearest, (B, 2)."""
+        actions = self.centre[:, None] + _CORNERS * self.radius[:, None]
+        return np.asarray(actions[np.arange(len(actions)), self._clearances(actions).argmin(axis=1)])
+
+    def _descent(self, action: Floats) -> Floats:
+        """Return the direction in the plane of commands in which the clearance falls fastest, (B, 2)."""
+        steps = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]) * 0.5 * self.radius[:, None]
+        values = self._clearances(action[:, None] + steps)
+        return np.column_stack([values[:, 1] - values[:, 0], values[:, 3] - values[:, 2]]) / self.radius
+
+    def _diagonals(self, action: Floats) -> list[Floats]:
+        """Return the direction from the middle of the box to a command, and its two components."""
+        outward = np.sign(action - self.centre) / self.radius
+        return [outward, outward * [1.0, 0.0], outward * [0.0, 1.0]]
+
+    def _climb(self, start: Floats, direction: Floats) -> Floats:
+        """Go from corner to corner along the gradient of a combination of commands, (B, n)."""
+        combination = np.zeros((len(start), self.network.output_size))
+        combination[:, self.columns] = direction
+        low, high = self.observations - self.radii, self.observations + self.radii
+        best = point = np.clip(start, low, high)
+        value = (self.network(best) * combination).sum(axis=1)
+        for _ in range(_STEPS):
+            slope = gradient(self.network, point, combination)
+            corner = np.where(slope > 0.0, high, np.where(slope < 0.0, low, point))
+            reached = (self.network(corner) * combination).sum(axis=1)
+            better = (reached > value)[:, None]
+            value = np.maximum(value, reached)
+            best = np.where(better, corner, best)
+            point = np.where(better, corner, 0.5 * (best + corner))
+        return np.asarray(best)
+
+    def _random(self, generator: np.random.Generator) -> Floats:
+        """Return a random corner of each box, (B, n)."""
+        signs = generator.choice([-1.0, 1.0], size=self.observations.shape)
+        return np.asarray(self.observations + signs * self.radii)
+
+    def _actions(self, points: Floats) -> Floats:
+        flat = self.network(points.reshape(-1, points.shape[-1]))[:, self.columns]
+        return flat.reshape(*points.shape[:-1], 2)
+
+    def _clearances(self, actions: Floats) -> Floats:
+        """Return the least clearance (B, K) on the paths of commands (B, K, 2)."""
+        paths = self.case.paths(self.case.rules.clip(actions), _FRACTIONS)
+        return np.asarray(self.case.clearance(paths).min(axis=2))
