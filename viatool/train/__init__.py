@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from viatool.train.configuration import PRESETS, TrainingConfiguration, load_configuration, make_configuration
+from viatool.train.export import export_checkpoint
 from viatool.train.progress import Progress, Silence, console_progress
 from viatool.train.trainer import TrainingResult, train
 
@@ -13,6 +14,7 @@ __all__ = [
     "TrainingConfiguration",
     "TrainingResult",
     "console_progress",
+    "export_checkpoint",
     "load_configuration",
     "make_configuration",
     "train",

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.errors import SelfCheckError
+from viatool.errors import ConfigurationError, SelfCheckError
 from viatool.policy import Activation, Affine, Input, Network, Policy, PolicySpecification, load_policy
 from viatool.policy.activations import activation
 from viatool.policy.writer import write_onnx
+from viatool.train.configuration import TrainingConfiguration
 from viatool.train.evaluation import actor_command
 from viatool.train.networks import Weights
-from viatool.train.observation import Scaling
+from viatool.train.observation import Scaling, make_scaling, make_specification
+from viatool.train.records import load_checkpoint
+from viatool.world import load_map
 
 Floats = NDArray[np.float64]
 
@@ -106,6 +110,67 @@ def export_actor(
         path.unlink(missing_ok=True)
         raise
     return policy
+
+
+def training_record(configuration: TrainingConfiguration, seed: int, epoch: int) -> dict[str, Any]:
+    """Return what the specification tells about the origin of a policy."""
+    return {
+        "method": configuration.method,
+        "seed": seed,
+        "epoch": epoch,
+        "configuration": configuration.model_dump(mode="json"),
+    }
+
+
+def export_checkpoint(
+    checkpoint: str | os.PathLike[str],
+    path: str | os.PathLike[str],
+    *,
+    seed: int | None = None,
+    map_path: str | os.PathLike[str] | None = None,
+) -> Policy:
+    """Make a policy of a checkpoint.
+
+    Parameters
+    ----------
+    checkpoint : path
+        A ``.pt`` file from the ``checkpoints`` folder of a run.
+    path : path
+        The ONNX file to write.
+    seed : int, optional
+        Which of the seeds; by default the one with the best validation at that epoch, or 0 without one.
+    map_path : path, optional
+        Where the training map stands now, if not where the configuration says; its robot is used.
+
+    Returns
+    -------
+    Policy
+        The written file, loaded.
+
+    Raises
+    ------
+    ConfigurationError
+        If the checkpoint cannot be read or has no such seed.
+    SelfCheckError
+        If the written program disagrees with the checkpoint.
+    """
+    content = load_checkpoint(Path(checkpoint))
+    configuration = TrainingConfiguration.model_validate_json(content["configuration"])
+    robot = load_map(map_path or configuration.map).robot
+    scaling = make_scaling(robot, configuration.budget_limit)
+    if seed is None:
+        success = np.nan_to_num(np.asarray(content["validation_success"]), nan=-1.0)
+        seed = int(success.argmax())
+    if not 0 <= seed < configuration.seeds:
+        raise ConfigurationError(
+            f"{checkpoint} has no seed {seed}", f"choose one of 0 to {configuration.seeds - 1}"
+        )
+    sizes = (len(scaling.offset), *configuration.actor_hidden, len(scaling.action_offset))
+    every = Weights(sizes, configuration.seeds, configuration.actor_activation)
+    every.flat.copy_(content["networks"]["actor"]["target"])
+    training = training_record(configuration, seed, content["epoch"])
+    specification = make_specification(robot, float(content["var"][seed]), training)
+    return export_actor(select_seed(every, seed), scaling, specification, path)
 
 
 def check_against_torch(policy: Policy, actor: Weights, scaling: Scaling) -> float:

@@ -82,8 +82,13 @@ def installed_versions() -> dict[str, str]:
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write JSON whole or not at all."""
+    write_text(path, json.dumps(content, indent=2) + "\n")
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write UTF-8 text whole or not at all."""
     with whole_file(path) as draft:
-        draft.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+        draft.write_bytes(text.encode("utf-8"))
 
 
 def write_checkpoint(path: Path, content: Mapping[str, Any]) -> None:

@@ -20,11 +20,11 @@ from viatool.train.collection import Collector, Episodes
 from viatool.train.configuration import TrainingConfiguration
 from viatool.train.constraint import initial_var, update_multiplier, update_var
 from viatool.train.evaluation import Evaluation, actor_command, drive, policy_command
-from viatool.train.export import export_actor, select_seed
+from viatool.train.export import export_actor, select_seed, training_record
 from viatool.train.networks import Weights
 from viatool.train.observation import make_scaling, make_specification
 from viatool.train.progress import Progress, Silence
-from viatool.train.records import MetricsLog, installed_versions, write_checkpoint, write_json
+from viatool.train.records import MetricsLog, installed_versions, write_checkpoint, write_json, write_text
 from viatool.train.replay import ReplayBuffer
 from viatool.train.returns import NStepReturns
 from viatool.world import Scenario, WorldMap, load_map
@@ -143,9 +143,10 @@ def train(
     directory = Path(run_directory)
     if (directory / "metrics.csv").exists():
         raise ConfigurationError(f"{directory} holds an earlier run", "choose another run directory")
+    directory.mkdir(parents=True, exist_ok=True)
     with _reproducible_torch():
         run = begin_run(configuration, directory)
-        (directory / "configuration.yaml").write_text(configuration.to_yaml(), encoding="utf-8")
+        write_text(directory / "configuration.yaml", configuration.to_yaml())
         write_json(directory / "versions.json", installed_versions())
         try:
             while run.epoch < configuration.epochs:
@@ -431,12 +432,7 @@ def _finish(run: TrainingRun, directory: Path, progress: Progress, started: floa
     options = run.configuration
     progress.advance(1.0, "choosing")
     chosen = choose(run)
-    training = {
-        "method": options.method,
-        "seed": chosen.seed,
-        "epoch": chosen.epoch,
-        "configuration": options.model_dump(mode="json"),
-    }
+    training = training_record(options, chosen.seed, chosen.epoch)
     specification = make_specification(run.world_map.robot, chosen.var, training)
     path = directory / "policy.onnx"
     policy = export_actor(chosen.weights, run.collector.scaling, specification, path)
