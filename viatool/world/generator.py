@@ -19,7 +19,7 @@ Booleans = NDArray[np.bool_]
 _BATCH = 256  # scenarios that are drawn together; part of what a seed means
 _CANDIDATES = 16  # places tried at once for every scenario
 _ROUNDS = 8  # times that is done before a scenario is given up and drawn anew
-_BARREN = 40  # batches without a single scenario after which the generator is called infeasible
+_BARREN = 5  # batches without a single scenario after which the generator is called infeasible
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +132,7 @@ class ScenarioGenerator:
         return tuple(batch.scenario(index, f"random-{seed}-{index}") for index in range(count))
 
     def draw_arrays(self, count: int, rng: np.random.Generator) -> ScenarioBatch:
-        """Return `count` scenarios as arrays, about 10^5 of them in a second.
+        """Return `count` scenarios as arrays, tens of thousands of them in a second.
 
         Raises
         ------
@@ -209,8 +209,10 @@ class ScenarioGenerator:
         """Return the test whether candidates keep away from centres (N, n, 2) and from obstacles."""
 
         def room(points: Floats, which: NDArray[np.int64]) -> Booleans:
-            apart = points[:, :, None] - others[which, None]  # (W, C, n, 2)
-            free = np.all(np.square(apart).sum(axis=-1) >= separation**2, axis=-1)
+            free = np.ones(points.shape[:2], bool)  # (W, C)
+            for centre in others.transpose(1, 2, 0):  # (2, N): a loop over places, not over scenarios
+                x, y = points[..., 0] - centre[0, which, None], points[..., 1] - centre[1, which, None]
+                free &= x * x + y * y >= separation * separation
             row, column = np.nonzero(free)
             scene = which[row] if len(scenes) > 1 else np.zeros(len(row), np.int64)
             measured = scenes.clearance(points[row, column], scene)

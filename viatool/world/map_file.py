@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag
 
 from viatool.world.robot import ROBOTS
 
@@ -123,6 +123,16 @@ class RobotFile(Strict):
     lidar: LidarFile | None = None
 
 
+def _kind_of_robot(value: Any) -> str:
+    """Tell which variant of `KnownOrChangedRobot` is meant, so that only its errors are told."""
+    return "str" if isinstance(value, str) else "RobotFile"
+
+
+KnownOrChangedRobot = Annotated[
+    Annotated[str, Tag("str")] | Annotated[RobotFile, Tag("RobotFile")], Discriminator(_kind_of_robot)
+]
+
+
 class ClearanceFile(Strict):
     """Distances from the footprint that count as collision and as danger; danger is at least collision."""
 
@@ -182,7 +192,7 @@ class MapFile(Strict):
     description: str = ""
     arena: Arena
     obstacles: list[Obstacle] = []
-    robot: str | RobotFile = RobotFile()
+    robot: KnownOrChangedRobot = RobotFile()
     clearance: ClearanceFile = ClearanceFile()
     scenarios: list[ScenarioFile] = []
     generator: GeneratorFile | None = None
