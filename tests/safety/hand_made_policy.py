@@ -1,4 +1,4 @@
-"""A policy written by hand: it turns to the goal, shies away from near rays and slows down before obstacles."""
+"""A policy written by hand: it turns to the goal, shies from near rays and slows down before obstacles."""
 
 from __future__ import annotations
 
