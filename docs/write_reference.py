@@ -57,7 +57,7 @@ def _page(command: click.Command, context: click.Context) -> str:
     lines += ["| option | meaning |", "|---|---|"]
     for parameter in command.get_params(context):
         record = parameter.get_help_record(context)
-        if record is not None and isinstance(parameter, click.Option) and parameter.name != "help":
+        if record is not None and isinstance(parameter, click.Option) and "--help" not in parameter.opts:
             lines.append(f"| `{_cell(record[0])}` | {_cell(record[1])} |")
     return "\n".join(lines) + "\n"
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from viatool.errors import ConfigurationError
-from viatool.report.files import check_writable, replacing, write_text
+from viatool.report.files import check_writable, replacing, write_whole
 
 
 def test_a_failed_write_leaves_nothing_and_keeps_the_older_file(tmp_path: Path) -> None:
@@ -42,6 +42,6 @@ def test_paths_that_cannot_become_files_are_refused_before_the_work(tmp_path: Pa
         check_writable(obstacle / below if below else tmp_path)
 
 
-def test_text_is_utf8_with_plain_newlines(tmp_path: Path) -> None:
-    write_text(tmp_path / "report.md", "ω\n")
-    assert (tmp_path / "report.md").read_bytes() == "ω\n".encode()
+def test_content_is_written_as_it_is(tmp_path: Path) -> None:
+    write_whole(tmp_path / "new" / "report.md", b"one\ntwo\n")
+    assert (tmp_path / "new" / "report.md").read_bytes() == b"one\ntwo\n"

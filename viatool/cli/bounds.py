@@ -57,6 +57,8 @@ def radii(policy: Policy, eps: dict[str, float]) -> Any:
 
     if policy.spec is not None:
         return policy.spec.radii(eps)
+    if not eps:
+        raise ConfigurationError("no eps is given", "add --eps RADIUS")
     if set(eps) != {""}:
         raise ConfigurationError(
             "a policy without a specification has no named channels",

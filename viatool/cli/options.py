@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -82,6 +82,11 @@ def collect_eps(ctx: click.Context, param: click.Parameter, values: tuple[Eps, .
     return radii
 
 
+def plain_eps(radii: Mapping[str, float]) -> float | Mapping[str, float]:
+    """Return one number where no channel has a radius of its own."""
+    return radii[""] if set(radii) == {""} else radii
+
+
 def limit_threads(ctx: click.Context, param: click.Parameter, threads: int | None) -> int | None:
     """Limit the threads of the numeric libraries; this has to happen before numpy is imported."""
     if threads is not None:
@@ -112,9 +117,9 @@ eps_option = click.option(
     "--eps",
     type=EpsType(),
     multiple=True,
-    required=True,
     callback=collect_eps,
-    help="Sensor error: a radius in each channel's unit, or one channel's, such as lidar=0.03. Repeatable.",
+    help="Sensor error: a radius in each channel's unit, or one channel's, such as lidar=0.03. Repeatable; "
+    "needed unless the specification gives radii.",
 )
 seed_option = click.option(
     "--seed",
@@ -223,6 +228,13 @@ def clearance_options(command: Command) -> Command:
                 "--footprint",
                 metavar="point|RADIUS",
                 help="Footprint instead of the robot's: 'point' (the LiDAR origin) or a disc's radius in m.",
+            ),
+            click.option(
+                "--delay",
+                type=QuantityType("s", zero=True),
+                default=0.0,
+                show_default=True,
+                help="Dead time for which the previous command goes on.",
             ),
         )
     ):

@@ -20,10 +20,8 @@ from viatool.cli.terminal import open_console
 @click.option(
     "--horizon",
     type=click.IntRange(min=1),
-    default=300,
-    show_default=True,
     metavar="N",
-    help="Most steps of an episode.",
+    help="Most steps of an episode; by default the task's 300.",
 )
 @click.option(
     "--output",

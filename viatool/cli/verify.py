@@ -2,15 +2,34 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from viatool.cli import options
-from viatool.cli.failures import GATE_FAILED
-from viatool.cli.gating import build_gate, gate_options
-from viatool.cli.terminal import open_console, show_progress
+from viatool.cli.gating import build_gate, gate_options, leave_by_gate
+from viatool.cli.terminal import Progress, open_console, show_progress
+
+if TYPE_CHECKING:
+    from viatool.safety import Result
+
+_PASSED_ON = (
+    "trajectory",
+    "criterion",
+    "order",
+    "approximation",
+    "refine",
+    "arithmetic",
+    "clearance",
+    "danger",
+    "interval",
+    "footprint",
+    "delay",
+    "only_contested",
+    "noise",
+    "seed",
+)
 
 
 @click.command()
@@ -37,11 +56,17 @@ from viatool.cli.terminal import open_console, show_progress
 @options.bounds_options
 @options.clearance_options
 @click.option(
+    "--only-contested",
+    is_flag=True,
+    help="Bound the actions only where some command could endanger the robot: the same verdicts, faster.",
+)
+@click.option(
     "--output",
     "-o",
     multiple=True,
     metavar="FORMAT:PATH",
-    help="Write a report: json, states (npz) or figure (png, svg, pdf). Repeatable.",
+    help="Write a report: json, states (npz), csv, figure (png, svg, pdf), markdown, junit, sarif or github; "
+    "PATH - is stdout. Repeatable.",
 )
 @gate_options
 @options.threads_option
@@ -53,21 +78,42 @@ def command(ctx: click.Context, /, **given: Any) -> None:
     Every visited state becomes safe (proved), unsafe (with a replayable counterexample) or unknown. Without a
     gate option the command passes whatever the rates are.
     """
-    from viatool.report import check_outputs, evaluate, parse_output, print_report, read_result, write_outputs
+    from viatool.report import (
+        STDOUT,
+        check_outputs,
+        evaluate,
+        parse_output,
+        print_report,
+        read_result,
+        write_outputs,
+    )
 
     outputs = tuple(parse_output(text) for text in given["output"])
     check_outputs(outputs)
     gate = build_gate(given)
     with show_progress(quiet=given["quiet"]) as progress:
         result = _verify(given, progress)
-    write_outputs(result, outputs)
     document = read_result(result)
     checks = evaluate(gate, document)
+    write_outputs(result, outputs, checks)
     if not given["quiet"]:
-        print_report(document, open_console(), checks)
-    if not all(check.passed for check in checks) and not given["exit_zero"]:
-        ctx.exit(GATE_FAILED)
+        to_stdout = any(output.path == STDOUT for output in outputs)
+        print_report(document, open_console(stderr=to_stdout), checks)
+    leave_by_gate(ctx, checks, exit_zero=given["exit_zero"])
 
 
-def _verify(given: dict[str, Any], progress: Any) -> Any:
-    raise NotImplementedError(Path)
+def _verify(given: Mapping[str, Any], progress: Progress) -> Result:
+    from viatool.verification import verify
+    from viatool.world import load_map
+
+    world_map = load_map(given["map_path"])
+    recorded = given["trajectory"] is not None
+    return verify(
+        given["policy"],
+        world_map,
+        spec=given["spec_path"],
+        eps=options.plain_eps(given["eps"]),
+        scenarios=None if recorded else options.draw_scenarios(world_map, given["scenarios"], given["seed"]),
+        progress=progress,
+        **{name: given[name] for name in _PASSED_ON},
+    )

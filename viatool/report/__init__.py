@@ -7,11 +7,12 @@ from viatool.report.comparison import print_comparison
 from viatool.report.console import print_checks, print_report
 from viatool.report.document import ReportDocument, load_document, read_result
 from viatool.report.gate import Check, Gate, Threshold, evaluate, parse_threshold
-from viatool.report.outputs import REPORTERS, Output, check_outputs, parse_output, write_outputs
+from viatool.report.outputs import REPORTERS, STDOUT, Output, check_outputs, parse_output, write_outputs
 from viatool.report.summaries import print_bounds, print_episodes, print_map, print_policy
 
 __all__ = [
     "REPORTERS",
+    "STDOUT",
     "Check",
     "Gate",
     "Output",

@@ -49,7 +49,7 @@ def draw_closest_call(axes: Axes, result: Result) -> None:
         axes.set_axis_off()
         return
     trajectory, interval = result.trajectory, result.rules.interval
-    pose, lower, upper = trajectory.poses[state], result.reachable.lower[state], result.reachable.upper[state]
+    pose, lower, upper = trajectory.poses[state], result.commands[0][state], result.commands[1][state]
     region = swept_regions(pose[None], lower[None], upper[None], interval)[0]
     blocked = _blocked(result, int(trajectory.episode[state]))
     _frame(axes, region, blocked, result.rules.clearance.collision)

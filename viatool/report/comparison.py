@@ -21,7 +21,7 @@ Row = tuple[str, str, str, Text]
 
 def print_comparison(before: ReportDocument, after: ReportDocument, console: Console) -> None:
     """Print what two reports assumed and found; changes for the better are in the colour of safe."""
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False)
     table.add_column("")
     table.add_column("before", justify="right")
     table.add_column("after", justify="right")

@@ -14,7 +14,7 @@ from rich.text import Text
 
 from viatool.report.document import FileIdentity, RateByOutcome, ReportDocument
 from viatool.report.gate import Check
-from viatool.report.numbers import MISSING, count, percent_of, percentage, seconds, significant
+from viatool.report.numbers import MISSING, count, counted, percent_of, percentage, seconds, significant
 from viatool.report.palette import COLOUR, MEANING, VERDICTS
 from viatool.report.wording import assumptions, describe_eps, total_seconds, unit_of
 
@@ -34,7 +34,9 @@ def print_report(document: ReportDocument, console: Console, checks: Sequence[Ch
     checks : sequence of Check
         The decided conditions of a gate, shown last.
     """
-    console.print(Group(*(Padding(part, (0, 0, 1, 0)) for part in _parts(document))))
+    for part in _parts(document):
+        console.print(part)
+        console.print()
     if checks:
         print_checks(checks, console)
 
@@ -100,7 +102,7 @@ def _bar(counts: Mapping[str, int]) -> Text:
 
 
 def _rates(document: ReportDocument) -> RenderableType:
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False)
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), show_edge=False)
     table.add_column("rate of safe states")
     for outcome in OUTCOMES:
         table.add_column("overall" if outcome == "overall" else f"in {outcome}", justify="right")
@@ -131,8 +133,9 @@ def _task(document: ReportDocument) -> RenderableType:
         for outcome in ("success", "collision", "timeout")
     ]
     cost = "" if task.average_cost is None else f"; average cost {significant(task.average_cost)}"
-    episodes = "1 episode" if task.episodes == 1 else f"{count(task.episodes)} episodes"
-    return _titled("Driven, not proved", Text(f"{episodes}: {', '.join(shares)}{cost}"))
+    return _titled(
+        "Driven, not proved", Text(f"{counted(task.episodes, 'episode')}: {', '.join(shares)}{cost}")
+    )
 
 
 def _share(share: float | None) -> str:
@@ -140,7 +143,7 @@ def _share(share: float | None) -> str:
 
 
 def _widths(document: ReportDocument) -> RenderableType:
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False)
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), show_edge=False)
     table.add_column("width of the reachable actions")
     for name in ("mean", "std", "max"):
         table.add_column(name, justify="right")
@@ -172,4 +175,4 @@ def _identity(identity: FileIdentity) -> Text:
 
 
 def _titled(title: str, body: Any) -> RenderableType:
-    return Group(Text(title, style="bold"), Padding(body, (0, 0, 0, 2)))
+    return Group(Text(title, style="bold"), Padding(body, (0, 0, 0, 2), expand=False))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,12 +26,12 @@ from viatool.report.drawing import (
     draw_task,
     swept_regions,
 )
-from viatool.report.files import replacing
 from viatool.report.numbers import count, percentage
 from viatool.report.palette import COLOUR, VERDICTS
 from viatool.report.wording import describe_eps
 
 if TYPE_CHECKING:
+    from viatool.report.gate import Check
     from viatool.safety import Result
 
 SUFFIXES = (".png", ".svg", ".pdf")
@@ -38,12 +39,13 @@ PANELS, COLUMNS = 10, 4
 DPI = 160
 
 
-def write(result: Result, path: Path) -> None:
-    """Write the picture of a result as png, svg or pdf."""
-    # Without a date and with a fixed salt of the identifiers, the same result gives the same file.
-    date = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(path.suffix.lower(), {})
-    with replacing(path) as draft, rc_context({"svg.hashsalt": "viatool"}):
-        draw_result(result).savefig(draft, dpi=DPI, metadata=date)
+def render(result: Result, checks: Sequence[Check], suffix: str) -> bytes:
+    """Return the picture of a result as png, svg or pdf; the same result gives the same bytes."""
+    date = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(suffix, {})
+    content = BytesIO()
+    with rc_context({"svg.hashsalt": "viatool"}):
+        draw_result(result).savefig(content, format=suffix[1:], dpi=DPI, metadata=date)
+    return content.getvalue()
 
 
 def draw_result(result: Result) -> Figure:
@@ -135,8 +137,8 @@ def _tube(axes: Axes, result: Result, states: NDArray[np.bool_]) -> None:
     regions = np.array(
         swept_regions(
             result.trajectory.poses[states],
-            result.reachable.lower[states],
-            result.reachable.upper[states],
+            result.commands[0][states],
+            result.commands[1][states],
             result.rules.interval,
         )
     )

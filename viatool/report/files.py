@@ -38,10 +38,10 @@ def replacing(path: Path) -> Iterator[Path]:
         raise _unwritable(path, error.strerror or str(error)) from error
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write UTF-8 text with plain newlines, whole or not at all."""
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file, whole or not at all."""
     with replacing(path) as draft:
-        draft.write_bytes(text.encode("utf-8", errors="backslashreplace"))
+        draft.write_bytes(content)
 
 
 def check_writable(path: Path) -> None:

@@ -38,13 +38,18 @@ def digits_needed(rate: Fraction, most: int = 12) -> int:
 
 
 def count(number: int) -> str:
-    """Write an integer with thin thousands groups."""
+    """Write an integer in groups of thousands."""
     return f"{number:,}"
+
+
+def counted(number: int, noun: str, plural: str = "") -> str:
+    """Write a number with its noun, such as ``1 state`` and ``2 states``."""
+    return f"{count(number)} {noun if number == 1 else plural or noun + 's'}"
 
 
 def significant(value: float, digits: int = 3) -> str:
     """Write a measured number to some significant digits, without an exponent where that is readable."""
-    if value == 0.0:
+    if abs(value) < 1e-12:  # rounding of the mean of equal numbers, for example
         return "0"
     return f"{value:.{digits}g}" if 1e-4 <= abs(value) < 1e5 else f"{value:.{digits - 1}e}"
 

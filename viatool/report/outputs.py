@@ -2,38 +2,61 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol, cast
 
 from viatool.errors import ConfigurationError
-from viatool.report.files import check_writable
+from viatool.report.files import check_writable, write_whole
 
 if TYPE_CHECKING:
+    from viatool.report.gate import Check
     from viatool.safety import Result
 
 REPORTERS = {
     "json": "viatool.report.json_report",
     "states": "viatool.report.states_report",
+    "csv": "viatool.report.csv_report",
     "figure": "viatool.report.figure_report",
+    "markdown": "viatool.report.markdown_report",
+    "junit": "viatool.report.junit_report",
+    "sarif": "viatool.report.sarif_report",
+    "github": "viatool.report.github_report",
 }
-"""Format name to module; each has ``SUFFIXES`` (empty: any) and ``write(result, path)``."""
+"""Format name to the module that renders it; imported when it is asked for."""
+
+STDOUT = Path("-")
+
+
+class Reporter(Protocol):
+    """What a module of `REPORTERS` offers."""
+
+    SUFFIXES: tuple[str, ...]
+    """What its files may end in; anything if empty."""
+
+    def render(self, result: Result, checks: Sequence[Check], suffix: str) -> str | bytes:
+        """Return the whole content of a file with that suffix; text is written as UTF-8."""
 
 
 @dataclass(frozen=True)
 class Output:
-    """One requested output."""
+    """One requested output; the path ``-`` is stdout."""
 
     format: str
     path: Path
 
     @property
-    def reporter(self) -> ModuleType:
-        """Import the module that writes the format."""
-        return import_module(REPORTERS[self.format])
+    def reporter(self) -> Reporter:
+        """Import the module that renders the format."""
+        return cast(Reporter, import_module(REPORTERS[self.format]))
+
+    @property
+    def suffix(self) -> str:
+        """Return the suffix in lower case; that of the format's first kind of file for stdout."""
+        return (self.reporter.SUFFIXES or ("",))[0] if self.path == STDOUT else self.path.suffix.lower()
 
 
 def parse_output(text: str) -> Output:
@@ -63,17 +86,36 @@ def check_outputs(outputs: Sequence[Output]) -> None:
     """
     for index, output in enumerate(outputs):
         suffixes = output.reporter.SUFFIXES
-        if suffixes and output.path.suffix.lower() not in suffixes:
+        if suffixes and output.suffix not in suffixes:
             raise ConfigurationError(
                 f"the {output.format} output '{output.path}' ends in '{output.path.suffix}'",
                 f"end it in {' or '.join(suffixes)}",
             )
         if any(output.path == other.path for other in outputs[:index]):
             raise ConfigurationError(f"two outputs go to '{output.path}'", "give each output its own file")
-        check_writable(output.path)
+        if output.path != STDOUT:
+            check_writable(output.path)
 
 
-def write_outputs(result: Result, outputs: Sequence[Output]) -> None:
-    """Write every output; each is written whole or not at all."""
+def write_outputs(result: Result, outputs: Sequence[Output], checks: Sequence[Check] = ()) -> None:
+    """Write every output, each whole or not at all.
+
+    Parameters
+    ----------
+    result : Result
+        What was found.
+    outputs : sequence of Output
+        Where it goes.
+    checks : sequence of Check
+        The decided conditions of the gate.
+    """
     for output in outputs:
-        output.reporter.write(result, output.path)
+        content = output.reporter.render(result, checks, output.suffix)
+        encoded = (
+            content if isinstance(content, bytes) else content.encode("utf-8", errors="backslashreplace")
+        )
+        if output.path == STDOUT:
+            sys.stdout.buffer.write(encoded)
+            sys.stdout.flush()
+        else:
+            write_whole(output.path, encoded)

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from viatool.report.numbers import MISSING, count, percentage, significant
+from viatool.report.numbers import MISSING, count, counted, percentage, significant
 
 if TYPE_CHECKING:
     from viatool.policy import Policy, PolicySpecification
@@ -45,7 +45,10 @@ def print_map(world_map: WorldMap, console: Console) -> None:
     generator = "none" if world_map.generator is None else "draws any number of further scenarios"
     facts = [
         ("arena", f"x {x_min:g} to {x_max:g} m, y {y_min:g} to {y_max:g} m, {len(world_map.arena)} corners"),
-        ("obstacles", f"{len(obstacles.circles)} circles, {len(obstacles.polygons)} polygons"),
+        (
+            "obstacles",
+            f"{counted(len(obstacles.circles), 'circle')}, {counted(len(obstacles.polygons), 'polygon')}",
+        ),
         (
             "clearance",
             f"collision {world_map.clearance.collision:g} m, danger {world_map.clearance.danger:g} m",
@@ -94,7 +97,7 @@ def _tally(counter: Counter[str]) -> str:
 
 
 def _print_specification(spec: PolicySpecification, console: Console) -> None:
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False)
     for name in ("channel", "size", "unit", "kind", "range or value"):
         table.add_column(name, justify="right" if name == "size" else "left")
     for channel in spec.observation:
@@ -123,7 +126,7 @@ def print_episodes(trajectory: Trajectory, console: Console) -> None:
         facts.append((outcome, f"{count(number)} ({percentage(number, trajectory.episodes)})"))
     if trajectory.episodes and np.isfinite(trajectory.costs).any():
         facts.append(("average cost", f"{significant(float(np.nanmean(trajectory.costs)))} steps in danger"))
-    print_facts(f"{count(trajectory.episodes)} episodes, driven and not proved", facts, console)
+    print_facts(f"{counted(trajectory.episodes, 'episode')}, driven and not proved", facts, console)
 
 
 def print_bounds(policy: Policy, reachable: ReachableSet, console: Console) -> None:
@@ -134,7 +137,7 @@ def print_bounds(policy: Policy, reachable: ReachableSet, console: Console) -> N
         if actions
         else [f"action {i}" for i in range(policy.output_size)]
     )
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False)
     table.add_column("observation", justify="right")
     for name in names:
         table.add_column(Text(name), justify="right")

@@ -1,0 +1,320 @@
+"""Every command on a small hall: what it prints, what it writes, how it exits."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+from click.testing import Result
+
+import viatool
+from viatool.report import REPORTERS
+
+ROOT = Path(__file__).resolve().parents[2]
+Run = Callable[..., Result]
+VERIFY = ("verify", "policy.onnx", "--map", "map.yaml", "--eps", "0.01")
+SUFFIX = {"states": "npz", "csv": "csv", "figure": "png", "junit": "xml", "sarif": "sarif"}
+
+
+@pytest.fixture
+def stored(run: Run, tmp_path: Path) -> Path:
+    """Return a report in JSON."""
+    path = tmp_path / "report.json"
+    assert run(*VERIFY, "--output", f"json:{path}", "--quiet").exit_code == 0
+    return path
+
+
+def test_the_report_keeps_to_the_published_schema(stored: Path) -> None:
+    report = json.loads(stored.read_text(encoding="utf-8"))
+    schema = json.loads((ROOT / "docs" / "report.schema.json").read_text(encoding="utf-8"))
+    jsonschema.Draft202012Validator.check_schema(schema)
+    jsonschema.validate(report, schema)
+    rates = ("safety_rate", "sampled_safety_rate", "danger_rate", "contested_rate")
+    documented = (
+        *(
+            "schema_version",
+            "policy",
+            "map",
+            "eps",
+            "criterion",
+            "arithmetic",
+            "engine",
+            "states",
+            "verdicts",
+        ),
+        *(*rates, "task", "reachable_width", "seconds", "versions"),
+    )
+    assert set(documented) <= report.keys()
+    assert report["eps"] == 0.01
+    assert sum(report["verdicts"].values()) == report["states"] == report["safety_rate"]["overall"]["total"]
+    assert report["reachable_width"].keys() == {"linear", "angular"}
+
+
+def test_a_rate_without_states_is_null_in_json(stored: Path) -> None:
+    assert json.loads(stored.read_text(encoding="utf-8"))["safety_rate"]["timeout"] == {
+        "safe": 0,
+        "total": 0,
+        "rate": None,
+    }
+
+
+def test_the_state_table_holds_every_array(run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "states.npz"
+    assert run(*VERIFY, "-o", f"states:{path}").exit_code == 0
+    table = np.load(path)
+    states = len(table["pose"])
+    shapes = {"pose": 3, "observation": 26, "eps": 26, "lower": 2, "upper": 2, "witness": 26}
+    assert {name: table[name].shape for name in shapes} == {name: (states, n) for name, n in shapes.items()}
+    assert set(table["verdict"]) <= {"safe", "unsafe", "unknown"}
+    assert table["outcome"].shape == (2,)
+    unsafe = table["verdict"] == "unsafe"
+    assert unsafe.any()
+    assert (np.isfinite(table["witness"]).all(axis=1) == unsafe).all()
+    assert (np.abs(table["witness"] - table["observation"]) <= table["eps"])[unsafe].all()
+    assert (table["lower"] <= table["upper"]).all()
+
+
+@pytest.mark.parametrize("name", REPORTERS)
+def test_every_format_is_written_the_same_twice(run: Run, tmp_path: Path, name: str) -> None:
+    contents = []
+    for attempt in range(2):
+        path = tmp_path / f"{attempt}.{SUFFIX.get(name, 'out')}"
+        assert run(*VERIFY, "-o", f"{name}:{path}", "-q").exit_code == 0
+        contents.append(path.read_bytes())
+    assert contents[0]
+    if name in ("states", "csv", "figure", "github", "sarif"):  # the others tell how long the run took
+        assert contents[0] == contents[1]
+
+
+@pytest.mark.parametrize("suffix", ["png", "svg", "pdf"])
+def test_the_figure_is_of_the_asked_kind(run: Run, tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"run.{suffix}"
+    assert run(*VERIFY, "-o", f"figure:{path}", "-q").exit_code == 0
+    marks = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}
+    assert path.read_bytes().startswith(marks[suffix])
+
+
+def test_a_person_reads_the_figures_that_count(run: Run) -> None:
+    result = run(*VERIFY)
+    assert result.exit_code == 0
+    for text in (
+        "are proved safe",
+        "unsafe",
+        "danger distance",
+        "sampled",
+        "contested",
+        "m/s",
+        "rad/s",
+        "float32",
+    ):
+        assert text in result.stdout
+    assert "\x1b" not in result.stdout
+
+
+def test_a_report_on_stdout_has_stdout_to_itself(run: Run) -> None:
+    result = run(*VERIFY, "-o", "json:-")
+    assert json.loads(result.stdout)["schema_version"] == 1
+    assert "are proved safe" in result.stderr
+
+
+def test_quiet_says_nothing(run: Run) -> None:
+    result = run(*VERIFY, "--quiet")
+    assert (result.exit_code, result.output) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("conditions", "code"),
+    [
+        (("--fail-under", "0.5"), 0),
+        (("--fail-under", "1.0"), 1),
+        (("--fail-under", "100%"), 1),
+        (("--fail-under", "1.0", "--clearance", "0.9"), 1),
+        (("--fail-under", "0.5", "--fail-under", "danger=0.99"), 1),
+        (("--fail-under", "contested=0.5"), 1),
+        (("--max-unsafe", "0"), 1),
+        (("--max-unsafe", "1000", "--max-unknown", "1000"), 0),
+        (("--fail-under", "1.0", "--exit-zero"), 0),
+        (("--fail-under", "timeout=0.5"), 5),
+        (("--fail-under", "timeout=0.5", "--exit-zero"), 5),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, tuple) else str(value),
+)
+def test_the_gate_decides_the_exit_code(run: Run, conditions: tuple[str, ...], code: int) -> None:
+    assert run(*VERIFY, *conditions).exit_code == code
+
+
+def test_a_failed_gate_still_writes_its_reports(run: Run, tmp_path: Path) -> None:
+    assert run(*VERIFY, "--fail-under", "1", "-o", f"json:{tmp_path / 'r.json'}").exit_code == 1
+    assert (tmp_path / "r.json").is_file()
+
+
+def test_a_stored_report_is_gated_like_the_run_itself(run: Run, stored: Path) -> None:
+    assert run("gate", stored).exit_code == 0
+    assert run("gate", stored, "--fail-under", "0.5", "--baseline", stored).exit_code == 0
+    failed = run("gate", stored, "--fail-under", "1.0")
+    assert (failed.exit_code, "FAILED" in failed.stdout) == (1, True)
+
+
+def test_two_reports_are_compared(run: Run, stored: Path) -> None:
+    result = run("compare", stored, stored)
+    assert result.exit_code == 0
+    assert "contested rate" in result.stdout
+
+
+def test_a_simulated_trajectory_is_verified_like_the_run_itself(
+    run: Run, stored: Path, tmp_path: Path
+) -> None:
+    states, again = tmp_path / "trajectory.npz", tmp_path / "again.json"
+    assert run("simulate", "policy.onnx", "--map", "map.yaml", "-o", states).exit_code == 0
+    assert run(*VERIFY, "--trajectory", states, "-o", f"json:{again}").exit_code == 0
+    reports = [json.loads(path.read_text(encoding="utf-8")) for path in (stored, again)]
+    assert reports[0]["safety_rate"] == reports[1]["safety_rate"]
+
+
+def test_scenarios_are_drawn_on_demand(run: Run) -> None:
+    result = run("simulate", "policy.onnx", "--map", "map.yaml", "--scenarios", "7", "--seed", "3")
+    assert (result.exit_code, "7 episodes" in result.stdout) == (0, True)
+
+
+def test_bounds_need_no_specification(run: Run, tmp_path: Path) -> None:
+    np.save(tmp_path / "observations.npy", np.zeros((3, 26)))
+    result = run(
+        "bounds", "foreign.onnx", tmp_path / "observations.npy", "--eps", "0.1", "-o", tmp_path / "b.npz"
+    )
+    assert result.exit_code == 0
+    bounds = np.load(tmp_path / "b.npz")
+    policy = viatool.load_policy("foreign.onnx")
+    sets = viatool.reach(policy, np.zeros((3, 26)), 0.1)
+    np.testing.assert_array_equal(bounds["lower"], sets.lower)
+    np.testing.assert_array_equal(bounds["upper"], sets.upper)
+
+
+def test_bounds_read_text_and_write_what_reads_back_exactly(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "o.csv").write_text(
+        "# two rows\n" + ",".join(["0.5"] * 26) + "\n" + " ".join(["1"] * 26) + "\n"
+    )
+    assert (
+        run("bounds", "policy.onnx", tmp_path / "o.csv", "--eps", "0.1", "-o", tmp_path / "b.csv").exit_code
+        == 0
+    )
+    rows = np.loadtxt(tmp_path / "b.csv", delimiter=",", skiprows=1)
+    policy = viatool.load_policy("policy.onnx")
+    sets = viatool.reach(policy, rows[:, :26], policy.spec.radii(0.1))
+    np.testing.assert_array_equal(rows[:, -4:], np.hstack([sets.lower, sets.upper]))
+
+
+@pytest.mark.parametrize("policy", ["policy.onnx", "foreign.onnx"])
+def test_inspect_tells_what_a_policy_is(run: Run, policy: str) -> None:
+    result = run("inspect", policy)
+    assert result.exit_code == 0
+    assert "Tanh" in result.stdout
+
+
+def test_a_map_is_summarised_and_drawn(run: Run, tmp_path: Path) -> None:
+    result = run("map", "map.yaml", "-o", tmp_path / "map.svg")
+    assert result.exit_code == 0
+    assert "2 fixed" in result.stdout
+    assert (tmp_path / "map.svg").stat().st_size > 1000
+
+
+def _broken_inputs(folder: Path) -> None:
+    (folder / "text.onnx").write_text("not a model")
+    (folder / "broken.yaml").write_text("arena: [unclosed")
+    (folder / "wrong.yaml").write_text(
+        "schema_version: 1\nname: x\narena: {shape: box, center: [0, 0], size: [-1, 2]}\n"
+    )
+    (folder / "short.csv").write_text("1,2,3\n")
+    (folder / "words.csv").write_text("one,two\n")
+    (folder / "report.json").write_text('{"schema_version": 1}')
+    np.savez(folder / "other.npz", pose=np.zeros((2, 3)), observation=np.zeros((2, 5)))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "named"),
+    [
+        (("verify", "missing.onnx", "--map", "map.yaml", "--eps", "0.01"), 2, "missing.onnx"),
+        (("verify", "text.onnx", "--map", "map.yaml", "--eps", "0.01"), 2, "text.onnx"),
+        (("verify", "wide.onnx", "--map", "map.yaml", "--eps", "0.01"), 2, "30"),
+        (("verify", "foreign.onnx", "--map", "map.yaml", "--eps", "0.01"), 2, "specification"),
+        (("verify", "policy.onnx", "--map", "missing.yaml", "--eps", "0.01"), 2, "missing.yaml"),
+        (("verify", "policy.onnx", "--map", "broken.yaml", "--eps", "0.01"), 2, "broken.yaml"),
+        (("verify", "policy.onnx", "--map", "wrong.yaml", "--eps", "0.01"), 2, "size"),
+        (("verify", "policy.onnx", "--map", "policy.onnx", "--eps", "0.01"), 2, "policy.onnx"),
+        (("verify", "policy.onnx", "--map", ".", "--eps", "0.01"), 2, "."),
+        (("verify", "policy.onnx", "--map", "map.yaml"), 2, "--eps"),
+        (("verify", "policy.onnx", "--map", "map.yaml", "--eps", "sonar=0.1"), 2, "sonar"),
+        (("verify", "policy.onnx", "--map", "map.yaml", "--eps", "0.1", "--eps", "budget=0.1"), 2, "budget"),
+        ((*VERIFY, "--trajectory", "missing.npz"), 2, "missing.npz"),
+        ((*VERIFY, "--trajectory", "other.npz"), 2, "5"),
+        ((*VERIFY, "--trajectory", "map.yaml"), 2, "map.yaml"),
+        ((*VERIFY, "--spec", "broken.yaml"), 2, "broken.yaml"),
+        ((*VERIFY, "--spec", "missing.yaml"), 2, "missing.yaml"),
+        ((*VERIFY, "--footprint", "round"), 2, "round"),
+        ((*VERIFY, "--footprint", "-1"), 2, "-1"),
+        ((*VERIFY, "--danger", "0.1"), 2, "0.1"),
+        ((*VERIFY, "--baseline", "report.json"), 2, "report.json"),
+        ((*VERIFY, "--baseline", "text.onnx"), 2, "text.onnx"),
+        ((*VERIFY, "--output", "json:map.yaml/report.json"), 2, "map.yaml"),
+        ((*VERIFY, "--output", "json:."), 2, "directory"),
+        ((*VERIFY, "--output", "json:a.json", "--output", "sarif:a.json"), 2, "a.json"),
+        (("gate", "missing.json"), 2, "missing.json"),
+        (("gate", "report.json"), 2, "report.json"),
+        (("compare", "report.json", "report.json"), 2, "report.json"),
+        (("bounds", "policy.onnx", "short.csv", "--eps", "0.1"), 2, "26"),
+        (("bounds", "policy.onnx", "words.csv", "--eps", "0.1"), 2, "words.csv"),
+        (("bounds", "policy.onnx", "map.yaml", "--eps", "0.1"), 2, ".yaml"),
+        (("bounds", "foreign.onnx", "short.csv", "--eps", "0.1"), 2, "26"),
+        (("inspect", "text.onnx"), 2, "text.onnx"),
+        (("map", "broken.yaml"), 2, "broken.yaml"),
+        (("map", "map.yaml", "-o", "map.txt"), 2, "map.txt"),
+        (("simulate", "foreign.onnx", "--map", "map.yaml"), 2, "specification"),
+        (("simulate", "policy.onnx", "--map", "map.yaml", "-o", "trajectory.txt"), 2, "trajectory.txt"),
+        (("train", "--map", "missing.yaml", "-o", "run"), 2, "missing.yaml"),
+        (("train", "--set", "sedes=3", "-o", "run"), 2, "sedes"),
+        (("export", "missing.pt"), 2, "missing.pt"),
+        (("export", "map.yaml"), 2, "map.yaml"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, tuple) else str(value),
+)
+def test_each_wrong_input_is_named_in_one_message(
+    run: Run, hall: Path, arguments: tuple[str, ...], code: int, named: str
+) -> None:
+    _broken_inputs(hall)
+    before = sorted(path.name for path in hall.iterdir())
+    result = run(*arguments)
+    assert result.exit_code == code, result.output
+    assert result.stdout == ""
+    assert result.stderr.startswith("error: ")
+    assert named in result.stderr
+    assert "Traceback" not in result.stderr
+    assert "internal error" not in result.stderr
+    assert sorted(path.name for path in hall.iterdir()) == before
+
+
+def test_an_interrupt_leaves_no_file_and_exits_130(hall: Path, tmp_path: Path) -> None:
+    program = "from viatool.cli import main; main()"
+    arguments = ["policy.onnx", "--map", "map.yaml", "--eps", "0.01", "--scenarios", "3000"]
+    process = subprocess.Popen(
+        [sys.executable, "-c", program, "verify", *arguments, "-o", f"json:{tmp_path / 'r.json'}"],
+        cwd=hall,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    time.sleep(1.5)
+    process.send_signal(signal.SIGINT)
+    stdout, stderr = process.communicate(timeout=60)
+    assert process.returncode == 130, stderr
+    assert "Traceback" not in stderr
+    assert stdout == ""
+    assert list(tmp_path.iterdir()) == []

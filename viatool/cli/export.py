@@ -1,0 +1,47 @@
+"""``viatool export``: from a training checkpoint to an ONNX policy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from viatool.cli import options
+from viatool.cli.terminal import open_console
+
+
+@click.command()
+@click.argument("checkpoint", type=options.READABLE)
+@click.option(
+    "--output",
+    "-o",
+    type=options.WRITABLE,
+    default=Path("policy.onnx"),
+    show_default=True,
+    metavar="FILE",
+    help="The ONNX file to write.",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    metavar="N",
+    help="Which of the seeds trained together; by default the best one.",
+)
+@click.option(
+    "--map", "map_path", type=options.READABLE, metavar="FILE", help="The training map, if it has moved."
+)
+@options.quiet_option
+def command(checkpoint: Path, output: Path, seed: int | None, map_path: Path | None, quiet: bool) -> None:
+    """Export the policy of CHECKPOINT, a .pt file of a training run, as ONNX.
+
+    The normaliser, the squashing and the scaling are inside the file, and the specification is in its
+    metadata. The file is run in onnxruntime and compared with torch.
+    """
+    from viatool.report import print_policy
+    from viatool.report.files import check_writable
+    from viatool.train import export_checkpoint
+
+    check_writable(output)
+    policy = export_checkpoint(checkpoint, output, seed=seed, map_path=map_path)
+    if not quiet:
+        print_policy(policy, open_console())

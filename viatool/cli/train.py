@@ -1,0 +1,67 @@
+"""``viatool train``: from a map to an exported policy."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import click
+
+from viatool.cli import options
+from viatool.cli.terminal import open_console
+
+
+@click.command()
+@click.option(
+    "--preset",
+    type=click.Choice(["quick", "paper", "best"]),
+    default="quick",
+    show_default=True,
+    help="A policy in minutes, the paper's schedule, or the best policy.",
+)
+@click.option(
+    "--config", "file", type=options.READABLE, metavar="FILE", help="YAML with any training option."
+)
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="One training option, over the preset and the file. Repeatable.",
+)
+@click.option("--map", "map_path", metavar="FILE", help="The map to train on; by default maps/lab.yaml.")
+@click.option("--seed", type=click.IntRange(min=0), metavar="N", help="Seed of the run.")
+@click.option(
+    "--output",
+    "-o",
+    type=options.WRITABLE,
+    metavar="DIRECTORY",
+    help="A new or empty run directory; by default runs/PRESET-TIME.",
+)
+@options.quiet_option
+def command(
+    preset: str,
+    file: Path | None,
+    settings: tuple[str, ...],
+    map_path: str | None,
+    seed: int | None,
+    output: Path | None,
+    quiet: bool,
+) -> None:
+    """Train a policy with a CVaR constraint and export it, ready to verify.
+
+    Options and metrics are explained in docs/training.md. Two runs with the same seed on the same machine
+    give the same policy.
+    """
+    from viatool.train import Silence, console_progress, make_configuration, train
+
+    configuration = make_configuration(preset, file, settings, map=map_path, seed=seed)
+    directory = output or Path("runs") / f"{preset}-{time.strftime('%Y%m%d-%H%M%S')}"
+    if quiet:
+        train(configuration, directory, Silence())
+        return
+    with console_progress() as progress:
+        result = train(configuration, directory, progress)
+    console = open_console()
+    for line in result.lines():
+        console.print(line, markup=False)

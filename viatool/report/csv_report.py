@@ -1,0 +1,45 @@
+"""The states as a table for spreadsheets: one row each, with pose, verdict and the reachable commands."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from io import StringIO
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from viatool.report.gate import Check
+    from viatool.safety import Result
+
+SUFFIXES = (".csv",)
+COLUMNS = ("state", "episode", "scenario", "outcome", "time", "x", "y", "theta", "verdict")
+_FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
+
+
+def render(result: Result, checks: Sequence[Check], suffix: str) -> str:
+    """Return one row for each state, below a row of names."""
+    trajectory, reachable = result.trajectory, result.reachable
+    bounds = [f"{action.name}_{end}" for end in ("lower", "upper") for action in result.actions]
+    names = [f"{index}" if s is None else s.name for index, s in enumerate(trajectory.scenarios)]
+    stream = StringIO(newline="")
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow([*COLUMNS, *map(inert, bounds)])
+    for state, episode in enumerate(trajectory.episode.tolist()):
+        ends = (*reachable.lower[state], *reachable.upper[state])
+        writer.writerow(
+            [
+                state,
+                episode,
+                inert(names[episode]),
+                trajectory.outcomes[episode],
+                *(f"{number:.9g}" for number in (trajectory.time[state], *trajectory.poses[state])),
+                result.verdict[state],
+                *(f"{number:.17g}" for number in ends),
+            ]
+        )
+    return stream.getvalue()
+
+
+def inert(text: str) -> str:
+    """Keep a spreadsheet from reading a name as a formula."""
+    return f"'{text}" if text.startswith(_FORMULA_STARTS) else text

@@ -1,0 +1,99 @@
+"""SARIF 2.1.0, for code-scanning dashboards: one result for each state that is not safe."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import PurePath
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
+
+import numpy as np
+
+from viatool.report.document import read_result
+from viatool.report.gate import Check
+from viatool.report.wording import describe_eps
+
+if TYPE_CHECKING:
+    from viatool.safety import Result
+
+SUFFIXES = (".sarif", ".json")
+SCHEMA = "https://docs.oasis-open.org/sarif/sarif/v2.1.0/os/schemas/sarif-schema-2.1.0.json"
+MOST_RESULTS = 25_000  # more are refused by code scanning
+RULES = {
+    "unsafe-state": ("error", "A sensor error within eps makes the deployed policy violate the criterion."),
+    "unknown-state": ("warning", "The criterion could be neither proved nor refuted."),
+    "gate": ("error", "A condition of the gate does not hold."),
+}
+
+
+def render(result: Result, checks: Sequence[Check], suffix: str) -> str:
+    """Return the log; failed conditions of the gate first, then unsafe states, then unknown ones."""
+    document = read_result(result)
+    found = [*_gate_results(checks, result), *_state_results(result)]
+    run = {
+        "tool": {
+            "driver": {
+                "name": "viatool",
+                "version": document.versions.get("viatool", "unknown"),
+                "rules": [_rule(name, level, text) for name, (level, text) in RULES.items()],
+            }
+        },
+        "results": found[:MOST_RESULTS],
+        "properties": {
+            "resultsFound": len(found),
+            "eps": describe_eps(document.eps),
+            "criterion": document.criterion,
+            "arithmetic": document.arithmetic,
+            "policySha256": document.policy.sha256,
+            "mapSha256": document.map.sha256,
+        },
+    }
+    return json.dumps({"$schema": SCHEMA, "version": "2.1.0", "runs": [run]}, indent=1) + "\n"
+
+
+def _rule(name: str, level: str, text: str) -> dict[str, Any]:
+    return {"id": name, "shortDescription": {"text": text}, "defaultConfiguration": {"level": level}}
+
+
+def _gate_results(checks: Sequence[Check], result: Result) -> Iterator[dict[str, Any]]:
+    for check in checks:
+        if not check.passed:
+            yield _finding(
+                "gate", f"{check.condition}: {check.figures}", result, check.condition, check.condition
+            )
+
+
+def _state_results(result: Result) -> Iterator[dict[str, Any]]:
+    trajectory = result.trajectory
+    names = [str(i) if scenario is None else scenario.name for i, scenario in enumerate(trajectory.scenarios)]
+    for verdict in ("unsafe", "unknown"):
+        for state in np.flatnonzero(result.verdict == verdict).tolist():
+            name, time = names[trajectory.episode[state]], float(trajectory.time[state])
+            x, y, heading = trajectory.poses[state].tolist()
+            text = (
+                f"State {state} is {verdict}: scenario {name} at {time:.2f} s, "
+                f"x {x:.3f} m, y {y:.3f} m, heading {heading:.3f} rad."
+            )
+            place = f"{name}/{time:.3f}"
+            yield _finding(f"{verdict}-state", text, result, place, place)
+
+
+def _finding(rule: str, text: str, result: Result, place: str, identity: str) -> dict[str, Any]:
+    """Return one result; its fingerprint stays the same while rule, scenario and time do."""
+    digest = hashlib.sha256(f"{rule}\0{identity}".encode("utf-8", errors="surrogatepass")).hexdigest()
+    uri = quote(PurePath(result.world_map.path).as_posix())
+    return {
+        "ruleId": rule,
+        "ruleIndex": list(RULES).index(rule),
+        "level": RULES[rule][0],
+        "message": {"text": text},
+        "locations": [
+            {
+                "physicalLocation": {"artifactLocation": {"uri": uri}, "region": {"startLine": 1}},
+                "logicalLocations": [{"fullyQualifiedName": place}],
+            }
+        ],
+        "partialFingerprints": {"viatoolState/v1": digest},
+    }
