@@ -69,6 +69,31 @@ def approximate_linearly(curve: Curve, lower: Floats, upper: Floats, rule: Appro
     **Sound:** yes. For any slope, the range of ``f(x) - slope*x`` is enclosed: on a convex piece it lies above each of
     its tangents and below its ends; on a concave piece the other way round; on a straight piece between its ends.
     """
+    cells = curve.cells(1)
+    first, last = cells.locate(lower, upper)
+    straight = (first == last) & (cells.kinds[first] == CONSTANT)
+    coefficients, error = _straight_lines(curve, lower, upper, cells.table[0][first, first], centre)
+    bent = np.flatnonzero(~straight)
+    if bent.size:
+        coefficients[:, bent], error[bent] = _bent_lines(curve, lower[bent], upper[bent], rule, centre[bent])
+    return Polynomial(coefficients, error)
+
+
+def _straight_lines(
+    curve: Curve, lower: Floats, upper: Floats, slope: Floats, centre: Floats
+) -> tuple[Floats, Floats]:
+    """Continue the straight piece of each interval to the centre; exact but for rounding."""
+    middle = lower / 2 + upper / 2
+    slope = np.where(np.isfinite(slope), slope, 0.0)
+    value = curve.value(middle)
+    constant = value + slope * (centre - middle)
+    error = 8 * _EPS * (np.abs(value) + np.abs(slope) * (np.abs(centre) + np.abs(middle)))
+    return np.stack([constant, slope]), error
+
+
+def _bent_lines(
+    curve: Curve, lower: Floats, upper: Floats, rule: Approximation, centre: Floats
+) -> tuple[Floats, Floats]:
     slope = _pick_slope(curve, lower, upper, rule)
     residual = _residual_range(curve, lower, upper, slope)
     if not (np.isfinite(residual.lower).all() and np.isfinite(residual.upper).all()):
@@ -79,9 +104,8 @@ def approximate_linearly(curve: Curve, lower: Floats, upper: Floats, rule: Appro
         )
     offset = residual.lower / 2 + residual.upper / 2
     radius = np.maximum(residual.upper - offset, offset - residual.lower)
-    constant = offset + slope * centre
     rounding = 4 * _EPS * (np.abs(offset) + np.abs(slope * centre)) + 1e-300
-    return Polynomial(np.stack([constant, slope]), step_up(radius) + rounding)
+    return np.stack([offset + slope * centre, slope]), step_up(radius) + rounding
 
 
 def _pick_slope(curve: Curve, lower: Floats, upper: Floats, rule: Approximation) -> Floats:

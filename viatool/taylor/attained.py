@@ -6,53 +6,49 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viatool.policy.network import Network
-from viatool.taylor.derivatives import gradient_bounds
+from viatool.taylor.derivatives import gradient
+from viatool.taylor.propagation import Box
+from viatool.taylor.refinement import Extrema
 
 Floats = NDArray[np.float64]
 
 _STEPS = 4
 
 
-def climb(network: Network, lower: Floats, upper: Floats, start: Floats, seed: Floats) -> tuple[Floats, Floats]:
-    """Search boxes for a large value of a combination of actions, corner by corner along the gradient.
+def climb(network: Network, box: Box, extrema: Extrema) -> Floats:
+    """Search boxes for extreme actions, corner by corner along the gradient.
 
     Parameters
     ----------
     network : Network
         n inputs, A outputs.
-    lower, upper : ndarray
-        ``(B, n)`` boxes.
-    start : ndarray
-        ``(B, n)`` first points.
-    seed : ndarray
-        ``(B, A)``: the combination ``seed . actions`` to maximise.
+    box : Box
+        B boxes.
+    extrema : Extrema
+        ``2 A B`` questions about them; the search starts from the middle of each question's face.
 
     Returns
     -------
-    tuple of ndarray
-        The best points found (B, n), inside the boxes, and their values (B,) in float64.
+    ndarray
+        ``(2 A B,)``: values of ``seed . actions`` in float64, each attained at a point of its box.
 
     Notes
     -----
-    Each step jumps to the corner that the gradient at the present point names; a step that does not improve is retried
-    half-way. **Sound:** as an inner bound, yes: every value is attained by a point of the box.
+    Each step jumps to the corner that the gradient at the present point names; after a step that does not improve, the
+    next starts half-way. **Sound:** as an inner bound, yes.
     """
-    best = np.clip(start, lower, upper)
+    copies = extrema.bound.size // box.lower.shape[0] if extrema.bound.size else 0
+    lower, upper = np.tile(box.lower, (copies, 1)), np.tile(box.upper, (copies, 1))
+    seed = extrema.seed
+    best = np.clip(extrema.box.centre, lower, upper)
     value = (network(best) * seed).sum(axis=1)
     point = best
     for _ in range(_STEPS):
-        gradient = _gradient(network, point, seed)
-        corner = np.where(gradient > 0, upper, np.where(gradient < 0, lower, point))
+        slope = gradient(network, point, seed)
+        corner = np.where(slope > 0, upper, np.where(slope < 0, lower, point))
         reached = (network(corner) * seed).sum(axis=1)
         better = reached > value
         best = np.where(better[:, None], corner, best)
         value = np.where(better, reached, value)
         point = np.where(better[:, None], corner, best / 2 + corner / 2)
-    return best, value
-
-
-def _gradient(network: Network, points: Floats, seed: Floats) -> Floats:
-    values = network.values(points)
-    low, high = gradient_bounds(network, [(value, value) for value in values], seed)
-    middle = low / 2 + high / 2
-    return np.where(np.isfinite(middle), middle, 0.0)
+    return np.asarray(value)

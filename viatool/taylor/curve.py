@@ -31,6 +31,7 @@ RISING, FALLING, CONSTANT, UNKNOWN = 1, -1, 0, 2
 _SPLITS = 60
 _MOST_CELLS = 512
 _SETTLED = 1e-13
+_FEW = 8  # comparing with a few edges beats a binary search
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +48,7 @@ class Cells:
         Lower and upper bounds ``(K,)`` of the derivative on each `UNKNOWN` cell.
     table : tuple of ndarray
         ``(K, K)`` lower and upper hull of the derivative over the edges strictly between cell i and cell j, and over
-        every unknown cell from i to j.
+        every unknown or constant cell from i to j.
     """
 
     edges: Floats
@@ -58,7 +59,18 @@ class Cells:
     def locate(self, lower: Floats, upper: Floats) -> tuple[Integers, Integers]:
         """Return the cells of both ends; an end on an edge counts the edge as inside."""
         inner = self.edges[1:-1]
-        return np.searchsorted(inner, lower, side="left"), np.searchsorted(inner, upper, side="right")
+        if inner.size > _FEW:
+            return np.searchsorted(inner, lower, side="left"), np.searchsorted(inner, upper, side="right")
+        first, last = np.zeros(lower.shape, dtype=np.intp), np.zeros(upper.shape, dtype=np.intp)
+        for edge in inner.tolist():
+            first += lower > edge
+            last += upper >= edge
+        return first, last
+
+    @property
+    def is_stepwise(self) -> bool:
+        """Whether the derivative is constant on every cell, so that the table alone gives its range."""
+        return bool((self.kinds == CONSTANT).all())
 
 
 class Curve:
@@ -78,9 +90,11 @@ class Curve:
         self._cells: dict[int, Cells] = {}
 
     @property
-    def is_piecewise_linear(self) -> bool:
-        """Whether every piece is a straight line."""
-        return all(sympy.diff(expression, X, 2) == 0 for expression in self._expressions)
+    def is_increasing(self) -> bool:
+        """Whether the function provably never falls; saturated tails may be flat."""
+        kinds = self.cells(0).kinds
+        tails = kinds[1:-1] if kinds.size > 2 else kinds
+        return bool(np.isin(tails, (RISING, CONSTANT)).all() and not (kinds == FALLING).any())
 
     def value(self, x: Floats, derivative: int = 0) -> Floats:
         """Evaluate a derivative in float64; not a bound."""
@@ -104,13 +118,12 @@ class Curve:
         pieces = self._pieces(derivative)
         if not self.breaks.size:
             return _checked(pieces[0], Interval(x, x))
-        index_left = np.searchsorted(self.breaks, x, side="left")
-        index_right = np.searchsorted(self.breaks, x, side="right")
         lower, upper = np.full(x.shape, np.inf), np.full(x.shape, -np.inf)
-        for k, piece in enumerate(pieces):
-            here = (index_left == k) | (index_right == k)
-            if here.any():
-                part = x[here]
+        borders = [-np.inf, *self.breaks.tolist(), np.inf]
+        for piece, left, right in zip(pieces, borders[:-1], borders[1:], strict=True):
+            here = (x >= left) & (x <= right)
+            part = x[here]
+            if part.size:
                 result = _checked(piece, Interval(part, part))
                 lower[here] = np.minimum(lower[here], result.lower)
                 upper[here] = np.maximum(upper[here], result.upper)
@@ -123,8 +136,12 @@ class Curve:
         """
         cells = self.cells(derivative)
         first, last = cells.locate(lower, upper)
-        low, high = self.enclose(lower, derivative), self.enclose(upper, derivative)
         beyond = (lower < -REACH) | (upper > REACH)
+        if cells.is_stepwise:
+            return Interval(
+                np.where(beyond, -np.inf, cells.table[0][first, last]), np.where(beyond, np.inf, cells.table[1][first, last])
+            )
+        low, high = self.enclose(lower, derivative), self.enclose(upper, derivative)
         return Interval(
             np.where(beyond, -np.inf, np.minimum(np.minimum(low.lower, high.lower), cells.table[0][first, last])),
             np.where(beyond, np.inf, np.maximum(np.maximum(low.upper, high.upper), cells.table[1][first, last])),
@@ -233,7 +250,9 @@ def _sign_cells(
             scale = _SETTLED * (1 + np.minimum(np.abs(hull.lower), np.abs(hull.upper)))
         middle = lower + (upper - lower) / 2
         stuck = (middle <= lower) | (middle >= upper)
-        settled = (kind != UNKNOWN) | (width <= scale) | stuck | (depth == _SPLITS) | (lower.size > _MOST_CELLS)
+        undefined = np.isneginf(hull.lower) & np.isposinf(hull.upper)
+        hopeless = stuck | undefined | (depth == _SPLITS) | (lower.size > _MOST_CELLS)
+        settled = (kind != UNKNOWN) | (width <= scale) | hopeless
         done += list(
             zip(
                 lower[settled].tolist(),
@@ -278,7 +297,7 @@ def _hull_table(kinds: Integers, hulls: tuple[Floats, Floats], nodes: Interval) 
         for last in range(first, count):
             if last > first:
                 low, high = min(low, nodes.lower[last - 1]), max(high, nodes.upper[last - 1])
-            if kinds[last] == UNKNOWN:
+            if kinds[last] in (UNKNOWN, CONSTANT):
                 low, high = min(low, hulls[0][last]), max(high, hulls[1][last])
             lowest[first, last], highest[first, last] = low, high
     return lowest, highest

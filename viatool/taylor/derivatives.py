@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.policy.network import Activation, Affine, Maximum, Minimum, Network, Product
+from viatool.policy.network import Activation, Affine, Maximum, Minimum, Network, Node, Product
 from viatool.taylor.curve import curve_of
 from viatool.taylor.rounding import ENGINE_ROUNDOFF, SLIGHTLY_MORE, gamma
 
@@ -59,14 +59,43 @@ def gradient_bounds(network: Network, hulls: Sequence[Hull], seed: Floats) -> Hu
                 left, right = right, left
             wins = np.where(left[0] >= right[1], 1.0, 0.0)
             may_win = np.where(left[1] <= right[0], 0.0, 1.0)
-            winner, loser = (node.left, node.right) if isinstance(node, Maximum) else (node.right, node.left)
-            _accumulate(adjoints, winner, _scaled(centre, radius, wins, may_win))
-            _accumulate(adjoints, loser, _scaled(centre, radius, 1 - may_win, 1 - wins))
+            _accumulate(adjoints, node.left, _scaled(centre, radius, wins, may_win))
+            _accumulate(adjoints, node.right, _scaled(centre, radius, 1 - may_win, 1 - wins))
         else:  # Cast
             _accumulate(adjoints, node.sources[0], (centre, radius))
     shape = hulls[0][0].shape
     centre, radius = adjoints.get(0, (np.zeros(shape), np.zeros(shape)))
     return centre - radius, centre + radius
+
+
+def gradient(network: Network, points: Floats, seed: Floats) -> Floats:
+    """Return the gradient (B, n) of ``seed . actions`` at points (B, n), one-sided at kinks. Not a bound."""
+    values = network.values(points)
+    adjoints: dict[int, Floats] = {len(network.nodes) - 1: seed}
+    for index in range(len(network.nodes) - 1, 0, -1):
+        node = network.nodes[index]
+        if index not in adjoints:
+            continue
+        adjoint = adjoints.pop(index)
+        for source, contribution in _pulled_back(node, adjoint, values):
+            adjoints[source] = adjoints[source] + contribution if source in adjoints else contribution
+    result = adjoints.get(0, np.zeros_like(points))
+    return np.where(np.isfinite(result), result, 0.0)
+
+
+def _pulled_back(node: Node, adjoint: Floats, values: Sequence[Floats]) -> list[tuple[int, Floats]]:
+    match node:
+        case Affine():
+            return [(source, adjoint @ weight) for source, weight in zip(node.sources, node.weights, strict=True)]
+        case Activation():
+            return [(node.source, adjoint * curve_of(node.function).value(values[node.source], 1))]
+        case Product():
+            return [(node.left, adjoint * values[node.right]), (node.right, adjoint * values[node.left])]
+        case Maximum() | Minimum():
+            left_wins = (values[node.left] >= values[node.right]) == isinstance(node, Maximum)
+            return [(node.left, adjoint * left_wins), (node.right, adjoint * ~left_wins)]
+        case _:
+            return [(node.sources[0], adjoint)]
 
 
 def _accumulate(adjoints: dict[int, Hull], node: int, contribution: Hull) -> None:

@@ -28,7 +28,7 @@ def step_down(x: Floats, ulps: int | Floats = 1) -> Floats:
 
 
 def step_up(x: Floats, ulps: int | Floats = 1) -> Floats:
-    """Return floats at least `ulps` units in the last place above `x`; -infinity becomes the smallest float."""
+    """Return floats at least `ulps` units in the last place above `x`; -inf becomes the smallest float."""
     return np.maximum(x, -_LARGEST) + (np.minimum(np.abs(x), _LARGEST) * (ulps * _EPS) + _TINY)
 
 

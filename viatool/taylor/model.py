@@ -60,6 +60,14 @@ class Diagonal:
         np.put_along_axis(norms, self.index, np.abs(self.radius), axis=1)
         return norms
 
+    def rows(self, which: Integers) -> Diagonal:
+        """Return some of the states."""
+        return Diagonal(self.index[which], self.radius[which], self.size)
+
+    def column(self, neuron: Integers) -> Floats:
+        """Return the form of one neuron in each state, (B, S)."""
+        return np.where(self.index == neuron[:, None], self.radius, 0.0)
+
     def dense(self) -> Floats:
         """Return the coefficients (B, S, N)."""
         coefficients = np.zeros((*self.index.shape, self.size))
@@ -86,6 +94,14 @@ class Dense:
     def norms(self) -> Floats:
         """Return the L1 norm of each neuron's form, (B, N)."""
         return np.abs(self.coefficients).sum(axis=1)
+
+    def rows(self, which: Integers) -> Dense:
+        """Return some of the states."""
+        return Dense(self.coefficients[which])
+
+    def column(self, neuron: Integers) -> Floats:
+        """Return the form of one neuron in each state, (B, S)."""
+        return np.take_along_axis(self.coefficients, neuron[:, None, None], axis=2)[:, :, 0]
 
     def dense(self) -> Floats:
         """Return the coefficients (B, S, N)."""

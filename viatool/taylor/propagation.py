@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,7 +66,14 @@ class Enclosure:
         return self.lower, self.upper
 
 
-def propagate(network: Network, box: Box, *, order: int = 1, rule: Approximation = "chebyshev") -> list[Enclosure]:
+def propagate(
+    network: Network,
+    box: Box,
+    *,
+    order: int = 1,
+    rule: Approximation = "chebyshev",
+    limits: Mapping[int, Hull] | None = None,
+) -> list[Enclosure]:
     """Enclose every node of a network over input boxes.
 
     Parameters
@@ -78,11 +86,13 @@ def propagate(network: Network, box: Box, *, order: int = 1, rule: Approximation
         Order k of the Taylor models.
     rule : str
         How activations are approximated.
+    limits : mapping, optional
+        Activation node to bounds (B, N) of its argument: only points of the box that keep to them are enclosed.
 
     Returns
     -------
     list of Enclosure
-        One for each node; the last is that of the actions.
+        One for each node; the last is that of the actions. Meaningless for a box in which no point keeps to the limits.
 
     Notes
     -----
@@ -90,8 +100,32 @@ def propagate(network: Network, box: Box, *, order: int = 1, rule: Approximation
     """
     enclosures: list[Enclosure] = []
     for index, node in enumerate(network.nodes):
-        enclosures.append(_enclose(node, index, enclosures, box, order, rule))
+        if limits and index in limits:
+            assert isinstance(node, Activation)
+            argument = _limited(enclosures[node.source], limits[index])
+            enclosures.append(_enclose_activation(argument, node.function, index, order, rule))
+        else:
+            enclosures.append(_enclose(node, index, enclosures, box, order, rule))
     return enclosures
+
+
+def _limited(argument: Enclosure, limit: Hull) -> Enclosure:
+    lower, upper = np.maximum(argument.lower, limit[0]), np.minimum(argument.upper, limit[1])
+    empty = lower > upper
+    return Enclosure(argument.model, np.where(empty, argument.lower, lower), np.where(empty, argument.upper, upper))
+
+
+def hulls_through(nodes: Sequence[Node], hulls: list[Hull]) -> list[Hull]:
+    """Continue hulls through further affine and activation nodes by interval arithmetic. **Sound:** yes."""
+    hulls = list(hulls)
+    for node in nodes:
+        if isinstance(node, Affine):
+            hulls.append(_interval_image([hulls[source] for source in node.sources], node))
+        else:
+            assert isinstance(node, Activation)
+            value = curve_of(node.function).range(*hulls[node.source])
+            hulls.append((value.lower, value.upper))
+    return hulls
 
 
 def _enclose(
@@ -148,16 +182,16 @@ def _enclose_affine(node: Affine, known: list[Enclosure]) -> Enclosure:
         return Enclosure(TaylorModel(value, form, higher, {}, zero, zero, known[0].model.basis), value, value)
     sources = [known[source] for source in node.sources]
     model = affine_image([source.model for source in sources], node.weights, node.bias)
-    return _intersected(model, _interval_image(sources, node))
+    return _intersected(model, _interval_image([source.hull for source in sources], node))
 
 
-def _interval_image(sources: list[Enclosure], node: Affine) -> Hull:
+def _interval_image(sources: Sequence[Hull], node: Affine) -> Hull:
     """Enclose an affine node by interval arithmetic in centre-radius form."""
-    centre = np.broadcast_to(node.bias, (sources[0].lower.shape[0], node.size))
+    centre = np.broadcast_to(node.bias, (sources[0][0].shape[0], node.size))
     reach, size = np.zeros_like(centre), np.zeros_like(centre) + np.abs(node.bias)
-    for source, weight in zip(sources, node.weights, strict=True):
-        middle = source.lower / 2 + source.upper / 2
-        radius = np.maximum(source.upper - middle, middle - source.lower)
+    for (lower, upper), weight in zip(sources, node.weights, strict=True):
+        middle = lower / 2 + upper / 2
+        radius = np.maximum(upper - middle, middle - lower)
         absolute = np.abs(weight).T
         centre = centre + middle @ weight.T
         spread = radius @ absolute

@@ -13,8 +13,11 @@ from viatool.errors import ConfigurationError
 from viatool.policy.network import Network
 from viatool.taylor.approximation import Approximation
 from viatool.taylor.attained import climb
-from viatool.taylor.propagation import Box, Enclosure, propagate
-from viatool.taylor.refinement import Extrema, bounds_of, extrema_of, refine_monotone
+from viatool.taylor.derivatives import Hull
+from viatool.taylor.head import split_head, values_through
+from viatool.taylor.propagation import Box, hulls_through, propagate
+from viatool.taylor.refinement import extrema_of, refine_monotone, unfold
+from viatool.taylor.splitting import refine_by_splitting
 from viatool.taylor.rounding import runtime_deviation
 
 Floats = NDArray[np.float64]
@@ -80,6 +83,8 @@ def reach(
     approximation: Approximation = "chebyshev",
     refine: Refinement = "monotone",
     arithmetic: Arithmetic = "float32",
+    tolerance: float = 2.5e-4,
+    most_parts: int = 400,
     progress: Callable[[int], None] | None = None,
 ) -> ReachableSet:
     """Enclose the actions of a policy for every observation within eps of the given ones.
@@ -102,6 +107,10 @@ def reach(
     arithmetic : str
         ``real``: bounds of the exact network; ``float32``: also of the deployed program in its own precision, whatever
         its order of summation.
+    tolerance : float
+        With ``split``: an action is done when each bound is within this fraction of the attained width.
+    most_parts : int
+        With ``split``: parts that are examined for one bound before the best bound so far is returned.
     progress : callable, optional
         Called with the number of states done since the last call.
 
@@ -126,7 +135,7 @@ def reach(
     _check_options(order, approximation, refine, arithmetic)
     parts = []
     for rows in _chunks(network, box.lower.shape[0], order):
-        parts.append(_reach_chunk(network, box.rows(rows), order, approximation, refine, arithmetic))
+        parts.append(_reach_chunk(network, box.rows(rows), order, approximation, refine, arithmetic, tolerance, most_parts))
         if progress is not None:
             progress(parts[-1].lower.shape[0])
     if not parts:
@@ -185,36 +194,43 @@ def _chunks(network: Network, count: int, order: int) -> list[slice]:
 
 
 def _reach_chunk(
-    network: Network, box: Box, order: int, rule: Approximation, refine: Refinement, arithmetic: Arithmetic
+    network: Network,
+    box: Box,
+    order: int,
+    rule: Approximation,
+    refine: Refinement,
+    arithmetic: Arithmetic,
+    tolerance: float,
+    most_parts: int,
 ) -> ReachableSet:
-    passes = propagate(network, box, order=order, rule=rule)
-    batch, actions = passes[-1].lower.shape
-    extrema = extrema_of(box, *passes[-1].hull)
+    trunk, head = split_head(network)
+    passes = propagate(trunk, box, order=order, rule=rule)
+    hulls = [enclosure.hull for enclosure in passes]
+    extrema = extrema_of(box, *hulls[-1])
     if refine != "none":
-        copies = [(np.tile(e.lower, (2 * actions, 1)), np.tile(e.upper, (2 * actions, 1))) for e in passes]
-        extrema = refine_monotone(network, extrema, copies, order=order, rule=rule)
-    attained = _attained(network, box, passes[-1], extrema)
-    lower, upper = bounds_of(extrema, batch, actions)
-    deviation = np.zeros_like(lower)
+        extrema = refine_monotone(trunk, extrema, _for_each_question(hulls), order=order, rule=rule)
+    actions = network.output_size
+    found = climb(trunk, box, extrema)
+    if refine == "split":
+        smallest, largest = unfold(found, actions)
+        width = np.tile((largest - smallest).T.ravel(), 2)
+        extrema, found = refine_by_splitting(
+            trunk, extrema, found, tolerance * width, rule=rule, most_parts=most_parts
+        )
+    refined = hulls_through(head, [*hulls[:-1], unfold(extrema.bound, actions)])
+    attained = [values_through(head, value) for value in unfold(found, actions)]
+    deviation = np.zeros_like(refined[-1][0])
     if arithmetic == "float32":
-        deviation = runtime_deviation(network, [enclosure.hull for enclosure in passes])
+        deviation = runtime_deviation(network, hulls_through(head, hulls))
     return ReachableSet(
-        np.nextafter(lower - deviation, -np.inf), np.nextafter(upper + deviation, np.inf), *attained, deviation
+        np.nextafter(refined[-1][0] - deviation, -np.inf),
+        np.nextafter(refined[-1][1] + deviation, np.inf),
+        *attained,
+        deviation,
     )
 
 
-def _attained(network: Network, box: Box, actions: Enclosure, extrema: Extrema) -> tuple[Floats, Floats]:
-    """Find large and small actions, starting where the linear part of the model has its extrema."""
-    batch, count = actions.lower.shape
-    linear = actions.model.linear
-    forms = linear.dense()
-    return _climbed(network, box, extrema, forms, batch, count)
-
-
-def _climbed(
-    network: Network, box: Box, extrema: Extrema, forms: Floats, batch: int, count: int
-) -> tuple[Floats, Floats]:
-    lower, upper = np.tile(box.lower, (2 * count, 1)), np.tile(box.upper, (2 * count, 1))
-    _, value = climb(network, lower, upper, extrema.box.centre, extrema.seed)
-    found_upper, found_lower = value.reshape(2, count, batch)
-    return -found_lower.T, found_upper.T
+def _for_each_question(hulls: list[Hull]) -> list[Hull]:
+    """Repeat the hulls of B states for the 2 A questions about each."""
+    copies = 2 * hulls[-1][0].shape[1]
+    return [(np.tile(lower, (copies, 1)), np.tile(upper, (copies, 1))) for lower, upper in hulls]

@@ -62,9 +62,9 @@ def extrema_of(box: Box, lower: Floats, upper: Floats) -> Extrema:
     return Extrema(copies, seed, np.concatenate([upper.T.ravel(), -lower.T.ravel()]))
 
 
-def bounds_of(extrema: Extrema, batch: int, actions: int) -> Hull:
-    """Return the answers as lower and upper bounds of the actions, (B, A) each; the inverse of `extrema_of`."""
-    upper, negated_lower = extrema.bound.reshape(2, actions, batch)
+def unfold(values: Floats, actions: int) -> Hull:
+    """Turn the answers to `extrema_of`, (2 A B,), into lower and upper values of the actions, (B, A) each."""
+    upper, negated_lower = values.reshape(2, actions, -1)
     return -negated_lower.T, upper.T
 
 
@@ -136,7 +136,7 @@ def refine_monotone(
         if not rows.size:
             break
         passes = propagate(network, Box(lower[rows], upper[rows]), order=order, rule=rule)
-        bound[rows] = np.minimum(bound[rows], _seeded_upper(passes[-1].hull, extrema.seed[rows]))
+        bound[rows] = np.minimum(bound[rows], seeded_upper(passes[-1].hull, extrema.seed[rows]))
         hulls = [enclosure.hull for enclosure in passes]
     return Extrema(Box(lower, upper), extrema.seed, bound)
 
@@ -148,6 +148,6 @@ def bound_at_points(network: Network, points: Floats, seed: Floats) -> Floats:
     return (values[-1] * seed).sum(axis=1) + (rounding * np.abs(seed)).sum(axis=1)
 
 
-def _seeded_upper(hull: Hull, seed: Floats) -> Floats:
+def seeded_upper(hull: Hull, seed: Floats) -> Floats:
     """Return the upper bound of the action that each seed names, negated for a minimum."""
     return np.asarray(np.where(seed > 0, hull[1], np.where(seed < 0, -hull[0], -np.inf)).max(axis=1))

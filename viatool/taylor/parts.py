@@ -1,0 +1,301 @@
+"""Parts of input boxes: what branch and bound has split so far, and how each part is bounded.
+
+On a part the arguments of some neurons are known to lie on one side of a threshold. That shortens the interval on which
+their activation is approximated, and it is used a second time by weak duality: for every ``beta >= 0``
+
+    max { action : conditions >= 0 }  <=  max { action + sum_d beta_d condition_d },
+
+where the right side is a maximum over the whole box, hence an L1 norm. It is minimised one multiplier at a time, each
+time exactly, by a weighted median.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.policy.network import Activation, Network
+from viatool.taylor.approximation import Approximation
+from viatool.taylor.curve import curve_of
+from viatool.taylor.derivatives import Hull
+from viatool.taylor.model import Diagonal, Form, TaylorModel
+from viatool.taylor.propagation import Enclosure, propagate
+from viatool.taylor.refinement import Extrema, seeded_upper
+from viatool.taylor.rounding import ENGINE_ROUNDOFF, SLIGHTLY_MORE, gamma
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+_SWEEPS = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """K parts of the boxes of some questions.
+
+    Parameters
+    ----------
+    owner : ndarray
+        ``(K,)``: the question.
+    node, neuron, side : ndarray
+        ``(K, D)`` conditions on arguments of activations: below (-1) or above (+1) a threshold; side 0 is no condition.
+    threshold : ndarray
+        ``(K, D)``.
+    bound : ndarray
+        ``(K,)``: the best proved bound over the part.
+    next_node, next_neuron, next_threshold : ndarray
+        ``(K,)``: where to split next; node 0 where nothing is left to split.
+    """
+
+    owner: Indices
+    node: Indices
+    neuron: Indices
+    side: Indices
+    threshold: Floats
+    bound: Floats
+    next_node: Indices
+    next_neuron: Indices
+    next_threshold: Floats
+
+    def rows(self, which: Indices) -> Parts:
+        """Return some of the parts."""
+        return Parts(*(getattr(self, field.name)[which] for field in fields(self)))
+
+    def joined(self, other: Parts) -> Parts:
+        """Return these parts and some others, unused conditions padded."""
+        depth = max(self.node.shape[1], other.node.shape[1])
+        return Parts(
+            *(
+                np.concatenate([_padded(getattr(part, field.name), depth) for part in (self, other)])
+                for field in fields(self)
+            )
+        )
+
+    def halves(self) -> Parts:
+        """Split every part at its next neuron: first all lower halves and then all upper ones."""
+        count = self.owner.size
+        twice = {field.name: np.concatenate([getattr(self, field.name)] * 2) for field in fields(self)}
+        side = np.repeat(np.array([-1, 1]), count)
+        for name, column in (
+            ("node", twice["next_node"]),
+            ("neuron", twice["next_neuron"]),
+            ("side", side),
+            ("threshold", twice["next_threshold"]),
+        ):
+            twice[name] = np.concatenate([twice[name], column[:, None]], axis=1)
+        return Parts(**twice)
+
+
+def _padded(values: NDArray[Any], depth: int) -> NDArray[Any]:
+    return np.pad(values, ((0, 0), (0, depth - values.shape[1]))) if values.ndim == 2 else values
+
+
+def whole_boxes(extrema: Extrema, questions: Indices) -> Parts:
+    """Return the boxes of some questions as parts without conditions, not yet examined."""
+    none, zeros = np.zeros((questions.size, 0), dtype=np.intp), np.zeros(questions.size, dtype=np.intp)
+    return Parts(
+        questions, none, none, none, none.astype(float), extrema.bound[questions], zeros, zeros, zeros.astype(float)
+    )
+
+
+def examine(network: Network, extrema: Extrema, parts: Parts, rule: Approximation) -> tuple[Parts, Floats]:
+    """Bound parts, and find where to split each next.
+
+    Parameters
+    ----------
+    network : Network
+        n inputs, A outputs.
+    extrema : Extrema
+        P questions.
+    parts : Parts
+        K parts of their boxes.
+    rule : str
+        How activations are approximated.
+
+    Returns
+    -------
+    Parts
+        The same parts, with bounds at most as large (minus infinity where no point of the box meets the conditions).
+    ndarray
+        ``(K, n)``: for each part a point of the box where its relaxation is largest.
+
+    Notes
+    -----
+    **Sound:** yes; weak duality holds for any multipliers, and the rounding of the norm is counted.
+    """
+    box, seed = extrema.box.rows(parts.owner), extrema.seed[parts.owner]
+    passes = propagate(network, box, rule=rule, limits=_limits(network, parts))
+    objective, constant = _objective(passes[-1].model, seed)
+    conditions, slack = _conditions(network, passes, parts, list(objective))
+    tilted, dual = minimise_dual(_stacked(objective), constant, conditions, slack)
+    bound = np.minimum(parts.bound, np.minimum(dual, seeded_upper(passes[-1].hull, seed)))
+    bound = np.where(_is_empty(network, passes, parts), -np.inf, bound)
+    node, neuron, threshold = _next_split(network, passes, tilted, objective)
+    linear = passes[0].model.linear
+    assert isinstance(linear, Diagonal)
+    moved = linear.radius * np.sign(tilted[:, : linear.index.shape[1]])
+    points = box.centre
+    np.put_along_axis(points, linear.index, np.take_along_axis(points, linear.index, axis=1) + moved, axis=1)
+    examined = Parts(
+        parts.owner, parts.node, parts.neuron, parts.side, parts.threshold, bound, node, neuron, threshold
+    )
+    return examined, np.clip(points, box.lower, box.upper)
+
+
+def minimise_dual(objective: Floats, constant: Floats, conditions: Floats, slack: Floats) -> tuple[Floats, Floats]:
+    """Minimise ``constant + slack . beta + |objective + beta . conditions|_1`` over ``beta >= 0``.
+
+    Parameters
+    ----------
+    objective : ndarray
+        ``(K, S)``.
+    constant : ndarray
+        ``(K,)``.
+    conditions : ndarray
+        ``(K, D, S)``.
+    slack : ndarray
+        ``(K, D)``: largest value of the constant part of each condition.
+
+    Returns
+    -------
+    tuple of ndarray
+        The tilted form ``objective + beta . conditions`` (K, S), and the value reached (K,), rounded up.
+    """
+    tilted = objective
+    beta = np.zeros(slack.shape)
+    for _ in range(_SWEEPS if slack.shape[1] > 1 else 1):
+        for d in range(slack.shape[1]):
+            without = tilted - beta[:, d, None] * conditions[:, d]
+            beta[:, d] = _weighted_median(without, conditions[:, d], slack[:, d])
+            tilted = without + beta[:, d, None] * conditions[:, d]
+    tilted = objective + np.einsum("kd,kds->ks", beta, conditions)
+    size = np.abs(objective).sum(axis=1) + np.einsum("kd,kds->k", beta, np.abs(conditions))
+    size = size + np.abs(constant) + (beta * np.abs(slack)).sum(axis=1)
+    rounding = gamma(2 * (objective.shape[1] + slack.shape[1]) + 8, ENGINE_ROUNDOFF) * size * SLIGHTLY_MORE
+    return tilted, constant + (beta * slack).sum(axis=1) + np.abs(tilted).sum(axis=1) + rounding
+
+
+def _weighted_median(form: Floats, direction: Floats, slope: Floats) -> Floats:
+    """Return the ``beta >= 0`` (K,) that minimises ``slope beta + |form + beta direction|_1``."""
+    weight = np.abs(direction)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        breaks = np.where(weight > 1e-300, -form / direction, np.inf)
+    order = np.argsort(breaks, axis=1)
+    rising = slope - weight.sum(axis=1)
+    after = rising[:, None] + 2 * np.cumsum(np.take_along_axis(weight, order, axis=1), axis=1)
+    first = np.argmax(after >= 0, axis=1)
+    best = np.take_along_axis(breaks, np.take_along_axis(order, first[:, None], axis=1), axis=1)[:, 0]
+    best = np.where((rising >= 0) | (after[:, -1] < 0), 0.0, best)  # falls for ever: no point meets the condition
+    return np.where(np.isfinite(best), np.maximum(best, 0.0), 0.0)
+
+
+def _limits(network: Network, parts: Parts) -> dict[int, Hull]:
+    """Turn conditions into bounds of the arguments of each activation node."""
+    limits: dict[int, Hull] = {}
+    rows = np.arange(parts.owner.size)
+    for d in range(parts.node.shape[1]):
+        for node in np.unique(parts.node[:, d][parts.side[:, d] != 0]).tolist():
+            shape = (rows.size, network.nodes[node].size)
+            lower, upper = limits.setdefault(node, (np.full(shape, -np.inf), np.full(shape, np.inf)))
+            for side, values, better in ((1, lower, np.maximum), (-1, upper, np.minimum)):
+                here = rows[(parts.node[:, d] == node) & (parts.side[:, d] == side)]
+                neuron = parts.neuron[here, d]
+                values[here, neuron] = better(values[here, neuron], parts.threshold[here, d])
+    return limits
+
+
+def _is_empty(network: Network, passes: list[Enclosure], parts: Parts) -> NDArray[np.bool_]:
+    empty = np.zeros(parts.owner.size, dtype=bool)
+    for node, (lower, upper) in _limits(network, parts).items():
+        argument = passes[_source(network, node)]
+        empty |= ((lower > argument.upper) | (upper < argument.lower)).any(axis=1)
+    return empty
+
+
+def _source(network: Network, node: int) -> int:
+    activation = network.nodes[node]
+    assert isinstance(activation, Activation)
+    return activation.source
+
+
+def _objective(model: TaylorModel, seed: Floats) -> tuple[dict[int, Floats], Floats]:
+    """Return the forms (K, S) of ``seed . actions``, by the node of their symbols (0: inputs), and the constant."""
+    action = np.abs(seed).argmax(axis=1)
+    sign = np.take_along_axis(seed, action[:, None], axis=1)
+    forms: dict[int, Form] = {0: model.linear, **model.symbols}
+    columns = {key: form.column(action) * sign for key, form in forms.items()}
+    constant = np.take_along_axis(model.constant, action[:, None], axis=1) * sign
+    return columns, (constant + np.take_along_axis(model.remainder, action[:, None], axis=1))[:, 0]
+
+
+def _stacked(forms: dict[int, Floats]) -> Floats:
+    return np.concatenate(list(forms.values()), axis=1)
+
+
+def _conditions(
+    network: Network, passes: list[Enclosure], parts: Parts, keys: list[int]
+) -> tuple[Floats, Floats]:
+    """Write each condition as a form (K, D, S) plus its largest constant (K, D); rows without a condition are 0."""
+    sizes = {0: passes[0].model.linear, **passes[-1].model.symbols}
+    widths = [sizes[key].column(np.zeros(parts.owner.size, dtype=np.intp)).shape[1] for key in keys]
+    starts = np.concatenate([[0], np.cumsum(widths)])
+    depth = parts.node.shape[1]
+    forms, slack = np.zeros((parts.owner.size, depth, int(starts[-1]))), np.zeros((parts.owner.size, depth))
+    for d in range(depth):
+        for node in np.unique(parts.node[:, d][parts.side[:, d] != 0]).tolist():
+            rows = np.flatnonzero((parts.node[:, d] == node) & (parts.side[:, d] != 0))
+            neuron, side = parts.neuron[rows, d], parts.side[rows, d]
+            model = passes[_source(network, node)].model
+            available: dict[int, Form] = {0: model.linear, **model.symbols}
+            dropped = np.zeros(rows.size)
+            for key, form in available.items():
+                column = form.rows(rows).column(neuron)
+                if key in keys:
+                    start = starts[keys.index(key)]
+                    forms[rows, d, start : start + column.shape[1]] = side[:, None] * column
+                else:
+                    dropped = dropped + np.abs(column).sum(axis=1)
+            centre = side * (model.constant[rows, neuron] - parts.threshold[rows, d])
+            slack[rows, d] = (centre + model.remainder[rows, neuron] + dropped) + 1e-13 * np.abs(centre)
+    return forms, slack
+
+
+def _next_split(
+    network: Network, passes: list[Enclosure], tilted: Floats, objective: dict[int, Floats]
+) -> tuple[Indices, Indices, Floats]:
+    """Pick, for each part, the neuron whose symbolic remainder weighs most in the bound, and its threshold."""
+    count = tilted.shape[0]
+    best, node = np.zeros(count), np.zeros(count, dtype=np.intp)
+    neuron, threshold = np.zeros(count, dtype=np.intp), np.zeros(count)
+    start = 0
+    for key, form in objective.items():
+        weight = np.abs(tilted[:, start : start + form.shape[1]])
+        start += form.shape[1]
+        if key == 0 or not isinstance(network.nodes[key], Activation):
+            continue
+        fresh = passes[key].model.symbols[key]
+        assert isinstance(fresh, Diagonal)
+        slot = weight.argmax(axis=1)[:, None]
+        share = np.take_along_axis(weight, slot, axis=1)[:, 0]
+        chosen = np.take_along_axis(fresh.index, slot, axis=1)[:, 0]
+        better = share > best
+        best, node = np.where(better, share, best), np.where(better, key, node)
+        neuron = np.where(better, chosen, neuron)
+        threshold = np.where(better, _threshold(network, passes, key, chosen), threshold)
+    return node, neuron, threshold
+
+
+def _threshold(network: Network, passes: list[Enclosure], node: int, neuron: Indices) -> Floats:
+    """Return the kink inside the argument's range, or the middle of that range."""
+    activation = network.nodes[node]
+    assert isinstance(activation, Activation)
+    argument = passes[activation.source]
+    rows = np.arange(neuron.size)
+    lower, upper = argument.lower[rows, neuron], argument.upper[rows, neuron]
+    threshold = lower / 2 + upper / 2
+    for kink in curve_of(activation.function).breaks.tolist():
+        threshold = np.where((lower < kink) & (kink < upper), kink, threshold)
+    return threshold

@@ -1,0 +1,87 @@
+"""Branch and bound: boxes that stay loose are split where the engine itself says that it lost most.
+
+The loss of a bound is the sum of the symbolic remainders that reach the action, and each belongs to one neuron. So the
+neuron with the largest share is split: in one part its argument lies below a threshold (the kink of a ReLU), in the
+other above. In each part the activation is closer to its line, and `duality` uses the condition itself.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.policy.network import Network
+from viatool.taylor.approximation import Approximation
+from viatool.taylor.parts import Parts, examine, whole_boxes
+from viatool.taylor.refinement import Extrema
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+_AT_ONCE = 8
+"""Parts of one question that are split in one round."""
+
+
+def refine_by_splitting(
+    network: Network, extrema: Extrema, found: Floats, tolerance: Floats, *, rule: Approximation, most_parts: int
+) -> tuple[Extrema, Floats]:
+    """Tighten one-sided bounds by branch and bound.
+
+    Parameters
+    ----------
+    network : Network
+        n inputs, A outputs.
+    extrema : Extrema
+        P questions with the bounds known so far.
+    found : ndarray
+        ``(P,)``: values that are attained.
+    tolerance : ndarray
+        ``(P,)``: a question is answered when its bound is so close to what is attained.
+    rule : str
+        How activations are approximated.
+    most_parts : int
+        Parts that are examined for one question before its best bound so far is returned.
+
+    Returns
+    -------
+    Extrema
+        The same questions, with bounds at most as large.
+    ndarray
+        ``(P,)``: values that are attained, at least as large.
+
+    Notes
+    -----
+    **Sound:** yes. The parts cover the box, and the bound of a question is the largest of its parts.
+    """
+    found = found.copy()
+    closed = np.full(found.shape, -np.inf)  # largest bound among the parts that are done with
+    spent = np.zeros(found.shape, dtype=np.intp)
+    questions = np.flatnonzero(extrema.bound > found + tolerance)
+    fresh, waiting = whole_boxes(extrema, questions), whole_boxes(extrema, questions[:0])
+    while fresh.owner.size:
+        fresh, points = examine(network, extrema, fresh, rule)
+        reached = (network(points) * extrema.seed[fresh.owner]).sum(axis=1)
+        np.maximum.at(found, fresh.owner, reached)
+        np.add.at(spent, fresh.owner, 1)
+        parts = waiting.joined(fresh)
+        done = (parts.bound <= (found + tolerance)[parts.owner]) | (parts.next_node == 0)
+        done |= (spent >= most_parts)[parts.owner]
+        np.maximum.at(closed, parts.owner[done], parts.bound[done])
+        parts = parts.rows(np.flatnonzero(~done))
+        chosen = _largest_of_each(parts, _AT_ONCE)
+        waiting = parts.rows(np.flatnonzero(~chosen))
+        fresh = parts.rows(np.flatnonzero(chosen)).halves()
+    bound = extrema.bound.copy()
+    bound[questions] = np.minimum(bound[questions], np.maximum(closed, found)[questions])
+    return Extrema(extrema.box, extrema.seed, bound), found
+
+
+def _largest_of_each(parts: Parts, count: int) -> NDArray[np.bool_]:
+    """Mark the parts with the `count` largest bounds of each question."""
+    order = np.lexsort((-parts.bound, parts.owner))
+    owner = parts.owner[order]
+    starts = np.flatnonzero(np.r_[True, owner[1:] != owner[:-1]]) if owner.size else np.empty(0, dtype=np.intp)
+    rank = np.arange(owner.size) - np.repeat(starts, np.diff(np.r_[starts, owner.size]))
+    chosen = np.zeros(owner.size, dtype=bool)
+    chosen[order] = rank < count
+    return chosen
