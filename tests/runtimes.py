@@ -1,0 +1,213 @@
+"""Programs that run a network as a robot would: any order of summation, fused or not, and onnxruntime itself."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.policy.network import (
+    Activation,
+    Affine,
+    Cast,
+    Input,
+    Maximum,
+    Minimum,
+    Network,
+    Precision,
+    Product,
+)
+
+Floats = NDArray[np.float64]
+
+EXACT_ACTIVATIONS = frozenset({"Relu", "ThresholdedRelu", "Abs", "Clip"})
+"""Activations that a runtime computes without rounding."""
+
+_TYPES: dict[Precision, Any] = {"float16": np.float16, "float32": np.float32, "float64": np.float64}
+
+
+def run_in_any_order(
+    network: Network,
+    points: Floats,
+    rng: np.random.Generator,
+    *,
+    fused: bool = False,
+    sloppiness: int = 0,
+) -> Floats:
+    """Run a network in the precision of its nodes, every sum in a random order.
+
+    Parameters
+    ----------
+    network : Network
+        n inputs, A actions.
+    points : ndarray
+        ``(B, n)``; rounded to the precision of the input first.
+    rng : Generator
+        Draws the orders.
+    fused : bool
+        Whether products are added with one rounding (fused multiply-add).
+    sloppiness : int
+        Activations are moved by up to this many steps from the rounded value.
+
+    Returns
+    -------
+    ndarray
+        ``(B, A)`` float64.
+    """
+    values: list[NDArray[Any]] = []
+    for node in network.nodes:
+        kind = _TYPES[node.precision]
+        with np.errstate(under="ignore"):
+            match node:
+                case Input():
+                    values.append(points.astype(kind))
+                case Affine():
+                    values.append(_summed(node, values, points.shape[0], rng, fused, kind))
+                case Activation():
+                    values.append(_sloppy(node, values[node.source], rng, sloppiness, kind))
+                case Product():
+                    values.append((values[node.left] * values[node.right]).astype(kind))
+                case Maximum():
+                    values.append(np.maximum(values[node.left], values[node.right]))
+                case Minimum():
+                    values.append(np.minimum(values[node.left], values[node.right]))
+                case Cast():
+                    values.append(values[node.source].astype(kind))
+    return values[-1].astype(np.float64)
+
+
+def _summed(
+    node: Affine, values: list[NDArray[Any]], batch: int, rng: np.random.Generator, fused: bool, kind: Any
+) -> NDArray[Any]:
+    """Add the terms of each row in its own random order, in a row or pairwise as a random tree."""
+    weight = np.concatenate([np.zeros((node.size, 0)), *node.weights], axis=1).astype(kind)
+    inputs = np.concatenate([np.zeros((batch, 0), kind), *(values[k] for k in node.sources)], axis=1)
+    order = rng.permuted(np.tile(np.arange(weight.shape[1]), (node.size, 1)), axis=1)  # (N, K)
+    factors, terms = np.take_along_axis(weight, order, axis=1), inputs[:, order]  # (N, K), (B, N, K)
+    total: NDArray[Any] = np.broadcast_to(node.bias.astype(kind), (batch, node.size))
+    if fused:
+        for k in range(weight.shape[1]):
+            product = terms[:, :, k].astype(np.longdouble) * factors[:, k].astype(np.longdouble)
+            total = (product + total.astype(np.longdouble)).astype(kind)
+        return total
+    parts = [total, *(factors[:, k] * terms[:, :, k] for k in range(weight.shape[1]))]
+    as_tree = rng.random() < 0.5
+    while len(parts) > 1:
+        left = int(rng.integers(len(parts) - 1)) if as_tree else 0
+        parts[left : left + 2] = [parts[left] + parts[left + 1]]
+    return parts[0]
+
+
+def _sloppy(
+    node: Activation, x: NDArray[Any], rng: np.random.Generator, sloppiness: int, kind: Any
+) -> NDArray[Any]:
+    result = np.asarray(node.function(x.astype(np.float64)), dtype=kind)
+    if node.function.name in EXACT_ACTIVATIONS or not sloppiness:
+        return result
+    steps = rng.integers(-sloppiness, sloppiness + 1, result.shape)
+    return (result + steps * np.spacing(np.abs(result))).astype(kind)
+
+
+# --- onnxruntime -----------------------------------------------------------------------------------------
+
+
+def onnx_model(network: Network) -> bytes:
+    """Write a float32 network as an ONNX model of standard operators (opset 20), dynamic in the batch."""
+    return _Writer(network).model()
+
+
+def run_onnx(network: Network, points: Floats) -> Floats:
+    """Run a float32 network in onnxruntime on one thread: points (B, n) to actions (B, A)."""
+    session = onnx_session(onnx_model(network))
+    (actions,) = session.run(None, {"v0": points.astype(np.float32)})
+    return np.asarray(actions, dtype=np.float64)
+
+
+def onnx_session(model: bytes) -> Any:
+    """Return a single-threaded session."""
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.log_severity_level = 3
+    return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+
+
+class _Writer:
+    def __init__(self, network: Network) -> None:
+        self.network = network
+        self.nodes: list[Any] = []
+        self.constants: list[Any] = []
+
+    def model(self) -> bytes:
+        from onnx import TensorProto, helper
+
+        for index, node in enumerate(self.network.nodes[1:], start=1):
+            self.write(node, f"v{index}")
+        self.emit("Identity", [f"v{len(self.network.nodes) - 1}"], "action")
+        graph = helper.make_graph(
+            self.nodes,
+            "network",
+            [helper.make_tensor_value_info("v0", TensorProto.FLOAT, ["B", self.network.input_size])],
+            [helper.make_tensor_value_info("action", TensorProto.FLOAT, ["B", self.network.output_size])],
+            self.constants,
+        )
+        opsets = [helper.make_opsetid("", 20)]
+        return bytes(helper.make_model(graph, opset_imports=opsets, ir_version=9).SerializeToString())
+
+    def emit(self, operator: str, inputs: list[str], output: str = "", **attributes: Any) -> str:
+        from onnx import helper
+
+        output = output or f"t{len(self.nodes)}"
+        self.nodes.append(helper.make_node(operator, inputs, [output], **attributes))
+        return output
+
+    def constant(self, value: Any) -> str:
+        from onnx import numpy_helper
+
+        name = f"c{len(self.constants)}"
+        self.constants.append(numpy_helper.from_array(np.asarray(value, dtype=np.float32), name))
+        return name
+
+    def write(self, node: Any, name: str) -> None:
+        match node:
+            case Affine():
+                self.write_affine(node, name)
+            case Activation():
+                self.write_activation(node, f"v{node.source}", name)
+            case Product():
+                self.emit("Mul", [f"v{node.left}", f"v{node.right}"], name)
+            case Maximum():
+                self.emit("Max", [f"v{node.left}", f"v{node.right}"], name)
+            case Minimum():
+                self.emit("Min", [f"v{node.left}", f"v{node.right}"], name)
+            case Cast():
+                self.emit("Identity", [f"v{node.source}"], name)
+
+    def write_affine(self, node: Affine, name: str) -> None:
+        if len(node.sources) == 1:
+            weight = self.constant(node.weights[0].T)
+            self.emit("Gemm", [f"v{node.sources[0]}", weight, self.constant(node.bias)], name)
+            return
+        sources = node.sources or (0,)
+        weights = node.weights or (np.zeros((node.size, self.network.input_size)),)
+        total = self.constant(node.bias)
+        for source, weight in zip(sources, weights, strict=True):
+            part = self.emit("MatMul", [f"v{source}", self.constant(weight.T)])
+            total = self.emit("Add", [total, part])
+        self.emit("Identity", [total], name)
+
+    def write_activation(self, node: Activation, source: str, name: str) -> None:
+        parameters = dict(node.function.parameters)
+        match node.function.name:
+            case "Silu":
+                self.emit("Mul", [source, self.emit("Sigmoid", [source])], name)
+            case "Clip":
+                self.emit("Clip", [source, *(self.constant(parameters[k]) for k in ("min", "max"))], name)
+            case "Pow":
+                self.emit("Pow", [source, self.constant(parameters["exponent"])], name)
+            case "GeluTanh":
+                self.emit("Gelu", [source], name, approximate="tanh")
+            case operator:
+                self.emit(operator, [source], name, **parameters)
