@@ -71,11 +71,14 @@ def test_ranges_do_not_depend_on_how_many_robots_are_cast_together() -> None:
     np.testing.assert_allclose(together[::100], alone, rtol=1e-12)
 
 
-def test_nothing_in_range_reads_the_maximum_range() -> None:
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("limit", [3.5, 7.0, 5.3, 0.3])
+def test_nothing_in_range_reads_exactly_the_maximum_range(limit: float, dtype: type) -> None:
     world = WorldMap("", load_map("maps/lab.yaml").path, "", box_polygon((0, 0), (40, 40)))
-    ranges = Scenes.of(world, [None]).cast(np.zeros((1, 3)), np.zeros(1, int), Lidar(maximum_range=3.5))
+    lidar = Lidar(maximum_range=limit)
+    ranges = Scenes.of(world, [None]).cast(np.zeros((1, 3)), np.zeros(1, int), lidar, dtype=dtype)
     assert ranges.shape == (1, 180)
-    assert (ranges == 3.5).all()
+    assert (ranges == dtype(limit)).all()
 
 
 def test_the_first_ray_looks_right_and_the_last_one_left() -> None:

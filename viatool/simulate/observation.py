@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.errors import PolicyError
+from viatool.errors import ConfigurationError, PolicyError
 from viatool.policy.specification import LidarSpecification, ObservationChannel
 from viatool.simulate.noise import draw_normal
 from viatool.world import Lidar, Robot, Scenes
@@ -90,6 +90,8 @@ class Observer:
     ------
     PolicyError
         If a channel can neither be simulated nor has a fixed value, or the number of bins is unclear.
+    ConfigurationError
+        If the noise is negative or not finite.
     """
 
     def __init__(
@@ -99,6 +101,10 @@ class Observer:
         self.size = sum(channel.size for channel in channels)
         self.lidar = _lidar(self.channels, robot)
         self.noise = self.lidar.noise if noise is None else noise
+        if not 0.0 <= self.noise < np.inf:
+            raise ConfigurationError(
+                f"LiDAR noise is {noise} m, expected 0 or more", "give a standard deviation in metres"
+            )
         per_bin = self.lidar.rays // self.lidar.bins
         # First rays of all bins, second rays of all bins, ...: a minimum over the first axis is fast.
         self._angles = self.lidar.angles().reshape(self.lidar.bins, per_bin).T.ravel()

@@ -87,7 +87,9 @@ def cast_rays(
         rows += _edge_rows(places, turn, around, _OVERLAP[kind])
     products = _project(np.concatenate(rows), directions)  # (shapes, B, R)
     count, beside = len(circles), len(circles) + len(lines)
-    nearest = np.full((fans, directions.shape[1]), 1.0 / limit, kind)
+    # A little beyond the limit, so that a ray that hits nothing gives exactly the limit after rounding.
+    beyond_limit = 1.0 / (limit * (1.0 + 8.0 * np.finfo(kind).eps))
+    nearest = np.full((fans, directions.shape[1]), beyond_limit, kind)
     if beside > count:
         np.maximum(nearest, products[count:beside].max(axis=0), out=nearest)
     if count:

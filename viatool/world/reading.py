@@ -84,7 +84,8 @@ def _validate(document: YamlDocument) -> file.MapFile:
 def _explain(document: YamlDocument, problem: Any) -> str:
     """Return one line for one problem that pydantic found."""
     location = [step for step in problem["loc"] if step not in _VARIANTS]
-    what = problem["msg"][0].lower() + problem["msg"][1:]
+    message = problem["msg"]
+    what = _PLAINER.get(problem["type"], message[0].lower() + message[1:])
     given = problem["input"]
     if problem["type"] not in ("missing", "extra_forbidden") and not isinstance(given, dict | list):
         what += f", got {_show(given)}"
@@ -93,6 +94,17 @@ def _explain(document: YamlDocument, problem: Any) -> str:
 
 # Steps in pydantic's locations that name a variant of a union instead of a key of the file.
 _VARIANTS = ("circle", "box", "polygon", "wall", "point", "str", "RobotFile")
+
+
+# What pydantic says in terms of Python, in terms of the file.
+_PLAINER = {
+    "union_tag_not_found": "has no 'shape'",
+    "model_type": "expected a mapping",
+    "model_attributes_type": "expected a mapping",
+    "list_type": "expected a list",
+    "tuple_type": "expected a list",
+    "extra_forbidden": "is not a known field",
+}
 
 
 def _show(value: Any) -> str:
