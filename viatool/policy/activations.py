@@ -130,6 +130,36 @@ def _gelu_tanh() -> Expression:
     return _pieces((X * left / (1 + left), X < 0), (X / (1 + right), True))
 
 
+@_declare("ErfGate", slope=1.0, divisor=1.0)
+def _erf_gate(slope: float, divisor: float) -> Expression:
+    """``x * (1 + erf(slope * x / divisor))``, as exporters write Gelu with a rounded square root of 2."""
+    return 2 * X * NormalCdf(sympy.sqrt(2) * (slope * X / divisor))
+
+
+@_declare("TanhGate", slope=0.7978845608028654, cubic=0.044715)
+def _tanh_gate(slope: float, cubic: float) -> Expression:
+    """``x * (1 + tanh(slope * (x + cubic * x^3)))``, as exporters write GeluTanh with rounded constants."""
+    growth = sympy.exp(2 * slope * (X + cubic * X**3))
+    decay = sympy.exp(-2 * slope * (X + cubic * X**3))
+    return _pieces((2 * X * growth / (1 + growth), X < 0), (2 * X / (1 + decay), True))
+
+
+@_declare("HardSigmoidGate", alpha=0.2, beta=0.5)
+def _hard_sigmoid_gate(alpha: float, beta: float) -> Expression:
+    """``x * HardSigmoid(x)``, as exporters write HardSwish with a rounded sixth."""
+    return _pieces((0, X <= -beta / alpha), (X, X >= (1 - beta) / alpha), (X * (alpha * X + beta), True))
+
+
+@_declare("SoftplusThreshold", threshold=20.0)
+def _softplus_threshold(threshold: float) -> Expression:
+    """Softplus, and x itself above a positive threshold, as torch computes it."""
+    return _pieces(
+        (sympy.log(1 + sympy.exp(X)), X < 0),
+        (X + sympy.log(1 + sympy.exp(-X)), X <= threshold),
+        (X, True),
+    )
+
+
 @_declare("Mish")
 def _mish() -> Expression:
     left, right = sympy.exp(X), sympy.exp(-X)

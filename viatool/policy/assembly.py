@@ -74,6 +74,16 @@ class Computed:
         return replace(self, shape=shape)
 
 
+@dataclass(frozen=True)
+class Scaling:
+    """``factor * source + offset``, the same numbers for every element."""
+
+    source: Computed
+    factor: float
+    offset: float
+    roundings: int
+
+
 class Assembly:
     """Collects network nodes.
 
@@ -214,6 +224,19 @@ class Assembly:
         if isinstance(node, Activation) and node.function.name == name:
             return Computed(node.source, x.shape, x.precision)
         return None
+
+    def scaling_of(self, x: Computed) -> Scaling | None:
+        """Return how x is ``factor * source + offset`` with one number each, None when it is not."""
+        node = self.nodes[x.node]
+        if not isinstance(node, Affine) or len(node.sources) != 1:
+            return None
+        (source,), (weight,) = node.sources, node.weights
+        factor, offset = float(weight[0, 0]), float(node.bias[0])
+        if weight.shape[0] != weight.shape[1] or (node.bias != offset).any():
+            return None
+        if not np.array_equal(weight, factor * np.eye(len(weight))):
+            return None
+        return Scaling(Computed(source, x.shape, x.precision), factor, offset, node.roundings)
 
     def reserve(self, rows: int, columns: int) -> None:
         """Refuse a dense matrix that is too large before it is made.

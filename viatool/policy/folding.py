@@ -23,7 +23,7 @@ FOLDED_ONLY = frozenset((
     "Acos", "Acosh", "And", "ArgMax", "ArgMin", "Asin", "Asinh", "Atan", "Atanh", "BitShift",
     "BitwiseAnd", "BitwiseNot", "BitwiseOr", "BitwiseXor", "CastLike", "Ceil", "Constant",
     "ConstantOfShape", "Cos", "Cosh", "CumProd", "CumSum", "DequantizeLinear", "Equal", "EyeLike",
-    "Floor", "Greater", "GreaterOrEqual", "Hardmax", "IsInf", "IsNaN", "Less", "LessOrEqual", "Mod",
+    "Floor", "Hardmax", "IsInf", "IsNaN", "Mod",
     "NonZero", "Not", "OneHot", "Or", "QuantizeLinear", "Range", "ReduceProd", "Round", "Shape",
     "Sign", "Sin", "Sinh", "Size", "Tan", "TopK", "Xor",
 ))
@@ -50,10 +50,13 @@ def _size(node: GraphNode, inputs: Values, attributes: Mapping[str, Any]) -> Con
 _SHAPE_ONLY: dict[str, Maker] = {"Shape": _shape, "Size": _size}
 
 
-def fold_shape(node: GraphNode, inputs: Values, attributes: Mapping[str, Any]) -> Constant | None:
+def fold_shape(node: GraphNode, inputs: Sequence[object], attributes: Mapping[str, Any]) -> Constant | None:
     """Return the value of an operator that only asks for the shape of its input, None for any other."""
     maker = _SHAPE_ONLY.get(node.operator)
-    return None if maker is None else maker(node, inputs, attributes)
+    value = inputs[0] if inputs else None
+    if maker is None or not isinstance(value, Computed):
+        return None
+    return maker(node, [value], attributes)
 
 
 def fold(node: GraphNode, inputs: Sequence[Constant | None], attributes: Mapping[str, Any]) -> list[Constant]:
@@ -164,6 +167,7 @@ _SPECIAL: dict[str, Maker] = {
     "Constant": _constant,
     "ConstantOfShape": _constant_of_shape,
     "Identity": _identity,
+    **_SHAPE_ONLY,
 }
 
 

@@ -14,7 +14,7 @@ from viatool.policy.assembly import Assembly, Computed, Refusal
 from viatool.policy.folding import FOLDED_ONLY, fold, fold_shape
 from viatool.policy.graph import Graph, GraphNode
 from viatool.policy.network import Network, Precision
-from viatool.policy.operators import Call, Value, entry_of
+from viatool.policy.operators import Call, Comparison, Result, entry_of
 from viatool.policy.refusals import reason_for
 from viatool.policy.tensors import read_tensor
 
@@ -96,7 +96,7 @@ def read_network(
     for extent in shape:
         size *= extent
     assembly = Assembly(size, precision)
-    values: dict[str, Value | _Unreadable] = {input_name: Computed(0, shape, precision)}
+    values: dict[str, Result | _Unreadable] = {input_name: Computed(0, shape, precision)}
     for name, tensor in graph.initializers.items():
         values[name] = read_tensor(tensor, folder)
     findings: list[Finding] = []
@@ -125,8 +125,8 @@ def _operator(node: GraphNode) -> str:
 
 
 def _read_node(
-    node: GraphNode, values: Mapping[str, Value | _Unreadable], assembly: Assembly
-) -> list[Value] | None:
+    node: GraphNode, values: Mapping[str, Result | _Unreadable], assembly: Assembly
+) -> list[Result] | None:
     """Return the values that a node makes; None where its inputs are unreadable and it says nothing new."""
     version, schema = _schema(node)
     entry = entry_of(node.operator, version)
@@ -134,18 +134,18 @@ def _read_node(
         raise reason_for(node, version)
     given = [values[name] if name else None for name in node.inputs]
     attributes = _with_defaults(node, schema)
-    inputs: list[Value | None] = []
+    inputs: list[Result | None] = []
     for value in given:
         if isinstance(value, _Unreadable):
             return None
         inputs.append(value)
     try:
+        constants = [value for value in inputs if not isinstance(value, Computed | Comparison)]
+        if len(constants) == len(inputs):
+            return list(fold(node, constants, attributes))
         known = fold_shape(node, inputs, attributes)
         if known is not None:
             return [known]
-        if not any(isinstance(value, Computed) for value in inputs):
-            constants = [value for value in inputs if not isinstance(value, Computed)]
-            return list(fold(node, constants, attributes))
         if entry is None:
             raise reason_for(node, version)
         return list(entry.reader(Call(node, version, inputs, attributes, assembly)))

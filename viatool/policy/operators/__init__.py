@@ -2,7 +2,40 @@
 
 from __future__ import annotations
 
-from viatool.policy.operators import elementwise, linear, matrix, shape
-from viatool.policy.operators.registry import Call, Entry, Value, entry_of, registered
+from viatool.policy.operators import (
+    convolution,
+    elementwise,
+    linear,
+    matrix,
+    normalisation,
+    reduction,
+    selection,
+    shape,
+)
+from viatool.policy.operators.registry import (
+    Call,
+    Comparison,
+    Entry,
+    Result,
+    Value,
+    entry_of,
+    registered,
+)
 
-__all__ = ["Call", "Entry", "Value", "elementwise", "entry_of", "linear", "matrix", "registered", "shape"]
+__all__ = [
+    "Call",
+    "Comparison",
+    "Entry",
+    "Result",
+    "Value",
+    "convolution",
+    "elementwise",
+    "entry_of",
+    "linear",
+    "matrix",
+    "normalisation",
+    "reduction",
+    "registered",
+    "selection",
+    "shape",
+]

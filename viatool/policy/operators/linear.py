@@ -12,6 +12,7 @@ from viatool.policy.activations import activation
 from viatool.policy.assembly import Computed, Refusal, broadcast_index
 from viatool.policy.network import Precision
 from viatool.policy.operators.elementwise import clipped
+from viatool.policy.operators.gates import gated, softsign
 from viatool.policy.operators.registry import Call, Value, finite, reads
 from viatool.policy.tensors import Constant, as_precision, dtype_name
 
@@ -109,7 +110,7 @@ def read_mul(call: Call) -> Sequence[Value]:
     """Read a product by a constant or of two computed values."""
     left, right = operands(call)
     if isinstance(left, Computed) and isinstance(right, Computed):
-        return [call.assembly.product(left, right)]
+        return [gated(call.assembly, left, right) or call.assembly.product(left, right)]
     x, constant = (left, right) if isinstance(left, Computed) else (right, left)
     assert isinstance(x, Computed)
     assert isinstance(constant, Constant)
@@ -138,6 +139,10 @@ def read_div(call: Call) -> Sequence[Value]:
     if isinstance(divisor, Constant):
         assert isinstance(numerator, Computed)
         return [divided_by(call, numerator, finite(divisor, "divisor"))]
+    if isinstance(numerator, Computed) and numerator.shape == divisor.shape:
+        ratio = softsign(call.assembly, numerator, divisor)
+        if ratio is not None:
+            return [ratio]
     reciprocal = call.assembly.activation(divisor, "Reciprocal")
     if isinstance(numerator, Constant):
         return [scaled_by(call, reciprocal, finite(numerator, "numerator"))]

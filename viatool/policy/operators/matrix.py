@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viatool.policy.assembly import Computed, Refusal
-from viatool.policy.operators.linear import precision_of, scattered
+from viatool.policy.operators.linear import scattered
 from viatool.policy.operators.registry import Call, Value, finite, reads
 from viatool.policy.tensors import Constant
 
@@ -77,7 +77,8 @@ def read_gemm(call: Call) -> Sequence[Value]:
     left, right = (_matrix(call, index, call.integer(name)) for index, name in ((0, "transA"), (1, "transB")))
     roundings = 2 * int(abs(alpha) != 1.0 or abs(beta) != 1.0)
     shape: Shape = (left.shape[0], right.shape[1])
-    bias, terms = np.zeros(math.prod(shape)), []
+    bias = np.zeros(math.prod(shape))
+    terms: list[tuple[Computed, Floats]] = []
     if call.has(2):
         addend = call.value(2)
         if np.broadcast_shapes(addend.shape, shape) != shape:
@@ -88,9 +89,8 @@ def read_gemm(call: Call) -> Sequence[Value]:
             terms.append((addend, scattered(call, addend, shape, np.full(bias.size, beta))))
     if isinstance(left, Constant) and isinstance(right, Constant):
         bias = bias + (alpha * (finite(left, "weight") @ finite(right, "weight"))).ravel()
-        return [
-            call.assembly.affine(terms, bias, shape, precision_of(call.inputs), roundings + left.shape[1])
-        ]
+        precision = terms[0][0].precision
+        return [call.assembly.affine(terms, bias, shape, precision, roundings + left.shape[1])]
     if isinstance(left, Computed) and isinstance(right, Computed):
         product = matrix_product(call, left, right, alpha, roundings)
         terms.append((product, np.eye(product.size)))

@@ -19,7 +19,32 @@ from viatool.policy.tensors import Constant
 
 Floats = NDArray[np.float64]
 Value = Constant | Computed
-Treatment = Literal["exact", "enclosed"]
+Treatment = Literal["exact", "enclosed", "folded"]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """``subject > bound`` for every element, or its opposite; only a rectifier can be made of it.
+
+    Parameters
+    ----------
+    subject : Computed
+        What is compared.
+    bound : float
+        With which number.
+    strict : bool
+        Whether the bound itself counts as below.
+    above : bool
+        Whether the condition holds above the bound, else at or below it.
+    """
+
+    subject: Computed
+    bound: float
+    strict: bool
+    above: bool
+
+
+Result = Value | Comparison
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +67,7 @@ class Call:
 
     node: GraphNode
     version: int
-    inputs: Sequence[Value | None]
+    inputs: Sequence[Result | None]
     attributes: Mapping[str, Any]
     assembly: Assembly
 
@@ -55,6 +80,8 @@ class Call:
         value = self.inputs[index] if index < len(self.inputs) else None
         if value is None:
             raise Refusal(f"lacks input {index}")
+        if isinstance(value, Comparison):
+            raise Refusal("computes with a comparison of computed values", "clip instead of comparing")
         return value
 
     def computed(self, index: int) -> Computed:
@@ -110,7 +137,7 @@ class Call:
         return value
 
 
-Reader = Callable[[Call], Sequence[Value]]
+Reader = Callable[[Call], Sequence[Result]]
 
 
 @dataclass(frozen=True)
@@ -125,7 +152,8 @@ class Entry:
         The opset versions that define it and are known.
     treatment : str
         ``exact``: its result is linear in its computed input. ``enclosed``: it bends, so that the engine
-        approximates it with a guaranteed error.
+        approximates it with a guaranteed error. ``folded``: evaluated where it does not depend on the
+        observation, otherwise refused outside the patterns of the note.
     reader : callable
         Makes the network nodes.
     note : str

@@ -44,20 +44,25 @@ _MOVING: dict[str, tuple[tuple[int, ...], tuple[int, ...] | int]] = {
     "Transpose": ((1, 13, 21, 23, 24, 25), (0,)),
     "Trilu": ((14,), (0,)),
     "Unsqueeze": ((1, 11, 13, 21, 23, 24, 25), (0,)),
-    "Where": ((9, 16), (1, 2)),
 }
 
 
 def _move(call: Call) -> Sequence[Value]:
     _, data = _MOVING[call.node.operator]
-    positions = range(len(call.inputs)) if data == _EVERY else data
+    return move(call, range(len(call.inputs)) if isinstance(data, int) else data)
+
+
+def move(call: Call, positions: Sequence[int]) -> Sequence[Value]:
+    """Run an operator on element numbers; `positions` tells which inputs hold data."""
     numbers: list[NDArray[np.generic] | None] = []
     moved: list[tuple[int, Value]] = []  # first number of each data input
     following = 1
-    for index, value in enumerate(call.inputs):
-        if value is None:
+    for index in range(len(call.inputs)):
+        if not call.has(index):
             numbers.append(None)
-        elif index in positions:  # type: ignore[operator]
+            continue
+        value = call.value(index)
+        if index in positions:
             size = int(np.prod(value.shape, dtype=np.int64))
             numbers.append(np.arange(following, following + size).reshape(value.shape))
             moved.append((following, value))

@@ -1,0 +1,197 @@
+"""Activations that exporters write as several operators, recognised only where exactly equal.
+
+Recognising ``x * sigmoid(x)`` as one function of x changes nothing in the program: as a product of two values
+that move together it could not be bounded as closely.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from viatool.policy.activations import ActivationFunction, activation
+from viatool.policy.assembly import Assembly, Computed
+from viatool.policy.network import Activation, Affine, Product
+
+
+def gated(assembly: Assembly, left: Computed, right: Computed) -> Computed | None:
+    """Return ``left * right`` as one activation where one operand is a function of the other, else None."""
+    if left.shape != right.shape:
+        return None
+    for x, gate in ((left, right), (right, left)):
+        for recognise in (_smooth_gate, _raised_gate):
+            result = recognise(assembly, x, gate)
+            if result is not None:
+                return result
+    return None
+
+
+def _smooth_gate(assembly: Assembly, x: Computed, gate: Computed) -> Computed | None:
+    """Recognise Silu, Mish and the product with a hard sigmoid."""
+    node = assembly.nodes[gate.node]
+    if not isinstance(node, Activation):
+        return None
+    if node.function.name == "Tanh":
+        inner = Computed(node.source, gate.shape, gate.precision)
+        argument = assembly.function_of(inner, "Softplus")
+        return assembly.activation(x, "Mish") if argument is not None and argument.node == x.node else None
+    if node.source != x.node:
+        return None
+    if node.function.name == "Sigmoid":
+        return assembly.activation(x, "Silu")
+    if node.function.name == "HardSigmoid":
+        return assembly.activation(x, ActivationFunction("HardSigmoidGate", node.function.parameters))
+    return None
+
+
+def _raised_gate(assembly: Assembly, scaled: Computed, gate: Computed) -> Computed | None:
+    """Recognise ``a x * (1 + erf(b x))`` and ``a x * (1 + tanh(b (x + c x^3)))``, the two forms of Gelu."""
+    raised = assembly.scaling_of(gate)
+    if raised is None or raised.factor != raised.offset or raised.roundings:
+        return None
+    scale = assembly.scaling_of(scaled)
+    candidates = [(scaled, 1.0)]
+    if scale is not None and scale.offset == 0 and not scale.roundings:
+        candidates.append((scale.source, scale.factor))
+    for x, factor in candidates:
+        for recognise in (_erf_argument, _tanh_argument):
+            function = recognise(assembly, x, raised.source)
+            if function is not None:
+                return assembly.scaled(assembly.activation(x, function), factor * raised.factor)
+    return None
+
+
+def _erf_argument(assembly: Assembly, x: Computed, bent: Computed) -> ActivationFunction | None:
+    argument = assembly.function_of(bent, "Erf")
+    if argument is None:
+        return None
+    if argument.node == x.node:
+        return activation("ErfGate")
+    scaling = assembly.scaling_of(argument)
+    if scaling is None or scaling.offset != 0 or scaling.source.node != x.node:
+        return None
+    if not scaling.roundings:
+        return activation("ErfGate", slope=scaling.factor)
+    divisor = _stored(1.0 / scaling.factor)  # the weight stands for a division
+    return activation("ErfGate", divisor=divisor) if 1.0 / divisor == scaling.factor else None
+
+
+def _tanh_argument(assembly: Assembly, x: Computed, bent: Computed) -> ActivationFunction | None:
+    argument = assembly.function_of(bent, "Tanh")
+    scaling = None if argument is None else assembly.scaling_of(argument)
+    if scaling is None or scaling.offset != 0 or scaling.roundings or not scaling.factor > 0:
+        return None
+    inner = assembly.nodes[scaling.source.node]
+    if not isinstance(inner, Affine) or len(inner.sources) != 2 or x.node not in inner.sources:
+        return None
+    if inner.bias.any() or inner.roundings:
+        return None
+    own = inner.sources.index(x.node)
+    unit = np.eye(inner.size)
+    other, weight = inner.sources[1 - own], inner.weights[1 - own]
+    cubic = float(weight[0, 0])
+    if not np.array_equal(inner.weights[own], unit) or not np.array_equal(weight, cubic * unit):
+        return None
+    cubed = Computed(other, x.shape, x.precision)
+    scale = assembly.scaling_of(cubed)
+    if scale is not None and scale.offset == 0 and not scale.roundings:
+        cubed, cubic = scale.source, cubic * scale.factor
+    if cubic <= 0 or not _is_cube(assembly, cubed, x):
+        return None
+    return activation("TanhGate", slope=scaling.factor, cubic=cubic)
+
+
+def _is_cube(assembly: Assembly, value: Computed, x: Computed) -> bool:
+    node = assembly.nodes[value.node]
+    if isinstance(node, Activation):
+        return node.source == x.node and node.function == activation("Pow", exponent=3.0)
+    if not isinstance(node, Product) or x.node not in (node.left, node.right):
+        return False
+    other = assembly.nodes[node.right if node.left == x.node else node.left]
+    square = activation("Pow", exponent=2.0)
+    return isinstance(other, Activation) and other.source == x.node and other.function == square
+
+
+def softsign(assembly: Assembly, x: Computed, divisor: Computed) -> Computed | None:
+    """Return ``x / (1 + |x|)`` as one activation, None where the divisor is another."""
+    raised = assembly.scaling_of(divisor)
+    if raised is None or (raised.factor, raised.offset) != (1.0, 1.0):
+        return None
+    argument = assembly.function_of(raised.source, "Abs")
+    return assembly.activation(x, "Softsign") if argument is not None and argument.node == x.node else None
+
+
+def rectified(
+    assembly: Assembly, x: Computed, bound: float, above: Computed, below: Computed | float, *, strict: bool
+) -> Computed | None:
+    """Return ``above where x > bound else below`` as one activation, None where it is not a known one.
+
+    Parameters
+    ----------
+    assembly : Assembly
+        Where it goes.
+    x : Computed
+        What is compared.
+    bound : float
+        With what.
+    above, below : Computed or float
+        The two branches; a number stands for a constant.
+    strict : bool
+        Whether the bound itself takes the branch below, which matters where the function jumps.
+    """
+    rules: tuple[Callable[[], Computed | None], ...] = (
+        lambda: _leaky(assembly, x, bound, above, below),
+        lambda: _thresholded(assembly, x, bound, above, below) if strict else None,
+        lambda: _softplus(assembly, x, bound, above, below) if strict else None,
+    )
+    return next((result for rule in rules if (result := rule()) is not None), None)
+
+
+def _leaky(
+    assembly: Assembly, x: Computed, bound: float, above: Computed, below: Computed | float
+) -> Computed | None:
+    if bound != 0 or above.node != x.node:
+        return None
+    if below == 0.0:
+        return assembly.activation(x, "Relu")
+    if isinstance(below, float):
+        return None
+    scaling = assembly.scaling_of(below)
+    if scaling is None or scaling.source.node != x.node or scaling.offset or scaling.roundings:
+        return None
+    return assembly.activation(x, activation("LeakyRelu", alpha=scaling.factor))
+
+
+def _thresholded(
+    assembly: Assembly, x: Computed, bound: float, above: Computed, below: Computed | float
+) -> Computed | None:
+    if above.node != x.node or below != 0.0:
+        return None
+    return assembly.activation(x, activation("ThresholdedRelu", alpha=bound))
+
+
+def _softplus(
+    assembly: Assembly, x: Computed, bound: float, above: Computed, below: Computed | float
+) -> Computed | None:
+    """Recognise torch's Softplus: ``softplus(b x) / b``, and x where ``b x`` exceeds a threshold."""
+    if bound <= 0 or isinstance(below, float):
+        return None
+    function = activation("SoftplusThreshold", threshold=bound)
+    argument = assembly.function_of(below, "Softplus")
+    if argument is not None and argument.node == x.node == above.node:
+        return assembly.activation(x, function)
+    steep, flat = assembly.scaling_of(x), assembly.scaling_of(below)
+    if steep is None or flat is None or steep.offset or flat.offset or steep.roundings:
+        return None
+    argument = assembly.function_of(flat.source, "Softplus")
+    if argument is None or argument.node != x.node or steep.source.node != above.node:
+        return None
+    if flat.factor != 1.0 / steep.factor:
+        return None
+    return assembly.scaled(assembly.activation(x, function), flat.factor, roundings=flat.roundings)
+
+
+def _stored(value: float) -> float:
+    """Return the float32 number that a value stands for."""
+    return float(np.float32(value))

@@ -1,0 +1,143 @@
+"""Normalisations: by stored statistics they are affine, by those of the input they are enclosed.
+
+The float32 contract covers the program's own order of operations. A batch normalisation may be computed as
+``(x - mean) / spread * scale + shift`` or with the constants joined beforehand, so its factor carries the
+roundings of both. A layer normalisation is taken to compute its variance from deviations, as onnxruntime
+does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.policy.activations import activation
+from viatool.policy.assembly import Computed, Refusal
+from viatool.policy.operators.linear import scaled_by, scattered, weighted_sum
+from viatool.policy.operators.reduction import normalised_axes, summed
+from viatool.policy.operators.registry import Call, Value, finite, reads
+from viatool.policy.tensors import Constant
+
+Floats = NDArray[np.float64]
+
+_BATCH_ROUNDINGS = 6
+"""var + eps, its root, the reciprocal, times scale, times mean, and that of the stored float64 factor."""
+
+
+@reads("BatchNormalization", 6, 7, 9, 14, 15, treatment="exact", note="inference only")
+def read_batch_normalization(call: Call) -> Sequence[Value]:
+    """Read a normalisation by stored statistics, channel by channel (axis 1)."""
+    training = call.attributes.get("training_mode", 0)
+    if training or (call.version == 6 and not call.integer("is_test")):
+        raise Refusal("is in training mode", "export the policy in evaluation mode")
+    if call.attributes.get("spatial", 1) != 1:
+        raise Refusal("has spatial = 0, which no exporter writes any more")
+    x = call.computed(0)
+    scale, shift, mean, variance = (
+        call.weights(index, name)
+        for index, name in enumerate(("scale", "shift", "mean", "variance"), start=1)
+    )
+    spread = np.sqrt(variance + call.number("epsilon"))
+    if not (np.isfinite(spread).all() and (spread > 0).all()):
+        raise Refusal("has a variance that is not positive", "train and export the policy again")
+    factor = scale / spread
+    trailing = (-1, *(1 for _ in x.shape[2:])) if len(x.shape) > 1 else (-1,)
+    if np.broadcast_shapes(x.shape, factor.reshape(trailing).shape) != x.shape:
+        raise Refusal(f"has {factor.size} channels for the shape {list(x.shape)}")
+    offset = np.broadcast_to((-mean * factor).reshape(trailing), x.shape)
+    matrix = scattered(call, x, x.shape, np.broadcast_to(factor.reshape(trailing), x.shape).ravel())
+    centred = call.assembly.affine([(x, matrix)], offset, x.shape, x.precision, _BATCH_ROUNDINGS)
+    return [weighted_sum(call, [centred, Constant(shift.reshape(trailing), x.precision)], (1.0, 1.0))]
+
+
+def standardised(
+    call: Call, x: Computed, axes: Sequence[int], epsilon: float, *, centre: bool = True
+) -> tuple[Computed, Computed, Computed]:
+    """Add ``(x - mean) / sqrt(variance + epsilon)`` along axes; return it, the mean and 1 / spread."""
+    if not epsilon > 0:
+        raise Refusal(f"has epsilon = {epsilon:g}, where a positive number keeps it defined")
+    assembly = call.assembly
+    mean = summed(call, x, axes, keep=True, mean=True)
+    deviation = weighted_sum(call, [x, mean], (1.0, -1.0)) if centre else x
+    square = assembly.activation(deviation, activation("Pow", exponent=2.0))
+    variance = summed(call, square, axes, keep=True, mean=True)
+    spread = assembly.activation(assembly.scaled(variance, 1.0, epsilon), "Sqrt")
+    reciprocal = assembly.activation(spread, "Reciprocal")
+    return assembly.product(deviation, reciprocal), mean, reciprocal
+
+
+def _scaled_and_shifted(call: Call, x: Computed, scale: Value, shift: Value | None) -> Computed:
+    if isinstance(scale, Computed) or isinstance(shift, Computed):
+        raise Refusal("takes its scale from the observation")
+    result = scaled_by(call, x, finite(scale, "scale"))
+    return result if shift is None else weighted_sum(call, [result, shift], (1.0, 1.0))
+
+
+@reads("LayerNormalization", 17, treatment="enclosed")
+def read_layer_normalization(call: Call) -> Sequence[Value]:
+    """Read a normalisation over the last axes, with its optional mean and reciprocal spread."""
+    x = call.computed(0)
+    (axis,) = normalised_axes([call.integer("axis")], x)
+    result, mean, reciprocal = standardised(call, x, range(axis, len(x.shape)), call.number("epsilon"))
+    shift = call.value(2) if call.has(2) else None
+    return [_scaled_and_shifted(call, result, call.value(1), shift), mean, reciprocal]
+
+
+@reads("RMSNormalization", 23, treatment="enclosed")
+def read_rms_normalization(call: Call) -> Sequence[Value]:
+    """Read a division by the root mean square over the last axes."""
+    x = call.computed(0)
+    (axis,) = normalised_axes([call.integer("axis")], x)
+    result, _, _ = standardised(call, x, range(axis, len(x.shape)), call.number("epsilon"), centre=False)
+    return [_scaled_and_shifted(call, result, call.value(1), None)]
+
+
+@reads("InstanceNormalization", 6, 22, treatment="enclosed")
+def read_instance_normalization(call: Call) -> Sequence[Value]:
+    """Read a normalisation of each channel over its positions."""
+    x = call.computed(0)
+    result, _, _ = standardised(call, x, range(2, len(x.shape)), call.number("epsilon"))
+    return [_by_channel(call, result)]
+
+
+@reads("GroupNormalization", 21, treatment="enclosed")
+def read_group_normalization(call: Call) -> Sequence[Value]:
+    """Read a normalisation over groups of channels and their positions."""
+    x, groups = call.computed(0), call.integer("num_groups")
+    if len(x.shape) < 2 or groups < 1 or x.shape[1] % groups:
+        raise Refusal(f"has {groups} groups for the shape {list(x.shape)}")
+    grouped = x.reshaped((x.shape[0], groups, x.size // (x.shape[0] * groups)))
+    result, _, _ = standardised(call, grouped, [2], call.number("epsilon"))
+    return [_by_channel(call, result.reshaped(x.shape))]
+
+
+def _by_channel(call: Call, x: Computed) -> Computed:
+    trailing = (-1, *(1 for _ in x.shape[2:]))
+    scale, shift = call.weights(1, "scale"), call.weights(2, "shift")
+    if scale.size != x.shape[1] or shift.size != x.shape[1]:
+        raise Refusal(f"has {scale.size} channels for the shape {list(x.shape)}")
+    return _scaled_and_shifted(
+        call,
+        x,
+        Constant(scale.reshape(trailing), x.precision),
+        Constant(shift.reshape(trailing), x.precision),
+    )
+
+
+@reads("MeanVarianceNormalization", 9, 13, treatment="enclosed", note="away from zero variance")
+def read_mean_variance_normalization(call: Call) -> Sequence[Value]:
+    """Read a normalisation along axes whose spread is kept from zero by 1e-9."""
+    x = call.computed(0)
+    axes = normalised_axes(call.integers("axes") or (0, 2, 3), x)
+    if math.prod(x.shape[axis] for axis in axes) < 2:
+        raise Refusal("normalises single values")
+    assembly = call.assembly
+    mean = summed(call, x, axes, keep=True, mean=True)
+    deviation = weighted_sum(call, [x, mean], (1.0, -1.0))
+    square = assembly.activation(deviation, activation("Pow", exponent=2.0))
+    spread = assembly.activation(summed(call, square, axes, keep=True, mean=True), "Sqrt")
+    reciprocal = assembly.activation(assembly.scaled(spread, 1.0, float(np.float32(1e-9))), "Reciprocal")
+    return [assembly.product(deviation, reciprocal)]
