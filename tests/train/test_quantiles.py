@@ -7,7 +7,7 @@ import math
 import pytest
 import torch
 
-from viatool.train.quantiles import (
+from viatool.train.methods.quantiles import (
     noncrossing_quantiles,
     quantile_huber_gradient,
     quantile_huber_loss,

@@ -11,7 +11,7 @@ import pytest
 
 from viatool.errors import ConfigurationError
 from viatool.policy import load_policy
-from viatool.train import TrainingConfiguration, TrainingResult, make_configuration, train
+from viatool.train import TrainingConfiguration, TrainingResult, make_configuration, resume, train
 from viatool.train.export import export_checkpoint
 from viatool.train.observation import make_scaling
 from viatool.world import load_map
@@ -35,6 +35,7 @@ TINY = {
     "finalists": 3,
     "test_scenarios": 8,
     "checkpoint_interval": 2,
+    "state_interval": 1,
     "curriculum_start": 3.0,
     "curriculum_epochs": 2,
     "multiplier_initial": 0.1,
@@ -92,6 +93,7 @@ def test_a_run_directory_holds_all_that_tells_where_the_policy_comes_from(
         "evaluation.json",
         "metrics.csv",
         "policy.onnx",
+        "state.pt",
         "tensorboard",
         "versions.json",
     ]
@@ -113,7 +115,7 @@ def test_metrics_have_a_row_for_each_epoch_and_seed(run: tuple[TrainingResult, L
     assert last["steps"] == 3 * 25 * 8
     assert last["episodes"] >= 8
     assert 0.0 <= last["var"] <= 9.0
-    for name in ("task_critic_loss", "cost_critic_loss", "tail_cost", "validation_success_rate"):
+    for name in ("task_critic_loss", "cost_critic_loss", "action_cost", "validation_success_rate"):
         assert np.isfinite(last[name]), name
 
 
@@ -206,3 +208,44 @@ def test_a_foreign_file_is_no_checkpoint(tmp_path: Path) -> None:
         export_checkpoint(path, tmp_path / "policy.onnx")
     with pytest.raises(ConfigurationError, match="cannot read the checkpoint"):
         export_checkpoint(tmp_path / "missing.pt", tmp_path / "policy.onnx")
+
+
+class Killed(Exception):  # noqa: N818  # an event, not an error
+    """Stands for the end of the process."""
+
+
+@pytest.mark.parametrize("moment", [10, 60])
+def test_a_killed_run_goes_on_as_if_it_had_never_stopped(
+    run: tuple[TrainingResult, Lines], tmp_path: Path, moment: int
+) -> None:
+    class Bomb(Lines):
+        def advance(self, fraction: float, note: str = "") -> None:
+            super().advance(fraction, note)
+            if len(self.fractions) == moment:
+                raise Killed
+
+    with pytest.raises(Killed):
+        train(tiny(tensorboard=False), tmp_path / "killed", Bomb())
+    assert (tmp_path / "killed" / "state.pt").exists() == (moment > 25)
+    finished = resume(tmp_path / "killed")
+    assert weights(finished) == weights(run[0])
+    rows = [
+        (directory / "metrics.csv").read_bytes() for directory in (tmp_path / "killed", run[0].run_directory)
+    ]
+    assert rows[0] == rows[1]
+
+
+def test_only_a_run_can_be_resumed(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match="no training run"):
+        resume(tmp_path)
+
+
+@pytest.mark.parametrize("method", ["td3", "rcpo", "sac-lag", "wcsac", "cvar-cpo"])
+def test_every_method_trains_and_exports(method: str, tmp_path: Path) -> None:
+    result = train(tiny(method=method, epochs=1, seeds=1, tensorboard=False), tmp_path / method)
+    spec = result.policy.spec
+    assert spec is not None
+    assert spec.training["method"] == method
+    budget = spec.channel("budget").value
+    assert budget is not None
+    assert (budget == 0.0) or method == "cvar-cpo"

@@ -11,12 +11,13 @@ import torch
 from viatool.train.agent import Learner, make_agent
 from viatool.train.collection import shaping_reward
 from viatool.train.configuration import make_configuration
+from viatool.train.methods import METHODS
+from viatool.train.methods.via import cost_target
 from viatool.train.networks import TrainedNetwork, Weights
 from viatool.train.replay import Batch, ReplayBuffer
 from viatool.train.returns import NStepReturns, Transition
 from viatool.train.updates import (
     Agent,
-    cost_target,
     first_value,
     smoothed_action,
     task_target,
@@ -99,7 +100,7 @@ def test_adam_follows_the_optimiser_of_torch() -> None:
 
 def test_the_task_target_takes_the_smaller_critic() -> None:
     critics = constant((5, 4, 1), [[3.0], [2.0]])  # two critics of one seed
-    target = task_target(critics, torch.zeros(1, 2, 5), batch([0.5, 0.0]))
+    target = task_target(critics, torch.zeros(1, 2, 5), torch.ones(1, 2), torch.tensor([[0.5, 0.0]]))
     assert target.tolist() == [[1.0 + 0.5 * 2.0, 1.0]]
 
 
@@ -171,30 +172,49 @@ def tiny_agent() -> Agent:
     return Agent(
         actor=TrainedNetwork(Weights((3, 4, 2), 1).draw(generator(0))),
         task_critics=TrainedNetwork(constant((5, 4, 1), [[0.0], [0.0]])),
-        cost_critic=TrainedNetwork(Weights((5, 8, 6), 1).draw(generator(2))),
+        cost_critic=TrainedNetwork(Weights((5, 8, 22), 1).draw(generator(2))),
     )
 
 
 def test_the_actor_leaves_costly_actions_only_when_the_multiplier_is_positive() -> None:
     observation = torch.randn(1, 64, 3, generator=generator(3))
-    budget = torch.zeros(1, 64)
+    via = METHODS["via"](make_configuration())
     for multiplier, moves in ((0.0, False), (1.0, True)):
         agent = tiny_agent()
         before = agent.actor.weights.flat.clone()
-        tails = []
+        costs = []
         for _ in range(50):
             metrics = update_actor(
                 agent,
+                via,
                 observation,
                 observation,
-                budget,
+                torch.zeros(1, 64),
                 torch.tensor([multiplier]),
-                alpha=0.9,
                 learning_rate=1e-2,
             )
-            tails.append(float(metrics.get("tail_cost", torch.zeros(1))))
+            costs.append(float(metrics.get("action_cost", torch.zeros(1))))
         assert torch.equal(before, agent.actor.weights.flat) != moves
-        assert (tails[-1] < tails[0]) == moves
+        assert (costs[-1] < costs[0]) == moves
+
+
+def test_saturated_outputs_are_drawn_back_to_where_tanh_has_a_slope() -> None:
+    agent = tiny_agent()
+    agent.actor.weights.layers[-1].detach().fill_(6.0)
+    observation = torch.randn(1, 64, 3, generator=generator(3))
+    td3 = METHODS["td3"](make_configuration())
+    for _ in range(500):
+        update_actor(
+            agent,
+            td3,
+            observation,
+            observation,
+            torch.zeros(1, 64),
+            torch.zeros(1),
+            learning_rate=1e-2,
+            saturation_penalty=0.05,
+        )
+    assert agent.actor.weights(observation).abs().mean().item() < 3.0
 
 
 def test_targets_follow_by_their_rate() -> None:
@@ -209,7 +229,8 @@ def test_targets_follow_by_their_rate() -> None:
 def test_actor_and_targets_move_only_at_every_second_update_of_the_critics() -> None:
     options = make_configuration(seeds=2, batch_size=8, policy_delay=2, cost_critic_delay=1)
     random = generator()
-    agent = make_agent(options, observation_size=26, bins=20, generator=random)
+    method = METHODS["via"](options)
+    agent = make_agent(options, method, observation_size=26, bins=20, generator=random)
     replay = ReplayBuffer(2, 32, 26, 2)
     replay.add(
         Batch(
@@ -221,7 +242,7 @@ def test_actor_and_targets_move_only_at_every_second_update_of_the_critics() -> 
             torch.ones(2, 16),
         )
     )
-    learner = Learner(options, agent, replay, bins=20, generator=random)
+    learner = Learner(options, method, agent, replay, bins=20, generator=random)
     networks = {
         "actor": agent.actor.weights,
         "target": agent.actor.target,

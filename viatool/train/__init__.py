@@ -5,7 +5,7 @@ from __future__ import annotations
 from viatool.train.configuration import PRESETS, TrainingConfiguration, load_configuration, make_configuration
 from viatool.train.export import export_checkpoint
 from viatool.train.progress import Progress, Silence, console_progress
-from viatool.train.trainer import TrainingResult, train
+from viatool.train.trainer import TrainingResult, resume, train
 
 __all__ = [
     "PRESETS",
@@ -17,5 +17,6 @@ __all__ = [
     "export_checkpoint",
     "load_configuration",
     "make_configuration",
+    "resume",
     "train",
 ]

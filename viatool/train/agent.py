@@ -2,37 +2,47 @@
 
 from __future__ import annotations
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from viatool.train.configuration import TrainingConfiguration
+from viatool.train.methods import Method
 from viatool.train.networks import TrainedNetwork, Weights
 from viatool.train.observation import near_features
 from viatool.train.replay import ReplayBuffer
 from viatool.train.updates import (
     Agent,
     Metrics,
-    cost_target,
+    act,
     critic_input,
     smoothed_action,
     task_target,
     update_actor,
-    update_cost_critic,
     update_targets,
     update_task_critics,
 )
+
+Floats = NDArray[np.float64]
 
 ACTIONS = 2
 
 
 def make_agent(
-    configuration: TrainingConfiguration, observation_size: int, bins: int, generator: torch.Generator
+    configuration: TrainingConfiguration,
+    method: Method,
+    observation_size: int,
+    bins: int,
+    generator: torch.Generator,
 ) -> Agent:
     """Draw the initial networks of all seeds.
 
     Parameters
     ----------
     configuration : TrainingConfiguration
-        Widths, seeds, quantiles.
+        Widths and seeds.
+    method : Method
+        Says which outputs the cost critic has.
     observation_size : int
         n, the budget included.
     bins : int
@@ -47,12 +57,12 @@ def make_agent(
     actor = Weights(
         (observation_size, *configuration.actor_hidden, ACTIONS), seeds, configuration.actor_activation
     )
+    task_critics = Weights((inputs, *hidden, 1), 2 * seeds)
+    cost_critic = Weights((inputs, *hidden, method.cost_outputs), seeds) if method.cost_outputs else None
     return Agent(
         actor=TrainedNetwork(actor.draw(generator, configuration.actor_output_scale)),
-        task_critics=TrainedNetwork(Weights((inputs, *hidden, 1), 2 * seeds).draw(generator)),
-        cost_critic=TrainedNetwork(
-            Weights((inputs, *hidden, configuration.quantiles + 2), seeds).draw(generator)
-        ),
+        task_critics=TrainedNetwork(task_critics.draw(generator)),
+        cost_critic=None if cost_critic is None else TrainedNetwork(cost_critic.draw(generator)),
     )
 
 
@@ -63,6 +73,8 @@ class Learner:
     ----------
     configuration : TrainingConfiguration
         Rates, delays, noise.
+    method : Method
+        How costs enter.
     agent : Agent
         Updated in place.
     replay : ReplayBuffer
@@ -76,12 +88,14 @@ class Learner:
     def __init__(
         self,
         configuration: TrainingConfiguration,
+        method: Method,
         agent: Agent,
         replay: ReplayBuffer,
         bins: int,
         generator: torch.Generator,
     ) -> None:
         self.configuration = configuration
+        self.method = method
         self.agent = agent
         self.replay = replay
         self.bins = bins
@@ -122,22 +136,34 @@ class Learner:
                 self.generator,
             )
             next_input = critic_input(self._features(batch.next_observation), next_action)
-            target = task_target(agent.task_critics.target, next_input, batch)
+            reward = self.method.learnt_reward(batch, multiplier)
+            target = task_target(agent.task_critics.target, next_input, reward, batch.discount)
         metrics = update_task_critics(agent.task_critics, inputs, target, learning_rate)
-        if self.updates % options.cost_critic_delay == 0:
-            with torch.no_grad():
-                returns = cost_target(agent.cost_critic.target, next_input, batch)
-            metrics |= update_cost_critic(agent.cost_critic, inputs, returns, learning_rate, measure=measure)
+        if agent.cost_critic is not None and self.updates % options.cost_critic_delay == 0:
+            metrics |= self.method.update_cost_critic(
+                agent.cost_critic, inputs, next_input, batch, learning_rate, measure=measure
+            )
         if self.updates % options.policy_delay == 0:
             metrics |= update_actor(
                 agent,
+                self.method,
                 batch.observation,
                 features,
                 batch.observation[..., -1] * options.budget_limit,
                 multiplier,
-                alpha=options.alpha,
                 learning_rate=learning_rate,
                 saturation_penalty=options.saturation_penalty,
             )
             update_targets(agent, options.target_rate)
         return metrics
+
+    def start_cost(self, observation: torch.Tensor) -> Floats:
+        """Return ``(S,)`` the mean predicted cost of the policies' actions in start states ``(S, E, n)``."""
+        critic = self.agent.cost_critic
+        if critic is None:
+            return np.zeros(observation.shape[0])
+        with torch.no_grad():
+            action = act(self.agent.actor.weights, observation)
+            outputs = critic.weights(critic_input(self._features(observation), action))
+            budget = observation[..., -1] * self.configuration.budget_limit
+            return self.method.action_cost(outputs, budget).mean(-1).numpy().astype(np.float64)

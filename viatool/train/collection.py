@@ -13,6 +13,7 @@ from torch import Tensor
 from viatool.simulate import NavigationSimulator, NavigationTask, Step
 from viatool.train.configuration import TrainingConfiguration
 from viatool.train.constraint import next_budget
+from viatool.train.methods import Method
 from viatool.train.networks import Weights
 from viatool.train.observation import Scaling
 from viatool.train.returns import Transition
@@ -40,10 +41,6 @@ class Episodes:
         """Return the episodes of all parts."""
         names = Episodes.__dataclass_fields__
         return Episodes(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
-
-    def of_seed(self, seed: int) -> Episodes:
-        """Return the episodes of one seed."""
-        return self.where(self.seed == seed)
 
     def where(self, which: Booleans) -> Episodes:
         """Return some of the episodes."""
@@ -100,22 +97,37 @@ class Collector:
         With a generator, unless the map's own scenarios shall be driven.
     scaling : Scaling
         For the networks' inputs and outputs.
+    method : Method
+        Says whether the budget follows the cost.
     var : ndarray
         ``(S,)`` u, the budget at the start of an episode.
+    epoch : int
+        Finished epochs of the run; part of the seed, since robots are set down more than once.
     """
 
     def __init__(
-        self, configuration: TrainingConfiguration, world_map: WorldMap, scaling: Scaling, var: Floats
+        self,
+        configuration: TrainingConfiguration,
+        world_map: WorldMap,
+        scaling: Scaling,
+        method: Method,
+        var: Floats,
+        epoch: int,
     ) -> None:
         self.configuration = configuration
+        self.budgeted = method.budgeted
         self.world_map = world_map
         self.scaling = scaling
         count = configuration.seeds * configuration.robots
         scenarios = None if world_map.generator is not None else world_map.scenarios
         self.simulator = NavigationSimulator(
-            world_map, count, scenarios=scenarios, seed=configuration.seed, task=make_task(configuration)
+            world_map,
+            count,
+            scenarios=scenarios,
+            seed=int(np.random.SeedSequence([configuration.seed, epoch]).generate_state(1)[0]),
+            task=make_task(configuration),
         )
-        self.rng = np.random.default_rng([configuration.seed, 1])
+        self.rng = np.random.default_rng([configuration.seed, epoch, 1])
         self.noise = exploration_noise(configuration)
         self.steady = self.noise <= max(configuration.constraint_noise, configuration.noise_lowest)
         self.seed_of_robot = np.repeat(np.arange(configuration.seeds), configuration.robots)
@@ -123,6 +135,7 @@ class Collector:
         self.cost, self.reward = np.zeros(count), np.zeros(count)
         self.length = np.zeros(count, dtype=np.int64)
         self._observe(self.simulator.reset())
+        self.start_observation = self.observation.clone()  # (S, E, n), of every robot's latest episode
 
     def _observe(self, observation: NDArray[Any]) -> None:
         bins = self.world_map.robot.lidar.bins
@@ -158,9 +171,7 @@ class Collector:
         """
         action = self.explore(actor)
         step = self.simulator.step(self.scaling.physical_action(action))
-        budget = next_budget(
-            self.budget, step.cost, self.configuration.discount, self.configuration.budget_limit
-        )
+        budget = self._next_budget(step.cost)
         reward = step.reward + shaping_reward(
             self.configuration.shaping,
             self.configuration.discount,
@@ -176,6 +187,11 @@ class Collector:
         episodes = self._finished(done, step)
         self._begin(done, budget, var, step)
         return transition, episodes
+
+    def _next_budget(self, cost: Floats) -> Floats:
+        if not self.budgeted:
+            return self.budget
+        return next_budget(self.budget, cost, self.configuration.discount, self.configuration.budget_limit)
 
     def _transition(self, action: Floats, reward: Floats, step: Step, after: Tensor) -> Transition:
         shape = (self.configuration.seeds, self.configuration.robots)
@@ -204,6 +220,8 @@ class Collector:
         for total in (self.cost, self.reward, self.length):
             total[done] = 0
         self._observe(self.simulator.reset(done) if done.any() else step.observation)
+        fresh = torch.from_numpy(done).view(self.observation.shape[:2])
+        self.start_observation[fresh] = self.observation[fresh]
 
     def limit_goal_distance(self, largest: float) -> None:
         """Draw goals of the coming episodes within this distance of their start (curriculum), in metres."""

@@ -24,7 +24,7 @@ Positive = Annotated[FiniteFloat, Field(gt=0)]
 NonNegative = Annotated[FiniteFloat, Field(ge=0)]
 Fraction = Annotated[FiniteFloat, Field(ge=0, le=1)]
 Discount = Annotated[FiniteFloat, Field(gt=0, lt=1)]
-Method = Literal["via"]
+MethodName = Literal["td3", "rcpo", "sac-lag", "wcsac", "cvar-cpo", "via"]
 
 
 def _option(default: Any, description: str) -> Any:
@@ -37,7 +37,7 @@ class TrainingConfiguration(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True)
 
     # What is trained, and where
-    method: Method = _option("via", "training method")
+    method: MethodName = _option("via", "how costs enter the training, see docs/methods.md")
     map: str = _option("maps/lab.yaml", "map file; its generator draws the training and held-out scenarios")
     seed: Whole = _option(0, "seed of every random number of the run")
     seeds: Count = _option(3, "S, policies trained side by side in one batch; the best one is exported")
@@ -130,6 +130,9 @@ class TrainingConfiguration(BaseModel):
     test_scenarios: Whole = _option(500, "random scenarios of the final evaluation, used for nothing else")
     test_seed: Whole = _option(2_000_003, "of the test scenarios")
     checkpoint_interval: Count = _option(5, "epochs between checkpoints; the last epoch always has one")
+    state_interval: Count = _option(
+        10, "epochs between saved states for resuming; the robots begin new episodes then"
+    )
     tensorboard: bool = _option(True, "also write the metrics as TensorBoard events")
 
     @model_validator(mode="after")

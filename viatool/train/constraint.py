@@ -80,40 +80,21 @@ def update_var(
     }
 
 
-def update_multiplier(
-    multiplier: float,
-    var: float,
-    costs: Floats,
-    *,
-    alpha: float,
-    step: float,
-    cost_limit: float,
-    maximum: float,
-    rule: MultiplierRule = "mean",
-) -> tuple[float, dict[str, float]]:
-    """Update the Lagrange multiplier of one seed: ``Proj_[0, max] (lambda - beta * slack)``.
+def update_multiplier(multiplier: float, slack: float | None, *, step: float, maximum: float) -> float:
+    """Update the Lagrange multiplier of one seed: ``Proj_[0, max] (lambda - beta_lambda slack)``.
 
     Parameters
     ----------
-    multiplier, var : float
-        lambda and u.
-    costs : ndarray
-        ``(N,)`` undiscounted episode costs of the epoch; with none lambda stays.
-    alpha, step, cost_limit, maximum : float
-        CVaR level, beta_lambda, b and lambda_max.
-    rule : str
-        "mean" is the paper's slack ``b - u - mean(C)``; "cvar" is the constraint's own, ``b - CVaR(C)``.
-
-    Returns
-    -------
-    tuple
-        The new multiplier, and the metric ``slack``.
+    multiplier : float
+        lambda.
+    slack : float or None
+        By how much the constraint holds; ``b - u - mean C`` for VIA. None leaves lambda as it is.
+    step, maximum : float
+        beta_lambda and lambda_max.
     """
-    if costs.size == 0:
-        return multiplier, {"slack": float("nan")}
-    used = var + float(np.mean(costs)) if rule == "mean" else empirical_cvar(costs, alpha)
-    slack = cost_limit - used
-    return float(np.clip(multiplier - step * slack, 0.0, maximum)), {"slack": slack}
+    if slack is None:
+        return multiplier
+    return float(np.clip(multiplier - step * slack, 0.0, maximum))
 
 
 def empirical_cvar(costs: Floats, alpha: float) -> float:

@@ -127,7 +127,7 @@ def export_checkpoint(
     path: str | os.PathLike[str],
     *,
     seed: int | None = None,
-    map_path: str | os.PathLike[str] | None = None,
+    map_path: str | Path | None = None,
 ) -> Policy:
     """Make a policy of a checkpoint.
 

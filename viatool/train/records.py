@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ PACKAGES = ("viatool", "numpy", "torch", "onnx", "onnxruntime")
 
 
 class MetricsLog:
-    """One row for each epoch and seed in ``metrics.csv``, and the same as TensorBoard events.
+    """Writes ``metrics.csv``, one row for each epoch and seed, and the same as TensorBoard events.
 
     Parameters
     ----------
@@ -27,36 +27,33 @@ class MetricsLog:
         Of the run.
     tensorboard : bool
         Also write events.
-    rows : list of dict
-        Rows of the epochs that a resumed run has behind it.
+    finished : int
+        Epochs that a resumed run has behind it; later events of its interrupted part are hidden.
     """
 
-    def __init__(
-        self, directory: Path, tensorboard: bool, rows: list[dict[str, float]] | None = None
-    ) -> None:
+    def __init__(self, directory: Path, tensorboard: bool, finished: int = 0) -> None:
         self.path = directory / "metrics.csv"
-        self.rows = list(rows or [])
         self._events: Any = None
         if tensorboard:
             from torch.utils.tensorboard import SummaryWriter
 
-            self._events = SummaryWriter(str(directory / "tensorboard"))
+            self._events = SummaryWriter(str(directory / "tensorboard"), purge_step=finished + 1)
 
-    def add(self, epoch: int, seed: int, metrics: Mapping[str, float]) -> None:
-        """Record one epoch of one seed."""
-        self.rows.append({"epoch": epoch, "seed": seed, **metrics})
-        if self._events is not None:
-            for name, value in metrics.items():
-                self._events.add_scalar(f"{name}/seed_{seed}", value, epoch)
+    def write(self, rows: Sequence[Mapping[str, float]], fresh: int) -> None:
+        """Write the table whole; the last `fresh` rows become events.
 
-    def write(self) -> None:
-        """Write the table whole; columns are those of all rows, in order of appearance."""
-        columns = list(dict.fromkeys(name for row in self.rows for name in row))
+        Columns are those of all rows, in order of appearance.
+        """
+        columns = list(dict.fromkeys(name for row in rows for name in row))
         with whole_file(self.path) as draft, draft.open("w", newline="", encoding="utf-8") as stream:
             writer = csv.DictWriter(stream, columns, restval="")
             writer.writeheader()
-            writer.writerows({name: _text(value) for name, value in row.items()} for row in self.rows)
+            writer.writerows({name: _text(value) for name, value in row.items()} for row in rows)
         if self._events is not None:
+            for row in rows[-fresh:]:
+                for name, value in row.items():
+                    if name not in ("epoch", "seed"):
+                        self._events.add_scalar(f"{name}/seed_{row['seed']}", value, row["epoch"])
             self._events.flush()
 
     def close(self) -> None:

@@ -13,14 +13,8 @@ import torch
 from torch import Tensor
 from torch.autograd import grad
 
+from viatool.train.methods import Method
 from viatool.train.networks import TrainedNetwork, Weights
-from viatool.train.quantiles import (
-    noncrossing_quantiles,
-    quantile_huber_gradient,
-    quantile_huber_loss,
-    tail_cost,
-)
-from viatool.train.replay import Batch
 
 Metrics = dict[str, Tensor]
 
@@ -37,13 +31,18 @@ class Agent:
         S perceptrons, n to A; the action is ``tanh`` of the output.
     task_critics : TrainedNetwork
         2 S perceptrons, the first critic of every seed before the second of every seed.
-    cost_critic : TrainedNetwork
-        S perceptrons with M + 2 outputs.
+    cost_critic : TrainedNetwork or None
+        S perceptrons with the outputs of the method; None if it has none.
     """
 
     actor: TrainedNetwork
     task_critics: TrainedNetwork
-    cost_critic: TrainedNetwork
+    cost_critic: TrainedNetwork | None
+
+    def networks(self) -> dict[str, TrainedNetwork]:
+        """Return the networks that there are, by name."""
+        named = {"actor": self.actor, "task_critics": self.task_critics, "cost_critic": self.cost_critic}
+        return {name: network for name, network in named.items() if network is not None}
 
 
 def act(actor: Weights, observation: Tensor) -> Tensor:
@@ -65,9 +64,9 @@ def smoothed_action(
     return action.add_(smoothing).clamp_(-1.0, 1.0)
 
 
-def task_target(target_critics: Weights, next_input: Tensor, batch: Batch) -> Tensor:
-    """Return ``y = r + gamma min_i Q_i(s', a')``, ``(S, B)``; gamma is 0 after a termination."""
-    return batch.reward + batch.discount * twin_values(target_critics, next_input).amin(0)
+def task_target(target_critics: Weights, next_input: Tensor, reward: Tensor, discount: Tensor) -> Tensor:
+    """Return ``y = r + gamma min_i Q_i(s', a')``, ``(S, B)``; the discount is 0 after a termination."""
+    return reward + discount * twin_values(target_critics, next_input).amin(0)
 
 
 def twin_values(critics: Weights, inputs: Tensor) -> Tensor:
@@ -98,64 +97,33 @@ def update_task_critics(
     return {"task_critic_loss": losses.detach().sum(0), "task_value": values.detach().mean((0, 2))}
 
 
-def cost_target(target_critic: Weights, next_input: Tensor, batch: Batch) -> Tensor:
-    """Return ``c + gamma q_j(s', a')``, ``(S, B, M)``; the discount of the batch is 0 after a termination."""
-    quantiles = noncrossing_quantiles(target_critic(next_input))
-    return batch.cost.unsqueeze(-1) + batch.discount.unsqueeze(-1) * quantiles
-
-
-def update_cost_critic(
-    critic: TrainedNetwork, inputs: Tensor, target: Tensor, learning_rate: float, *, measure: bool = False
-) -> Metrics:
-    """Regress the quantiles on the target distribution with the quantile Huber loss.
-
-    Parameters
-    ----------
-    critic : TrainedNetwork
-        Updated in place.
-    inputs, target : Tensor
-        ``(S, B, f + A)`` and ``(S, B, M)``.
-    learning_rate : float
-        Of this step.
-    measure : bool
-        Also compute the loss itself, which the step does not need.
-    """
-    predicted = noncrossing_quantiles(critic.weights(inputs))
-    gradient = quantile_huber_gradient(predicted.detach(), target) / predicted.shape[1]
-    critic.descend(grad(predicted, critic.weights.layers, gradient), learning_rate)
-    if not measure:
-        return {}
-    return {
-        "cost_critic_loss": quantile_huber_loss(predicted.detach(), target).mean(-1),
-        "cost_value": predicted.detach().mean((1, 2)),
-    }
-
-
 def update_actor(
     agent: Agent,
+    method: Method,
     observation: Tensor,
     features: Tensor,
     budget: Tensor,
     multiplier: Tensor,
     *,
-    alpha: float,
     learning_rate: float,
     saturation_penalty: float = 0.0,
 ) -> Metrics:
-    """Descend ``-E[Q_1(s, pi(s))] + lambda E[V_C(s, pi(s))]`` and a penalty on saturated outputs.
+    """Descend ``-E[Q_1(s, pi(s))] + lambda E[cost of pi(s)]`` and a penalty on saturated outputs.
 
     Parameters
     ----------
     agent : Agent
         The actor is updated in place.
+    method : Method
+        Says what the cost of an action is: V_C for VIA.
     observation, features : Tensor
         ``(S, B, n)`` and ``(S, B, f)``.
     budget : Tensor
         ``(S, B)``, the budget e of each state, unscaled.
     multiplier : Tensor
         ``(S,)`` lambda. If all are zero the cost critic is not evaluated.
-    alpha, learning_rate : float
-        CVaR level (for the fallback of V_C), and the rate of this step.
+    learning_rate : float
+        Of this step.
     saturation_penalty : float
         Weight of the mean squared excess of the output before tanh over `SATURATION`. A seed whose outputs
         saturate everywhere has no gradient left and would stay as it is, for instance at a standstill.
@@ -166,10 +134,10 @@ def update_actor(
     excess = (raw.abs() - SATURATION).clamp(min=0.0)
     loss = saturation_penalty * excess.square().mean((1, 2)) - value
     metrics = {"actor_value": value.detach()}
-    if bool(multiplier.any()):
-        tail = tail_cost(noncrossing_quantiles(agent.cost_critic.weights(inputs)), budget, alpha).mean(-1)
-        loss = loss + multiplier * tail
-        metrics["tail_cost"] = tail.detach()
+    if agent.cost_critic is not None and bool(multiplier.any()):
+        cost = method.action_cost(agent.cost_critic.weights(inputs), budget).mean(-1)
+        loss = loss + multiplier * cost
+        metrics["action_cost"] = cost.detach()
     agent.actor.descend(grad(loss.sum(), agent.actor.weights.layers), learning_rate)
     return metrics
 
@@ -185,5 +153,5 @@ def first_value(critics: Weights, inputs: Tensor) -> Tensor:
 
 def update_targets(agent: Agent, rate: float) -> None:
     """Move every target network by `rate` towards its network."""
-    for network in (agent.actor, agent.task_critics, agent.cost_critic):
+    for network in agent.networks().values():
         network.follow(rate)

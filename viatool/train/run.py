@@ -1,0 +1,197 @@
+"""The state of a training run: how it begins, what is saved, and how a saved run goes on bit for bit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from viatool.errors import ConfigurationError
+from viatool.train.agent import Learner, make_agent
+from viatool.train.collection import Collector
+from viatool.train.configuration import TrainingConfiguration
+from viatool.train.constraint import initial_var
+from viatool.train.evaluation import actor_command, drive
+from viatool.train.methods import METHODS
+from viatool.train.networks import Weights
+from viatool.train.observation import Scaling, make_scaling
+from viatool.train.replay import ReplayBuffer
+from viatool.train.returns import NStepReturns
+from viatool.train.selection import Candidate, random_scenarios
+from viatool.world import WorldMap, load_map
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(eq=False)
+class TrainingRun:
+    """All that changes while a run goes on, and what it needs for that.
+
+    Parameters
+    ----------
+    configuration : TrainingConfiguration
+        Does not change.
+    world_map : WorldMap
+        Of the training.
+    scaling : Scaling
+        Of its robot.
+    learner : Learner
+        Networks, optimisers, replay buffer and their random numbers.
+    var, multiplier : ndarray
+        ``(S,)`` u and lambda.
+    epoch, steps : int
+        Finished epochs, and steps of every robot.
+    candidates : list of Candidate
+        The best so far.
+    rows : list of dict
+        Metrics of the finished epochs.
+    collector, returns : Collector and NStepReturns, or None
+        The robots on their way; None when they are to be set down anew.
+    """
+
+    configuration: TrainingConfiguration
+    world_map: WorldMap
+    scaling: Scaling
+    learner: Learner
+    var: Floats
+    multiplier: Floats
+    epoch: int = 0
+    steps: int = 0
+    candidates: list[Candidate] = field(default_factory=list)
+    rows: list[dict[str, float]] = field(default_factory=list)
+    collector: Collector | None = None
+    returns: NStepReturns | None = None
+
+    @property
+    def actor(self) -> Weights:
+        """Return the policies that are evaluated and exported: the slowly moving target of the actor."""
+        return self.learner.agent.actor.target
+
+    def robots(self) -> tuple[Collector, NStepReturns]:
+        """Return the robots on their way; set them down first where a saved run would begin again.
+
+        The robots start anew after every epoch whose state is saved, also in a run that is never interrupted:
+        so a resumed run, which has no robots on their way, does exactly the same.
+        """
+        if self.collector is None or self.returns is None:
+            options = self.configuration
+            self.collector = Collector(
+                options, self.world_map, self.scaling, self.learner.method, self.var, self.epoch
+            )
+            self.returns = NStepReturns(options.return_steps, options.discount)
+        return self.collector, self.returns
+
+
+def begin_run(configuration: TrainingConfiguration) -> TrainingRun:
+    """Draw the networks, and measure u0 with the initial policies.
+
+    Raises
+    ------
+    ConfigurationError
+        If the map has neither scenarios nor a generator.
+    """
+    world_map = load_map(configuration.map)
+    if world_map.generator is None and not world_map.scenarios:
+        raise ConfigurationError(
+            f"map {configuration.map} has neither scenarios nor a generator",
+            "add one of them to train on it",
+        )
+    scaling = make_scaling(world_map.robot, configuration.budget_limit)
+    generator = torch.Generator().manual_seed(configuration.seed)
+    size, bins = len(scaling.offset), world_map.robot.lidar.bins
+    method = METHODS[configuration.method](configuration)
+    agent = make_agent(configuration, method, size, bins, generator)
+    replay = ReplayBuffer(configuration.seeds, configuration.replay_capacity, size, 2)
+    learner = Learner(configuration, method, agent, replay, bins, generator)
+    var = np.zeros(configuration.seeds)
+    if method.budgeted and configuration.warmup_episodes:
+        var = _warm_up(configuration, world_map, scaling, agent.actor.weights)
+    multiplier = np.full(configuration.seeds, configuration.multiplier_initial)
+    return TrainingRun(configuration, world_map, scaling, learner, var, multiplier)
+
+
+def _warm_up(options: TrainingConfiguration, world_map: WorldMap, scaling: Scaling, actor: Weights) -> Floats:
+    """Return u0 ``(S,)``: the alpha-quantile of episode costs of the initial policies, kept below b."""
+    scenarios = random_scenarios(world_map, options.warmup_episodes, options.seed)
+    command = actor_command(actor, scaling, np.zeros(options.seeds))
+    outcome = drive(command, world_map, scenarios, policies=options.seeds, horizon=options.horizon)
+    return np.minimum(initial_var(outcome.cost, options.alpha), var_ceiling(options))
+
+
+def var_ceiling(options: TrainingConfiguration) -> float:
+    """Return the largest u: below b, and a budget that is not clipped."""
+    return min(options.var_ceiling * options.cost_limit, options.budget_limit)
+
+
+def checkpoint(run: TrainingRun) -> dict[str, Any]:
+    """Return the networks of all seeds, u and lambda; `export_checkpoint` makes a policy of them."""
+    rows = run.rows[-run.configuration.seeds :]
+    return {
+        "configuration": run.configuration.model_dump_json(),
+        "epoch": run.epoch,
+        "var": torch.from_numpy(run.var.copy()),
+        "multiplier": torch.from_numpy(run.multiplier.copy()),
+        "networks": {name: network.state() for name, network in run.learner.agent.networks().items()},
+        "validation_success": [float(row.get("validation_success_rate", float("nan"))) for row in rows],
+    }
+
+
+def run_state(run: TrainingRun) -> dict[str, Any]:
+    """Return all that `resume_run` needs, as tensors and plain values."""
+    replay = run.learner.replay
+    candidates = [
+        {
+            "seed": one.seed,
+            "epoch": one.epoch,
+            "score": one.score,
+            "var": one.var,
+            "weights": one.weights.flat,
+        }
+        for one in run.candidates
+    ]
+    return checkpoint(run) | {
+        "map_sha256": run.world_map.sha256,
+        "steps": run.steps,
+        "updates": run.learner.updates,
+        "generator": run.learner.generator.get_state(),
+        "records": replay.records[:, : replay.size].contiguous(),
+        "position": replay.position,
+        "candidates": candidates,
+        "rows": run.rows,
+    }
+
+
+def resume_run(state: dict[str, Any], where: Path) -> TrainingRun:
+    """Build the run that `run_state` described.
+
+    Raises
+    ------
+    ConfigurationError
+        If the map has changed since.
+    """
+    configuration = TrainingConfiguration.model_validate_json(state["configuration"])
+    run = begin_run(configuration.model_copy(update={"warmup_episodes": 0}))
+    run.configuration = configuration
+    if run.world_map.sha256 != state["map_sha256"]:
+        raise ConfigurationError(
+            f"{configuration.map} is not the map with which the run in {where} began",
+            "restore the map, or start a new run",
+        )
+    run.epoch, run.steps, run.rows = state["epoch"], state["steps"], state["rows"]
+    run.var, run.multiplier = state["var"].numpy(), state["multiplier"].numpy()
+    for name, network in run.learner.agent.networks().items():
+        network.restore(state["networks"][name])
+    learner, replay, records = run.learner, run.learner.replay, state["records"]
+    learner.updates = state["updates"]
+    learner.generator.set_state(state["generator"])
+    replay.records[:, : records.shape[1]] = records
+    replay.size, replay.position = records.shape[1], state["position"]
+    for one in state["candidates"]:
+        weights = Weights(run.actor.sizes, 1, run.actor.activation)
+        weights.flat.copy_(one["weights"])
+        run.candidates.append(Candidate(one["seed"], one["epoch"], one["score"], one["var"], weights))
+    return run

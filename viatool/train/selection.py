@@ -1,0 +1,111 @@
+"""Choosing the policy that is exported, and testing it: three sets of scenarios that never overlap."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from viatool.policy import Policy
+from viatool.train.configuration import TrainingConfiguration
+from viatool.train.evaluation import Evaluation, actor_command, drive, policy_command
+from viatool.train.networks import Weights
+from viatool.train.observation import Scaling
+from viatool.world import Scenario, WorldMap
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """The policy of one seed after one epoch.
+
+    Parameters
+    ----------
+    seed, epoch : int
+        Where it stood.
+    score : float
+        See `Evaluation.score`.
+    var : float
+        u, to which its budget channel will be fixed.
+    weights : Weights
+        Of the actor, one seed.
+    """
+
+    seed: int
+    epoch: int
+    score: float
+    var: float
+    weights: Weights
+
+
+def random_scenarios(world_map: WorldMap, count: int, seed: int) -> tuple[Scenario, ...]:
+    """Return `count` scenarios of the map's generator, or its own ones over and over if it has none."""
+    if world_map.generator is not None:
+        return world_map.generator.draw(count, seed)
+    own = world_map.scenarios
+    return tuple(own[index % len(own)] for index in range(count))
+
+
+def best_candidates(candidates: Sequence[Candidate], count: int) -> list[Candidate]:
+    """Return the best ones in order; of equal ones the later."""
+    return sorted(candidates, key=lambda one: (-one.score, -one.epoch, one.seed))[:count]
+
+
+def choose(
+    candidates: Sequence[Candidate],
+    world_map: WorldMap,
+    scaling: Scaling,
+    configuration: TrainingConfiguration,
+) -> Candidate:
+    """Compare the finalists on scenarios of their own: the best of many noisy scores flatters."""
+    if len(candidates) == 1:
+        return candidates[0]
+    scenarios = random_scenarios(world_map, configuration.final_scenarios, configuration.validation_seed + 1)
+    first = candidates[0].weights
+    joint = Weights(first.sizes, len(candidates), first.activation)
+    for index, candidate in enumerate(candidates):
+        for every, own in zip(joint.layers, candidate.weights.layers, strict=True):
+            every.detach()[index] = own.detach()[0]
+    budget = np.array([candidate.var for candidate in candidates])
+    outcome = drive(
+        actor_command(joint, scaling, budget),
+        world_map,
+        scenarios,
+        policies=len(candidates),
+        horizon=configuration.horizon,
+    )
+    return candidates[int(np.argmax(outcome.score()))]
+
+
+def validate(
+    actor: Weights, budget: np.ndarray, world_map: WorldMap, scaling: Scaling, options: TrainingConfiguration
+) -> Evaluation:
+    """Drive the policies of all seeds on the validation scenarios."""
+    scenarios = random_scenarios(world_map, options.validation_scenarios, options.validation_seed)
+    return drive(
+        actor_command(actor, scaling, budget),
+        world_map,
+        scenarios,
+        policies=actor.seeds,
+        horizon=options.horizon,
+        seed=options.validation_seed,
+    )
+
+
+def evaluate_policy(
+    policy: Policy, world_map: WorldMap, configuration: TrainingConfiguration
+) -> dict[str, dict[str, float]]:
+    """Drive an exported policy on the map's ``fixed`` scenarios and on ``held_out`` random ones."""
+    assert policy.spec is not None
+    command = policy_command(policy, float(policy.spec.channel("budget").value or 0.0))
+    sets: dict[str, tuple[Scenario, ...]] = {"fixed": world_map.scenarios}
+    if world_map.generator is not None:
+        sets["held_out"] = world_map.generator.draw(configuration.test_scenarios, configuration.test_seed)
+    evaluation = {}
+    for name, scenarios in sets.items():
+        if scenarios:
+            outcome = drive(
+                command, world_map, scenarios, horizon=configuration.horizon, seed=configuration.test_seed
+            )
+            evaluation[name] = {"episodes": float(len(scenarios)), **outcome.metrics(0)}
+    return evaluation
