@@ -7,7 +7,7 @@ import platform
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Protocol
@@ -16,18 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import viatool
-from viatool.errors import ConfigurationError, EmptyEvaluationError, PolicyError, TrajectoryError
 from viatool.policy import Policy, PolicySpecification, load_policy
-from viatool.safety import (
-    ActionName,
-    Case,
-    Result,
-    Rules,
-    Situations,
-    find_contested,
-    judge,
-    search_witnesses,
-)
+from viatool.safety import Layout, Result, Rules, case_of, find_contested, judge, search_witnesses
 from viatool.simulate import roll_out
 from viatool.taylor import Arithmetic, ReachableSet, Refinement, reach
 from viatool.taylor.approximation import Approximation
@@ -124,20 +114,21 @@ def verify(
     -----
     Sound: every state called safe is safe under the assumptions that `Result.assumptions` lists.
     """
+    origin = _origin_of(trajectory, noise, seed)
     stages = _Stages(progress)
     with stages.timed("load"):
         policy = policy if isinstance(policy, Policy) else load_policy(policy, spec)
         world_map = world_map if isinstance(world_map, WorldMap) else load_map(Path(world_map))
         world_map = world_map.with_clearance(clearance, danger)
         rules = Rules.of(world_map, criterion, interval=interval, footprint=footprint, delay=delay)
-        layout = _layout_of(policy, eps)
+        layout = Layout.of(policy, eps)
     with stages.timed("trajectory"):
         if trajectory is None:
             trajectory = roll_out(policy, world_map, scenarios, noise=noise, seed=seed)
         elif not isinstance(trajectory, Trajectory):
             trajectory = load_trajectory(trajectory, layout.spec)
-        trajectory = _as_received(trajectory, policy, layout)
-        case = _case_of(trajectory, world_map, rules, layout)
+        trajectory = layout.as_received(trajectory)
+        case = case_of(trajectory, world_map, rules, layout)
     with stages.timed("geometry"):
         contested = find_contested(case)
     with stages.timed("reach"):
@@ -167,93 +158,14 @@ def verify(
         engine=settings,
         actions=layout.actions,
         columns=layout.columns,
+        previous=case.previous,
         reachable=reachable,
         contested=contested,
         judgement=judgement,
         witnesses=witnesses,
         seconds=stages.seconds,
         versions=_versions(),
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class _Layout:
-    """What the numbers of the policy are, and how uncertain."""
-
-    spec: PolicySpecification
-    columns: list[int]
-    radii: Floats
-
-    @property
-    def actions(self) -> tuple[ActionName, ...]:
-        return tuple(ActionName(action.name, action.unit) for action in self.spec.action)
-
-
-def _layout_of(policy: Policy, eps: float | Mapping[str, float]) -> _Layout:
-    """Return the layout of a policy, refusing one that does not tell its commands."""
-    spec = policy.spec
-    if spec is None:
-        raise PolicyError(
-            f"policy '{policy.path}' has no specification, so its observations and commands have no meaning",
-            "describe it with --spec robot.yaml",
-        )
-    sizes = (policy.input_size, policy.output_size)
-    if sizes != (spec.observation_size, spec.action_size):
-        raise PolicyError(
-            f"policy '{policy.path}' takes {sizes[0]} numbers and gives {sizes[1]}, its specification names "
-            f"{spec.observation_size} and {spec.action_size}",
-            "correct the channels of the specification",
-        )
-    kinds = [channel.kind for channel in spec.action]
-    for kind in ("linear", "angular"):
-        if kind not in kinds:
-            raise PolicyError(
-                f"no action of policy '{policy.path}' is of kind '{kind}'",
-                "name the kinds of the actions in the specification",
-            )
-    return _Layout(spec, [kinds.index("linear"), kinds.index("angular")], spec.radii(eps))
-
-
-def _as_received(trajectory: Trajectory, policy: Policy, layout: _Layout) -> Trajectory:
-    """Return a trajectory whose observations are the float32 numbers that the program receives.
-
-    Channels that the specification fixes take their value, whatever was recorded (the paper's budget).
-    """
-    size = trajectory.observations.shape[1]
-    if len(trajectory) == 0:
-        raise EmptyEvaluationError("the trajectory has no states", "record or drive at least one step")
-    if size != policy.input_size:
-        raise TrajectoryError(
-            f"the trajectory has {size} observation entries, the policy takes {policy.input_size}",
-            "verify with the policy that drove, or give the trajectory the columns of this one",
-        )
-    fixed = layout.spec.fixed_values()
-    observations = np.where(np.isnan(fixed), trajectory.observations, fixed)
-    return replace(trajectory, observations=observations.astype(np.float32).astype(np.float64))
-
-
-def _case_of(trajectory: Trajectory, world_map: WorldMap, rules: Rules, layout: _Layout) -> Case:
-    """Return the states with the geometry of their episodes, and the command that each of them came with."""
-    situations = Situations.of(world_map, trajectory.scenarios, trajectory.poses, trajectory.episode)
-    if not rules.delay:
-        return Case(rules, situations)
-    return Case(rules, situations, rules.clip(_previous(trajectory, layout)))
-
-
-def _previous(trajectory: Trajectory, layout: _Layout) -> Floats:
-    """Return the command before each state, (N, 2): as observed, else as recorded; 0 before the first."""
-    names = {channel.kind: channel.name for channel in layout.spec.observation}
-    if {"previous_linear", "previous_angular"} <= names.keys():
-        columns = [layout.spec.columns(names[kind]).start for kind in ("previous_linear", "previous_angular")]
-        return trajectory.observations[:, columns]
-    if trajectory.actions.shape[1] == len(layout.spec.action):
-        previous = np.zeros((len(trajectory), 2))
-        same = trajectory.episode[1:] == trajectory.episode[:-1]
-        previous[1:][same] = trajectory.actions[:-1][same][:, layout.columns]
-        return previous
-    raise ConfigurationError(
-        "a delay needs the previous command, which is neither observed nor recorded",
-        "record the actions, or verify without --delay",
+        origin=origin,
     )
 
 
@@ -293,6 +205,15 @@ class _Stages:
 
     def progress_of(self, stage: str) -> Callable[[int, int], None]:
         return lambda done, total: self.progress(stage, done, total) if self.progress else None
+
+
+def _origin_of(trajectory: Trajectory | StrPath | None, noise: float | None, seed: int) -> str:
+    """Return in words where the states come from, and the seed."""
+    if trajectory is None:
+        sensor = "the map's sensor noise" if noise is None else f"sensor noise {noise:g} m"
+        return f"simulated, {sensor}, seed {seed}"
+    source = "given as arrays" if isinstance(trajectory, Trajectory) else f"read from {os.fspath(trajectory)}"
+    return f"{source}, seed {seed} of the search"
 
 
 def _versions() -> dict[str, str]:

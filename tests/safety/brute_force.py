@@ -43,11 +43,20 @@ def random_world(seed, footprint=None, **robot):
 
 
 def drive(pose, linear, angular, seconds):
-    """Poses (..., 3) of arcs, by the difference of sines (in extended precision) instead of the chord."""
-    x, y, theta = (np.longdouble(value) for value in pose)
-    linear, angular, seconds = np.broadcast_arrays(
-        *(np.asarray(a, np.longdouble) for a in (linear, angular, seconds))
+    """Poses (T, 3) of one pose's arcs; commands and seconds are broadcast."""
+    linear, angular, seconds = np.broadcast_arrays(linear, angular, seconds)
+    shape = seconds.shape
+    places = drive_all(
+        np.tile(pose, (seconds.size, 1)), linear.ravel(), angular.ravel(), seconds.reshape(-1, 1)
     )
+    return places.reshape(*shape, 3)
+
+
+def drive_all(poses, linear, angular, seconds, precision=np.longdouble):
+    """Poses (S, T, 3) of S arcs at (T,) or (S, 1) seconds, by the difference of sines, not the chord."""
+    x, y, theta = (column[:, None] for column in np.asarray(poses, precision).T)
+    linear, angular = np.asarray(linear, precision)[:, None], np.asarray(angular, precision)[:, None]
+    seconds = np.asarray(seconds, precision)
     turn = angular * seconds
     curved = np.abs(turn) > 1e-9
     rate = np.where(curved, angular, 1.0)

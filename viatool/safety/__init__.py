@@ -4,12 +4,21 @@ from __future__ import annotations
 
 from viatool.safety.case import Case
 from viatool.safety.judgement import Contested, Judgement, find_contested, judge, prove, sample, settle
+from viatool.safety.layout import ActionName, Layout, case_of
 from viatool.safety.motion import Manoeuvre, advance
 from viatool.safety.rates import Rate, RateByOutcome
-from viatool.safety.result import ActionName, Result
+from viatool.safety.result import Result
 from viatool.safety.rules import CRITERIA, Rules
 from viatool.safety.situations import Situations
 from viatool.safety.witness import Witnesses, search_witnesses
+from viatool.safety.witness_file import (
+    Replay,
+    WitnessFile,
+    load_witnesses,
+    replay,
+    witness_document,
+    write_witnesses,
+)
 
 __all__ = [
     "CRITERIA",
@@ -17,18 +26,26 @@ __all__ = [
     "Case",
     "Contested",
     "Judgement",
+    "Layout",
     "Manoeuvre",
     "Rate",
     "RateByOutcome",
+    "Replay",
     "Result",
     "Rules",
     "Situations",
+    "WitnessFile",
     "Witnesses",
     "advance",
+    "case_of",
     "find_contested",
     "judge",
+    "load_witnesses",
     "prove",
+    "replay",
     "sample",
     "search_witnesses",
     "settle",
+    "witness_document",
+    "write_witnesses",
 ]

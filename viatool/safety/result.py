@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viatool.safety.judgement import Contested, Judgement
+from viatool.safety.layout import ActionName
 from viatool.safety.rates import RateByOutcome
 from viatool.safety.rules import Rules
 from viatool.safety.witness import Witnesses
@@ -24,14 +25,6 @@ Booleans = NDArray[np.bool_]
 
 SCHEMA_VERSION = 1
 VERDICTS = ("safe", "unsafe", "unknown")
-
-
-@dataclass(frozen=True)
-class ActionName:
-    """Name and unit of one action."""
-
-    name: str
-    unit: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +53,8 @@ class Result:
         Of the A actions.
     columns : sequence of int
         Which actions are v and omega.
+    previous : ndarray or None
+        (N, 2) commands of the dead time; None without a delay.
     reachable : ReachableSet
         (N, A) bounds of the actions; NaN for states that were settled without them.
     contested : Contested
@@ -72,6 +67,8 @@ class Result:
         Time for each stage.
     versions : dict
         Of the libraries that took part.
+    origin : str
+        Where the states come from, in words.
     """
 
     policy_path: Path
@@ -85,12 +82,14 @@ class Result:
     engine: Mapping[str, Any]
     actions: tuple[ActionName, ...]
     columns: Sequence[int]
+    previous: Floats | None
     reachable: ReachableSet
     contested: Contested
     judgement: Judgement
     witnesses: Witnesses
     seconds: Mapping[str, float]
     versions: Mapping[str, str]
+    origin: str = ""
 
     @property
     def criterion(self) -> str:
@@ -244,6 +243,7 @@ class Result:
             "polygon": f"polygon of {len(footprint.polygon)} corners",
         }[footprint.kind]
         return {
+            "states": self.origin or "of unknown origin",
             "footprint": outline,
             "clearance": f"more than {rules.clearance.collision:g} m (danger: {rules.clearance.danger:g} m)",
             "commands": (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from viatool.trajectory.columns import action_columns, observation_columns
 from viatool.trajectory.files import load_trajectory, write_trajectory
+from viatool.trajectory.scenario_text import read_scenario, write_scenario
 from viatool.trajectory.trajectory import OUTCOMES, Trajectory
 from viatool.trajectory.whole_file import whole_file
 
@@ -13,6 +14,8 @@ __all__ = [
     "action_columns",
     "load_trajectory",
     "observation_columns",
+    "read_scenario",
     "whole_file",
+    "write_scenario",
     "write_trajectory",
 ]

@@ -1,0 +1,140 @@
+"""What the numbers of a policy are, how uncertain they are, and the states in those terms."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.errors import ConfigurationError, EmptyEvaluationError, PolicyError, TrajectoryError
+from viatool.policy import Policy, PolicySpecification
+from viatool.safety.case import Case
+from viatool.safety.rules import Rules
+from viatool.safety.situations import Situations
+from viatool.trajectory import Trajectory
+from viatool.world import WorldMap
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ActionName:
+    """Name and unit of one action."""
+
+    name: str
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """The meaning of observations and actions.
+
+    Parameters
+    ----------
+    spec : PolicySpecification
+        n observation entries, A actions.
+    columns : list of int
+        Which actions are v and omega.
+    radii : ndarray
+        (n,) uncertainty of every observation entry.
+    """
+
+    spec: PolicySpecification
+    columns: list[int]
+    radii: Floats
+
+    @classmethod
+    def of(cls, policy: Policy, eps: float | Mapping[str, float]) -> Layout:
+        """Return the layout of a policy.
+
+        Raises
+        ------
+        PolicyError
+            If the policy has no specification, one of another size, or none of a linear and an angular
+            action.
+        ConfigurationError
+            If a radius is out of range, missing, or of a channel that does not exist.
+        """
+        spec = policy.spec
+        if spec is None:
+            raise PolicyError(
+                f"policy '{policy.path}' has no specification, so its numbers have no meaning",
+                "describe it with --spec robot.yaml",
+            )
+        sizes = (policy.input_size, policy.output_size)
+        if sizes != (spec.observation_size, spec.action_size):
+            raise PolicyError(
+                f"policy '{policy.path}' takes {sizes[0]} numbers and gives {sizes[1]}, "
+                f"its specification names {spec.observation_size} and {spec.action_size}",
+                "correct the channels of the specification",
+            )
+        kinds = [channel.kind for channel in spec.action]
+        for kind in ("linear", "angular"):
+            if kind not in kinds:
+                raise PolicyError(
+                    f"no action of policy '{policy.path}' is of kind '{kind}'",
+                    "name the kinds of the actions in the specification",
+                )
+        return cls(spec, [kinds.index("linear"), kinds.index("angular")], spec.radii(eps))
+
+    @property
+    def actions(self) -> tuple[ActionName, ...]:
+        """Return names and units of the actions."""
+        return tuple(ActionName(action.name, action.unit) for action in self.spec.action)
+
+    def as_received(self, trajectory: Trajectory) -> Trajectory:
+        """Return a trajectory whose observations are the float32 numbers that the program receives.
+
+        Channels that the specification fixes take their value, whatever was recorded (the paper's budget).
+
+        Raises
+        ------
+        EmptyEvaluationError
+            If there is no state.
+        TrajectoryError
+            If the observations have another size than the policy's.
+        """
+        size, expected = trajectory.observations.shape[1], self.spec.observation_size
+        if len(trajectory) == 0:
+            raise EmptyEvaluationError("the trajectory has no states", "record or drive at least one step")
+        if size != expected:
+            raise TrajectoryError(
+                f"the trajectory has {size} observation entries, the policy takes {expected}",
+                "verify with the policy that drove, or give the trajectory the columns of this one",
+            )
+        fixed = self.spec.fixed_values()
+        observations = np.where(np.isnan(fixed), trajectory.observations, fixed)
+        return replace(trajectory, observations=observations.astype(np.float32).astype(np.float64))
+
+
+def case_of(trajectory: Trajectory, world_map: WorldMap, rules: Rules, layout: Layout) -> Case:
+    """Return the states of a trajectory with the geometry of their episodes, and the commands before them.
+
+    Raises
+    ------
+    ConfigurationError
+        If the rules have a delay, but the previous command is neither observed nor recorded.
+    """
+    situations = Situations.of(world_map, trajectory.scenarios, trajectory.poses, trajectory.episode)
+    if not rules.delay:
+        return Case(rules, situations)
+    return Case(rules, situations, rules.clip(_previous(trajectory, layout)))
+
+
+def _previous(trajectory: Trajectory, layout: Layout) -> Floats:
+    """Return the command before each state, (N, 2): as observed, else as recorded; 0 before the first."""
+    names = {channel.kind: channel.name for channel in layout.spec.observation}
+    if {"previous_linear", "previous_angular"} <= names.keys():
+        columns = [layout.spec.columns(names[kind]).start for kind in ("previous_linear", "previous_angular")]
+        return trajectory.observations[:, columns]
+    if trajectory.actions.shape[1] == len(layout.spec.action):
+        previous = np.zeros((len(trajectory), 2))
+        same = trajectory.episode[1:] == trajectory.episode[:-1]
+        previous[1:][same] = trajectory.actions[:-1][same][:, layout.columns]
+        return previous
+    raise ConfigurationError(
+        "a delay needs the previous command, which is neither observed nor recorded",
+        "record the actions, or verify without --delay",
+    )
