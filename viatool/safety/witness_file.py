@@ -237,8 +237,11 @@ def _read(document: Mapping[str, Any]) -> WitnessFile:
         entries=entries,
         poses=np.array([entry["pose"] for entry in entries], dtype=np.float64).reshape(-1, 3),
         previous=np.array([e["previous"] or none for e in entries], dtype=np.float64).reshape(-1, 2),
-        observations=np.array([entry["observation"] for entry in entries], dtype=np.float64).reshape(
-            len(entries), -1
-        ),
+        observations=_stacked([entry["observation"] for entry in entries]),
         scenarios=scenarios,
     )
+
+
+def _stacked(rows: list[list[float]]) -> Floats:
+    """Return rows of one length as (W, n), (0, 0) without any."""
+    return np.array(rows, dtype=np.float64).reshape(len(rows), len(rows[0]) if rows else 0)
