@@ -1,4 +1,4 @@
-"""How far the actions of a network really reach in a box: sampling, gradient attacks, and an exact program."""
+"""How far the actions of a network really reach in a box: sampling, gradient attacks, an exact program."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Floats = NDArray[np.float64]
 
 
 def sample(lower: Floats, upper: Floats, count: int, rng: np.random.Generator) -> Floats:
-    """Draw points of boxes (B, n): uniform ones, corners, and points of faces; ``(count, B, n)``, the middle first."""
+    """Draw ``(count, B, n)`` points of boxes (B, n): the middle, uniform ones, corners, faces."""
     uniform = rng.uniform(size=(count, *lower.shape))
     corners = rng.integers(0, 2, size=uniform.shape).astype(np.float64)
     at_end = rng.uniform(size=uniform.shape) < rng.choice([0.0, 0.5, 0.9, 1.0], size=(count, 1, 1))
@@ -33,7 +33,7 @@ def attack(
     restarts: int = 4,
     steps: int = 24,
 ) -> tuple[Floats, Floats]:
-    """Search boxes for a large value of ``seed . actions``, by steps towards the corner that the gradient names.
+    """Search boxes for a large value of ``seed . actions``, by steps towards the corner the gradient names.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def gradient(network: Network, points: Floats, seed: Floats) -> Floats:
 
 
 def milp_maximum(network: Network, lower: Floats, upper: Floats, seed: Floats) -> float:
-    """Return the maximum of ``seed . actions`` over one box, exact up to the solver's 1e-6; ReLU networks only.
+    """Return the maximum of ``seed . actions`` over one box, up to the solver's 1e-6; ReLU networks only.
 
     Parameters
     ----------
@@ -109,7 +109,8 @@ def milp_maximum(network: Network, lower: Floats, upper: Floats, seed: Floats) -
 
     Notes
     -----
-    A mixed-integer linear program with one binary variable for each undecided ReLU; big-M from interval arithmetic.
+    A mixed-integer linear program with one binary variable for each undecided ReLU, and big-M from interval
+    arithmetic.
     """
     program = _Program(network, lower, upper)
     return program.maximum(seed)

@@ -1,4 +1,4 @@
-"""Programs that run a network as a robot would: any order of summation, fused or not, and onnxruntime itself."""
+"""Programs that run a network as a robot would: sums in any order, fused or not, and onnxruntime itself."""
 
 from __future__ import annotations
 

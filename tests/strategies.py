@@ -191,7 +191,7 @@ class BoxPlan:
 
 def box_plans(*, most_radius: float = 2.0, most_batch: int = 4) -> st.SearchStrategy[BoxPlan]:
     """Draw plans of boxes, from points through a rounding error to wide ones."""
-    radii = [radius for radius in (0.0, 5e-324, 1e-300, 1e-15, 1e-8, 1e-3, 0.01, 0.1, 0.5, 2.0, 20.0)]
+    radii = (0.0, 5e-324, 1e-300, 1e-15, 1e-8, 1e-3, 0.01, 0.1, 0.5, 2.0, 20.0)
     return st.builds(
         BoxPlan,
         seed=st.integers(0, 2**20),

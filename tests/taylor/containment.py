@@ -59,7 +59,7 @@ def escape_of_exact_values(
 def escape_of_programs(
     network: Network, centre: Floats, eps: Floats, seed: int = 0, *, samples: int = 60, **options: Any
 ) -> float:
-    """Return how far a float32 program leaves the bounds: sums in random order, fused or not, and onnxruntime."""
+    """Return how far a float32 program leaves the bounds: sums in any order, fused or not, onnxruntime."""
     sets = bounds(network, centre, eps, arithmetic="float32", **options)
     rng = np.random.default_rng([seed, 17])
     points = _points(network, centre, eps, rng, samples)
