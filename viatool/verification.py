@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import viatool
+from viatool.errors import ConfigurationError
 from viatool.policy import Policy, PolicySpecification, load_policy
 from viatool.safety import Layout, Result, Rules, case_of, find_contested, judge, search_witnesses
 from viatool.simulate import roll_out
@@ -122,6 +123,7 @@ def verify(
         world_map = world_map.with_clearance(clearance, danger)
         rules = Rules.of(world_map, criterion, interval=interval, footprint=footprint, delay=delay)
         layout = Layout.of(policy, eps)
+        _check_interval(layout.spec, world_map, interval)
     with stages.timed("trajectory"):
         if trajectory is None:
             trajectory = roll_out(policy, world_map, scenarios, noise=noise, seed=seed)
@@ -167,6 +169,16 @@ def verify(
         versions=_versions(),
         origin=origin,
     )
+
+
+def _check_interval(spec: PolicySpecification, world_map: WorldMap, interval: float | None) -> None:
+    """Refuse to guess how long a command is held."""
+    robot = world_map.robot.control_interval
+    if interval is None and abs(spec.control_interval - robot) > 1e-9:
+        raise ConfigurationError(
+            f"the policy acts every {spec.control_interval} s, the robot of the map every {robot} s",
+            "say which one counts with --interval, or correct the map",
+        )
 
 
 def _reach(

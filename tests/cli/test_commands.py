@@ -25,6 +25,11 @@ VERIFY = ("verify", "policy.onnx", "--map", "map.yaml", "--eps", "0.01")
 SUFFIX = {"states": "npz", "csv": "csv", "figure": "png", "junit": "xml", "sarif": "sarif"}
 
 
+def arrays_of(path: Path) -> dict[str, np.ndarray]:
+    with np.load(path) as archive:
+        return dict(archive)
+
+
 @pytest.fixture
 def stored(run: Run, tmp_path: Path) -> Path:
     """Return a report in JSON."""
@@ -70,7 +75,7 @@ def test_a_rate_without_states_is_null_in_json(stored: Path) -> None:
 def test_the_state_table_holds_every_array(run: Run, tmp_path: Path) -> None:
     path = tmp_path / "states.npz"
     assert run(*VERIFY, "-o", f"states:{path}").exit_code == 0
-    table = np.load(path)
+    table = arrays_of(path)
     states = len(table["pose"])
     shapes = {"pose": 3, "observation": 26, "eps": 26, "lower": 2, "upper": 2, "witness": 26}
     assert {name: table[name].shape for name in shapes} == {name: (states, n) for name, n in shapes.items()}
@@ -191,7 +196,7 @@ def test_bounds_need_no_specification(run: Run, tmp_path: Path) -> None:
         "bounds", "foreign.onnx", tmp_path / "observations.npy", "--eps", "0.1", "-o", tmp_path / "b.npz"
     )
     assert result.exit_code == 0
-    bounds = np.load(tmp_path / "b.npz")
+    bounds = arrays_of(tmp_path / "b.npz")
     policy = viatool.load_policy("foreign.onnx")
     sets = viatool.reach(policy, np.zeros((3, 26)), 0.1)
     np.testing.assert_array_equal(bounds["lower"], sets.lower)

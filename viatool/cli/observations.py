@@ -58,9 +58,13 @@ def load_observations(path: Path, size: int) -> NDArray[np.float64]:
 def _read(path: Path) -> NDArray[np.float64]:
     import numpy as np
 
-    if path.suffix.lower() in (".npy", ".npz"):
-        content = np.load(path, allow_pickle=False)
-        array: NDArray[np.float64] = content["observation"] if path.suffix.lower() == ".npz" else content
+    array: NDArray[np.float64]
+    if path.suffix.lower() == ".npz":
+        with np.load(path, allow_pickle=False) as archive:
+            array = archive["observation"]
+        return array
+    if path.suffix.lower() == ".npy":
+        array = np.load(path, allow_pickle=False)
         return array
     text = path.read_text(encoding="utf-8").replace(",", " ").replace(";", " ")
     rows = [line.split() for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from viatool.report.drawing import FLOOR, INK, WALL, Floats, draw_region, swept_regions, unicycle_points
+from viatool.report.drawing import FLOOR, HALO, INK, WALL, Floats, draw_region, swept_regions, unicycle_points
 from viatool.report.palette import COLOUR
 
 if TYPE_CHECKING:
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
     from viatool.safety import Result
 
-_DANGER = "#CC79A7"
 _LEAST_VIEW = 0.06  # metres from the middle of the view to its border, at least
 
 
@@ -27,17 +26,18 @@ def closest_state(result: Result) -> int | None:
     Returns
     -------
     int or None
-        None if there are no states.
+        None if the commands of no state were bounded.
     """
     from viatool.world import Scenes
 
     trajectory = result.trajectory
-    if len(trajectory) == 0:
+    bounded = np.isfinite(result.commands[0]).all(axis=1)
+    if not bounded.any():
         return None
     scenes = Scenes.of(result.world_map, trajectory.scenarios)
     clearance = scenes.clearance(trajectory.poses[:, :2], trajectory.episode)
     rank = np.select([result.verdict == "unsafe", result.verdict == "unknown"], [0, 1], 2)
-    return int(np.lexsort((clearance, rank))[0])
+    return int(np.lexsort((clearance, rank, ~bounded))[0])
 
 
 def draw_closest_call(axes: Axes, result: Result) -> None:
@@ -58,7 +58,7 @@ def draw_closest_call(axes: Axes, result: Result) -> None:
     draw_region(axes, region, facecolor=COLOUR[verdict], edgecolor=COLOUR[verdict], alpha=0.45, zorder=4)
     arcs = _nine_arcs(pose, lower, upper, interval)
     for arc in arcs:
-        axes.plot(*arc.T, color=INK, lw=0.7, zorder=5)
+        axes.plot(*arc.T, color=INK, lw=0.5, alpha=0.7, zorder=5)
     _draw_robot(axes, pose)
     _draw_scale(axes)
     axes.set_title(
@@ -97,7 +97,7 @@ def _draw_limits(axes: Axes, result: Result, blocked: BaseGeometry) -> None:
     near = blocked.intersection(shapely.box(x_min - reach, y_min - reach, x_max + reach, y_max + reach))
     quarter = 64
     for distance, colour, alpha in (
-        (result.rules.clearance.danger, _DANGER, 0.18),
+        (result.rules.clearance.danger, HALO, 0.18),
         (result.rules.clearance.collision, COLOUR["unsafe"], 0.22),
     ):
         limit = near.buffer(distance / np.cos(np.pi / (4 * quarter)), quad_segs=quarter)
@@ -142,5 +142,5 @@ def _legend(verdict: str) -> list[Patch | Line2D]:
         Patch(facecolor=COLOUR[verdict], alpha=0.45, label="swept by every\nreachable command"),
         Line2D([], [], color=INK, lw=0.7, label="the nine samples"),
         Patch(facecolor=COLOUR["unsafe"], alpha=0.3, label="below d_col"),
-        Patch(facecolor=_DANGER, alpha=0.25, label="below d_danger"),
+        Patch(facecolor=HALO, alpha=0.25, label="below d_danger"),
     ]

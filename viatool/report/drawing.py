@@ -20,8 +20,10 @@ if TYPE_CHECKING:
     from viatool.world import Obstacles, Scenario, WorldMap
 
 Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
-FLOOR, WALL, INK, FAINT = "#FBFBFA", "#8D949C", "#22272E", "#C9CED4"
+FLOOR, WALL, INK, FAINT, HALO = "#FBFBFA", "#8D949C", "#22272E", "#C9CED4", "#CC79A7"
+_MOST_VECTORS = 20_000  # lines in a vector file before they become pixels
 _MARGIN = 0.25  # metres of wall that are shown around the arena
 
 
@@ -56,36 +58,58 @@ def draw_task(axes: Axes, scenario: Scenario, *, size: float = 1.0) -> None:
     axes.plot(*scenario.goal, marker="*", ms=10 * size, mfc="#F0E442", mec=INK, mew=0.7, ls="", zorder=6)
 
 
-def draw_path(axes: Axes, poses: Floats, verdicts: NDArray[np.str_], *, width: float = 1.6) -> None:
-    """Draw one episode, each stretch in the colour of the verdict of the state in which it starts.
+def draw_path(
+    axes: Axes, poses: Floats, episode: Indices, verdicts: NDArray[np.str_], *, width: float = 1.6
+) -> None:
+    """Draw driven paths, each stretch in the colour of the verdict of the state in which it starts.
 
     Parameters
     ----------
     axes : Axes
         Where.
     poses : ndarray
-        (T, 3) metres and radians, in the order of time.
+        (N, 3) metres and radians; the states of an episode stand in the order of time.
+    episode : ndarray
+        (N,) the episode of each state.
     verdicts : ndarray
-        (T,) safe, unsafe or unknown.
+        (N,) safe, unsafe or unknown.
     width : float
         Of the line, in points.
     """
-    points = poses[:, :2]
-    stretches = np.stack([points[:-1], points[1:]], axis=1)  # (T - 1, 2, 2)
     for level, verdict in enumerate(VERDICTS):
-        chosen = stretches[verdicts[:-1] == verdict]
-        axes.add_collection(
-            LineCollection(
-                list(chosen),
-                colors=COLOUR[verdict],
-                linewidths=width * (1.0 + 0.5 * level),
-                capstyle="round",
-                zorder=4 + 0.1 * level,
-            )
+        chosen = _stretches(poses, episode, verdicts == verdict)
+        wide = width * (1.0 + 0.5 * level)
+        _add_lines(axes, chosen, colour=COLOUR[verdict], width=wide, zorder=4 + 0.1 * level)
+    marked = poses[verdicts == "unsafe", :2]
+    axes.plot(*marked.T, ls="", marker="x", ms=3 * width, mew=0.8, color=COLOUR["unsafe"], zorder=5)
+
+
+def draw_halo(axes: Axes, poses: Floats, episode: Indices, marked: NDArray[np.bool_]) -> None:
+    """Underlay the stretches that start in a marked state (N,)."""
+    _add_lines(axes, _stretches(poses, episode, marked), colour=HALO, width=6.0, zorder=3.5, alpha=0.5)
+
+
+def _stretches(poses: Floats, episode: Indices, marked: NDArray[np.bool_]) -> Floats:
+    """Return the stretches from each marked state to the next one of its episode, (L, 2, 2)."""
+    joined = marked[:-1] & (episode[:-1] == episode[1:])
+    return np.stack([poses[:-1, :2], poses[1:, :2]], axis=1)[joined]
+
+
+def _add_lines(
+    axes: Axes, lines: Floats, *, colour: str, width: float, zorder: float, alpha: float = 1.0
+) -> None:
+    many = len(lines) > _MOST_VECTORS
+    axes.add_collection(
+        LineCollection(
+            list(lines),
+            colors=colour,
+            linewidths=width,
+            alpha=alpha,
+            capstyle="round" if alpha == 1.0 else "butt",
+            zorder=zorder,
+            rasterized=many,
         )
-        if verdict == "unsafe":
-            marked = points[verdicts == verdict]
-            axes.plot(*marked.T, ls="", marker="x", ms=3 * width, mew=0.8, color=COLOUR[verdict], zorder=5)
+    )
 
 
 def draw_region(
@@ -133,7 +157,7 @@ def swept_regions(poses: Floats, lower: Floats, upper: Floats, interval: float) 
     )
     times = np.linspace(0.0, interval, 4)
     points = unicycle_points(poses[:, None, None], corners[:, :, None], times[None, None])
-    batch = points.reshape(len(poses), -1, 2)
+    batch = points.reshape(len(poses), points.shape[1] * points.shape[2], 2)
     return list(shapely.convex_hull(shapely.multipoints(batch)))
 
 

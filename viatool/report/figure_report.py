@@ -17,9 +17,11 @@ from numpy.typing import NDArray
 
 from viatool.report.closest_call import draw_closest_call
 from viatool.report.drawing import (
+    HALO,
     INK,
     WALL,
     draw_floor,
+    draw_halo,
     draw_obstacles,
     draw_path,
     draw_region,
@@ -67,7 +69,7 @@ def draw_result(result: Result) -> Figure:
     for place, episode in enumerate(episodes):
         _panel(right.add_subplot(grid[divmod(place, COLUMNS)]), result, episode)
     draw_closest_call(right.add_subplot(grid[-1, -2:]), result)
-    figure.legend(handles=_legend(result), loc="outside lower center", ncols=7, fontsize=9, frameon=False)
+    figure.legend(handles=_legend(result), loc="outside lower center", ncols=8, fontsize=9, frameon=False)
     return figure
 
 
@@ -86,12 +88,10 @@ def _overview(figure: SubFigure, result: Result) -> None:
     axes = figure.add_subplot()
     draw_floor(axes, result.world_map)
     trajectory = result.trajectory
-    for episode in range(trajectory.episodes):
-        states = trajectory.episode == episode
-        if states.any():
-            draw_path(axes, trajectory.poses[states], result.verdict[states])
-        scenario = trajectory.scenarios[episode]
-        if scenario is not None and trajectory.episodes <= 2 * PANELS:
+    draw_halo(axes, trajectory.poses, trajectory.episode, ~result.judgement.danger)
+    draw_path(axes, trajectory.poses, trajectory.episode, result.verdict)
+    for scenario in trajectory.scenarios[: 2 * PANELS]:
+        if scenario is not None:
             draw_task(axes, scenario)
     axes.set(xlabel="x [m]", ylabel="y [m]")
     axes.set_title(_title(result), fontsize=11, color=INK, loc="left")
@@ -122,7 +122,9 @@ def _panel(axes: Axes, result: Result, episode: int) -> None:
     states = trajectory.episode == episode
     if states.any():
         _tube(axes, result, states)
-        draw_path(axes, trajectory.poses[states], result.verdict[states], width=1.2)
+        poses, episodes = trajectory.poses[states], trajectory.episode[states]
+        draw_halo(axes, poses, episodes, ~result.judgement.danger[states])
+        draw_path(axes, poses, episodes, result.verdict[states], width=1.2)
     safe = int((result.verdict[states] == "safe").sum())
     name = plain(scenario.name) if scenario is not None else f"episode {episode}"
     outcome = trajectory.outcomes[episode]
@@ -133,6 +135,7 @@ def _tube(axes: Axes, result: Result, states: NDArray[np.bool_]) -> None:
     """Shade the area that the swept footprint needs free: everything reachable, widened by d_col."""
     import shapely
 
+    states = states & np.isfinite(result.commands[0]).all(axis=1)
     verdicts = result.verdict[states]
     regions = np.array(
         swept_regions(
@@ -150,14 +153,15 @@ def _tube(axes: Axes, result: Result, states: NDArray[np.bool_]) -> None:
 
 
 def _legend(result: Result) -> Sequence[Line2D | Patch]:
+    danger = int((~result.judgement.danger).sum())
     counts = {verdict: int((result.verdict == verdict).sum()) for verdict in VERDICTS}
     widths = {"safe": 2.0, "unknown": 3.0, "unsafe": 4.0}
     paths = [
-        Line2D([], [], color=COLOUR[v], lw=widths[v], label=f"{v} ({count(counts[v])} states)")
-        for v in VERDICTS
+        Line2D([], [], color=COLOUR[v], lw=widths[v], label=f"{v} ({count(counts[v])})") for v in VERDICTS
     ]
     return [
         *paths,
+        Line2D([], [], color=HALO, lw=6.0, alpha=0.5, label=f"danger distance not proved ({count(danger)})"),
         Patch(facecolor=COLOUR["safe"], alpha=0.22, label="reachable tube + d_col"),
         Line2D([], [], marker="^", mfc="white", mec=INK, ls="", label="start"),
         Line2D([], [], marker="*", ms=9, mfc="#F0E442", mec=INK, ls="", label="goal"),
