@@ -190,10 +190,16 @@ _PAPER: dict[str, Any] = {
 
 _BEST: dict[str, Any] = {
     "seeds": 4,
-    "epochs": 120,
+    "epochs": 90,
     "batch_size": 256,
     "replay_capacity": 400_000,
     "final_learning_rate": 0.02,
+    "return_steps": 5,
+    "noise_lowest": 0.02,
+    "cost_limit": 1.5,
+    "multiplier_initial": 0.2,
+    "multiplier_step": 0.02,
+    "multiplier_maximum": 1.0,
     "final_scenarios": 2000,
     "finalists": 8,
     "evaluation_start": 0.6,
