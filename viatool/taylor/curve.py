@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 import sympy
@@ -146,6 +146,33 @@ class Curve:
             np.where(beyond, -np.inf, np.minimum(np.minimum(low.lower, high.lower), cells.table[0][first, last])),
             np.where(beyond, np.inf, np.maximum(np.maximum(low.upper, high.upper), cells.table[1][first, last])),
         )
+
+    def end_slopes(self, lower: Floats, upper: Floats) -> tuple[tuple[Floats, Floats], Floats]:
+        """Return the slopes of a piecewise linear curve at both ends of intervals, and its shape between.
+
+        Returns
+        -------
+        tuple of ndarray
+            Slopes at `lower` and at `upper`.
+        ndarray
+            1 where the curve is convex on the interval, -1 where concave, 0 where neither is known.
+        """
+        cells = self.cells(1)
+        first, last = cells.locate(lower, upper)
+        slopes, bends = self._pieces_and_bends
+        return (slopes[first], slopes[last]), bends[first, last]
+
+    @cached_property
+    def _pieces_and_bends(self) -> tuple[Floats, Integers]:
+        """Slopes (K,) of a piecewise linear curve, and its shape (K, K) from cell to cell."""
+        slopes = np.diagonal(self.cells(1).table[0])
+        bends = np.zeros((slopes.size, slopes.size), dtype=np.intp)
+        if not self._jumps(self.breaks, 1).any():
+            for first in range(slopes.size):
+                for last in range(first, slopes.size):
+                    steps = np.diff(slopes[first : last + 1])
+                    bends[first, last] = 1 if (steps >= 0).all() else -1 if (steps <= 0).all() else 0
+        return slopes, bends
 
     def cells(self, derivative: int) -> Cells:
         """Return the cells on which ``f^(derivative)`` rises, falls, is constant or is enclosed as a whole."""

@@ -64,9 +64,18 @@ class Diagonal:
         """Return some of the states."""
         return Diagonal(self.index[which], self.radius[which], self.size)
 
-    def column(self, neuron: Integers) -> Floats:
-        """Return the form of one neuron in each state, (B, S)."""
-        return np.where(self.index == neuron[:, None], self.radius, 0.0)
+    @property
+    def symbols(self) -> int:
+        """Return S."""
+        return self.index.shape[1]
+
+    def moved_neurons(self) -> Integers:
+        """Return the neuron that each symbol moves, (B, S)."""
+        return self.index
+
+    def columns(self, neurons: Integers) -> Floats:
+        """Return the forms of C neurons (B, C) in each state, (B, C, S)."""
+        return np.where(self.index[:, None, :] == neurons[:, :, None], self.radius[:, None, :], 0.0)
 
     def dense(self) -> Floats:
         """Return the coefficients (B, S, N)."""
@@ -99,9 +108,14 @@ class Dense:
         """Return some of the states."""
         return Dense(self.coefficients[which])
 
-    def column(self, neuron: Integers) -> Floats:
-        """Return the form of one neuron in each state, (B, S)."""
-        return np.take_along_axis(self.coefficients, neuron[:, None, None], axis=2)[:, :, 0]
+    @property
+    def symbols(self) -> int:
+        """Return S."""
+        return self.coefficients.shape[1]
+
+    def columns(self, neurons: Integers) -> Floats:
+        """Return the forms of C neurons (B, C) in each state, (B, C, S)."""
+        return np.swapaxes(np.take_along_axis(self.coefficients, neurons[:, None, :], axis=2), 1, 2)
 
     def dense(self) -> Floats:
         """Return the coefficients (B, S, N)."""
@@ -145,6 +159,18 @@ class TaylorModel:
     def magnitude(self) -> Floats:
         """Return a bound (B, N) on the absolute value of the model and of every partial sum of it."""
         return np.abs(self.constant) + self.radius + self.remainder
+
+    def rows(self, which: Integers) -> TaylorModel:
+        """Return some of the states."""
+        return TaylorModel(
+            self.constant[which],
+            self.linear.rows(which),
+            None if self.higher is None else self.higher[which],
+            {key: form.rows(which) for key, form in self.symbols.items()},
+            self.remainder[which],
+            self.radius[which],
+            self.basis,
+        )
 
     def hull(self) -> tuple[Floats, Floats]:
         """Enclose the range from the L1 norms: lower and upper bounds (B, N). **Sound:** yes."""

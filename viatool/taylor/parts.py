@@ -1,12 +1,7 @@
 """Parts of input boxes: what branch and bound has split so far, and how each part is bounded.
 
 On a part the arguments of some neurons are known to lie on one side of a threshold. That shortens the interval on which
-their activation is approximated, and it is used a second time by weak duality: for every ``beta >= 0``
-
-    max { action : conditions >= 0 }  <=  max { action + sum_d beta_d condition_d },
-
-where the right side is a maximum over the whole box, hence an L1 norm. It is minimised one multiplier at a time, each
-time exactly, by a weighted median.
+their activation is approximated, and it is used a second time as a condition in the dual bound.
 """
 
 from __future__ import annotations
@@ -21,16 +16,13 @@ from viatool.policy.network import Activation, Network
 from viatool.taylor.approximation import Approximation
 from viatool.taylor.curve import curve_of
 from viatool.taylor.derivatives import Hull
-from viatool.taylor.model import Diagonal, Form, TaylorModel
+from viatool.taylor.duality import SymbolLayout, dual_bound, relaxation_conditions, source_of
+from viatool.taylor.model import Diagonal
 from viatool.taylor.propagation import Enclosure, propagate
 from viatool.taylor.refinement import Extrema, seeded_upper
-from viatool.taylor.rounding import ENGINE_ROUNDOFF, SLIGHTLY_MORE, gamma
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
-
-_SWEEPS = 2
-
 
 @dataclass(frozen=True, eq=False)
 class Parts:
@@ -128,12 +120,12 @@ def examine(network: Network, extrema: Extrema, parts: Parts, rule: Approximatio
     """
     box, seed = extrema.box.rows(parts.owner), extrema.seed[parts.owner]
     passes = propagate(network, box, rule=rule, limits=_limits(network, parts))
-    objective, constant = _objective(passes[-1].model, seed)
-    conditions, slack = _conditions(network, passes, parts, list(objective))
-    tilted, dual = minimise_dual(_stacked(objective), constant, conditions, slack)
+    layout = SymbolLayout.of(passes[-1].model)
+    known = [_conditions(network, passes, parts, layout), relaxation_conditions(network, passes, seed, layout)]
+    tilted, dual = dual_bound(passes[-1].model, seed, layout, known)
     bound = np.minimum(parts.bound, np.minimum(dual, seeded_upper(passes[-1].hull, seed)))
     bound = np.where(_is_empty(network, passes, parts), -np.inf, bound)
-    node, neuron, threshold = _next_split(network, passes, tilted, objective)
+    node, neuron, threshold = _next_split(network, passes, tilted, layout)
     linear = passes[0].model.linear
     assert isinstance(linear, Diagonal)
     moved = linear.radius * np.sign(tilted[:, : linear.index.shape[1]])
@@ -143,53 +135,6 @@ def examine(network: Network, extrema: Extrema, parts: Parts, rule: Approximatio
         parts.owner, parts.node, parts.neuron, parts.side, parts.threshold, bound, node, neuron, threshold
     )
     return examined, np.clip(points, box.lower, box.upper)
-
-
-def minimise_dual(objective: Floats, constant: Floats, conditions: Floats, slack: Floats) -> tuple[Floats, Floats]:
-    """Minimise ``constant + slack . beta + |objective + beta . conditions|_1`` over ``beta >= 0``.
-
-    Parameters
-    ----------
-    objective : ndarray
-        ``(K, S)``.
-    constant : ndarray
-        ``(K,)``.
-    conditions : ndarray
-        ``(K, D, S)``.
-    slack : ndarray
-        ``(K, D)``: largest value of the constant part of each condition.
-
-    Returns
-    -------
-    tuple of ndarray
-        The tilted form ``objective + beta . conditions`` (K, S), and the value reached (K,), rounded up.
-    """
-    tilted = objective
-    beta = np.zeros(slack.shape)
-    for _ in range(_SWEEPS if slack.shape[1] > 1 else 1):
-        for d in range(slack.shape[1]):
-            without = tilted - beta[:, d, None] * conditions[:, d]
-            beta[:, d] = _weighted_median(without, conditions[:, d], slack[:, d])
-            tilted = without + beta[:, d, None] * conditions[:, d]
-    tilted = objective + np.einsum("kd,kds->ks", beta, conditions)
-    size = np.abs(objective).sum(axis=1) + np.einsum("kd,kds->k", beta, np.abs(conditions))
-    size = size + np.abs(constant) + (beta * np.abs(slack)).sum(axis=1)
-    rounding = gamma(2 * (objective.shape[1] + slack.shape[1]) + 8, ENGINE_ROUNDOFF) * size * SLIGHTLY_MORE
-    return tilted, constant + (beta * slack).sum(axis=1) + np.abs(tilted).sum(axis=1) + rounding
-
-
-def _weighted_median(form: Floats, direction: Floats, slope: Floats) -> Floats:
-    """Return the ``beta >= 0`` (K,) that minimises ``slope beta + |form + beta direction|_1``."""
-    weight = np.abs(direction)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        breaks = np.where(weight > 1e-300, -form / direction, np.inf)
-    order = np.argsort(breaks, axis=1)
-    rising = slope - weight.sum(axis=1)
-    after = rising[:, None] + 2 * np.cumsum(np.take_along_axis(weight, order, axis=1), axis=1)
-    first = np.argmax(after >= 0, axis=1)
-    best = np.take_along_axis(breaks, np.take_along_axis(order, first[:, None], axis=1), axis=1)[:, 0]
-    best = np.where((rising >= 0) | (after[:, -1] < 0), 0.0, best)  # falls for ever: no point meets the condition
-    return np.where(np.isfinite(best), np.maximum(best, 0.0), 0.0)
 
 
 def _limits(network: Network, parts: Parts) -> dict[int, Hull]:
@@ -207,75 +152,43 @@ def _limits(network: Network, parts: Parts) -> dict[int, Hull]:
     return limits
 
 
+def _conditions(
+    network: Network, passes: list[Enclosure], parts: Parts, layout: SymbolLayout
+) -> tuple[Floats, Floats]:
+    """Write each condition as a form (K, D, S) plus its largest constant (K, D); rows without a condition are 0."""
+    depth = parts.node.shape[1]
+    forms, slack = np.zeros((parts.owner.size, depth, layout.size)), np.zeros((parts.owner.size, depth))
+    for d in range(depth):
+        for node in np.unique(parts.node[:, d][parts.side[:, d] != 0]).tolist():
+            rows = np.flatnonzero((parts.node[:, d] == node) & (parts.side[:, d] != 0))
+            model = passes[source_of(network, node)].model.rows(rows)
+            neuron, side = parts.neuron[rows, d, None], parts.side[rows, d]
+            columns, constant, spare = layout.columns(model, neuron)
+            forms[rows, d] = side[:, None] * columns[:, 0]
+            centre = side * (constant[:, 0] - parts.threshold[rows, d])
+            slack[rows, d] = centre + spare[:, 0] + 1e-13 * np.abs(centre)
+    return forms, slack
+
+
 def _is_empty(network: Network, passes: list[Enclosure], parts: Parts) -> NDArray[np.bool_]:
     empty = np.zeros(parts.owner.size, dtype=bool)
     for node, (lower, upper) in _limits(network, parts).items():
-        argument = passes[_source(network, node)]
+        argument = passes[source_of(network, node)]
         empty |= ((lower > argument.upper) | (upper < argument.lower)).any(axis=1)
     return empty
 
 
-def _source(network: Network, node: int) -> int:
-    activation = network.nodes[node]
-    assert isinstance(activation, Activation)
-    return activation.source
-
-
-def _objective(model: TaylorModel, seed: Floats) -> tuple[dict[int, Floats], Floats]:
-    """Return the forms (K, S) of ``seed . actions``, by the node of their symbols (0: inputs), and the constant."""
-    action = np.abs(seed).argmax(axis=1)
-    sign = np.take_along_axis(seed, action[:, None], axis=1)
-    forms: dict[int, Form] = {0: model.linear, **model.symbols}
-    columns = {key: form.column(action) * sign for key, form in forms.items()}
-    constant = np.take_along_axis(model.constant, action[:, None], axis=1) * sign
-    return columns, (constant + np.take_along_axis(model.remainder, action[:, None], axis=1))[:, 0]
-
-
-def _stacked(forms: dict[int, Floats]) -> Floats:
-    return np.concatenate(list(forms.values()), axis=1)
-
-
-def _conditions(
-    network: Network, passes: list[Enclosure], parts: Parts, keys: list[int]
-) -> tuple[Floats, Floats]:
-    """Write each condition as a form (K, D, S) plus its largest constant (K, D); rows without a condition are 0."""
-    sizes = {0: passes[0].model.linear, **passes[-1].model.symbols}
-    widths = [sizes[key].column(np.zeros(parts.owner.size, dtype=np.intp)).shape[1] for key in keys]
-    starts = np.concatenate([[0], np.cumsum(widths)])
-    depth = parts.node.shape[1]
-    forms, slack = np.zeros((parts.owner.size, depth, int(starts[-1]))), np.zeros((parts.owner.size, depth))
-    for d in range(depth):
-        for node in np.unique(parts.node[:, d][parts.side[:, d] != 0]).tolist():
-            rows = np.flatnonzero((parts.node[:, d] == node) & (parts.side[:, d] != 0))
-            neuron, side = parts.neuron[rows, d], parts.side[rows, d]
-            model = passes[_source(network, node)].model
-            available: dict[int, Form] = {0: model.linear, **model.symbols}
-            dropped = np.zeros(rows.size)
-            for key, form in available.items():
-                column = form.rows(rows).column(neuron)
-                if key in keys:
-                    start = starts[keys.index(key)]
-                    forms[rows, d, start : start + column.shape[1]] = side[:, None] * column
-                else:
-                    dropped = dropped + np.abs(column).sum(axis=1)
-            centre = side * (model.constant[rows, neuron] - parts.threshold[rows, d])
-            slack[rows, d] = (centre + model.remainder[rows, neuron] + dropped) + 1e-13 * np.abs(centre)
-    return forms, slack
-
-
 def _next_split(
-    network: Network, passes: list[Enclosure], tilted: Floats, objective: dict[int, Floats]
+    network: Network, passes: list[Enclosure], tilted: Floats, layout: SymbolLayout
 ) -> tuple[Indices, Indices, Floats]:
     """Pick, for each part, the neuron whose symbolic remainder weighs most in the bound, and its threshold."""
     count = tilted.shape[0]
     best, node = np.zeros(count), np.zeros(count, dtype=np.intp)
     neuron, threshold = np.zeros(count, dtype=np.intp), np.zeros(count)
-    start = 0
-    for key, form in objective.items():
-        weight = np.abs(tilted[:, start : start + form.shape[1]])
-        start += form.shape[1]
+    for key, columns in layout.slices.items():
         if key == 0 or not isinstance(network.nodes[key], Activation):
             continue
+        weight = np.abs(tilted[:, columns])
         fresh = passes[key].model.symbols[key]
         assert isinstance(fresh, Diagonal)
         slot = weight.argmax(axis=1)[:, None]

@@ -65,6 +65,10 @@ class Enclosure:
         """Return lower and upper bounds, (B, N)."""
         return self.lower, self.upper
 
+    def rows(self, which: NDArray[np.intp]) -> Enclosure:
+        """Return some of the states."""
+        return Enclosure(self.model.rows(which), self.lower[which], self.upper[which])
+
 
 def propagate(
     network: Network,

@@ -208,7 +208,7 @@ def _reach_chunk(
     hulls = [enclosure.hull for enclosure in passes]
     extrema = extrema_of(box, *hulls[-1])
     if refine != "none":
-        extrema = refine_monotone(trunk, extrema, _for_each_question(hulls), order=order, rule=rule)
+        extrema = refine_monotone(trunk, extrema, passes, order=order, rule=rule)
     actions = network.output_size
     found = climb(trunk, box, extrema)
     if refine == "split":
@@ -229,8 +229,3 @@ def _reach_chunk(
         deviation,
     )
 
-
-def _for_each_question(hulls: list[Hull]) -> list[Hull]:
-    """Repeat the hulls of B states for the 2 A questions about each."""
-    copies = 2 * hulls[-1][0].shape[1]
-    return [(np.tile(lower, (copies, 1)), np.tile(upper, (copies, 1))) for lower, upper in hulls]

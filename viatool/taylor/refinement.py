@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from viatool.policy.network import Network
 from viatool.taylor.approximation import Approximation
 from viatool.taylor.derivatives import Hull, gradient_bounds
-from viatool.taylor.propagation import Box, propagate
+from viatool.taylor.duality import SymbolLayout, dual_bound, relaxation_conditions
+from viatool.taylor.propagation import Box, Enclosure, propagate
 from viatool.taylor.rounding import runtime_deviation
 
 Floats = NDArray[np.float64]
@@ -98,18 +99,18 @@ def collapse_monotone(network: Network, box: Box, hulls: Sequence[Hull], seed: F
 
 
 def refine_monotone(
-    network: Network, extrema: Extrema, hulls: Sequence[Hull], *, order: int, rule: Approximation
+    network: Network, extrema: Extrema, passes: Sequence[Enclosure], *, order: int, rule: Approximation
 ) -> Extrema:
-    """Tighten one-sided bounds by repeated monotone collapse.
+    """Tighten one-sided bounds by repeated monotone collapse, and by duality where it ends short of a point.
 
     Parameters
     ----------
     network : Network
         n inputs, A outputs.
     extrema : Extrema
-        P questions with the bounds known so far.
-    hulls : sequence of (lower, upper)
-        Bounds (P, size) of every node over the boxes of the questions.
+        ``2 A B`` questions, as `extrema_of` asks them, with the bounds known so far.
+    passes : sequence of Enclosure
+        The forward pass over the B boxes.
     order, rule
         Of the Taylor models in the passes over the shrunken boxes.
 
@@ -124,21 +125,42 @@ def refine_monotone(
     """
     lower, upper, bound = extrema.box.lower.copy(), extrema.box.upper.copy(), extrema.bound.copy()
     rows: Indices = np.arange(bound.size)
-    for _ in range(_ROUNDS):
+    places = rows % passes[0].lower.shape[0] if rows.size else rows  # where the pass of each question stands
+    for turn in range(_ROUNDS):
         seed = extrema.seed[rows]
+        hulls = [(enclosure.lower[places], enclosure.upper[places]) for enclosure in passes]
         face = collapse_monotone(network, Box(lower[rows], upper[rows]), hulls, seed)
         shrank = ((face.lower > lower[rows]) | (face.upper < upper[rows])).any(axis=1)
+        stopped = np.flatnonzero(~shrank) if turn + 1 < _ROUNDS else np.arange(rows.size)
+        ended = rows[stopped]
+        dual = bound_by_pieces(network, [e.rows(places[stopped]) for e in passes], seed[stopped])
+        bound[ended] = np.minimum(bound[ended], dual)
         rows, face = rows[shrank], face.rows(shrank)
         lower[rows], upper[rows] = face.lower, face.upper
         is_point = (face.lower == face.upper).all(axis=1)
         points, rows = rows[is_point], rows[~is_point]
         bound[points] = np.minimum(bound[points], bound_at_points(network, lower[points], extrema.seed[points]))
-        if not rows.size:
+        if not rows.size or turn + 1 == _ROUNDS:
             break
         passes = propagate(network, Box(lower[rows], upper[rows]), order=order, rule=rule)
         bound[rows] = np.minimum(bound[rows], seeded_upper(passes[-1].hull, extrema.seed[rows]))
-        hulls = [enclosure.hull for enclosure in passes]
+        places = np.arange(rows.size)
     return Extrema(Box(lower, upper), extrema.seed, bound)
+
+
+def bound_by_pieces(network: Network, passes: Sequence[Enclosure], seed: Floats) -> Floats:
+    """Bound ``seed . actions`` from above (P,) using that convex activations lie above their straight pieces.
+
+    **Sound:** yes; infinity where the network has no piecewise linear activation or the order is above 1.
+    """
+    model = passes[-1].model
+    if model.higher is not None or not seed.shape[0]:
+        return np.full(seed.shape[0], np.inf)
+    layout = SymbolLayout.of(model)
+    forms, slack = relaxation_conditions(network, passes, seed, layout)
+    if not slack.shape[1]:
+        return np.full(seed.shape[0], np.inf)
+    return dual_bound(model, seed, layout, [(forms, slack)])[1]
 
 
 def bound_at_points(network: Network, points: Floats, seed: Floats) -> Floats:

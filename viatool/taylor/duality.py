@@ -1,0 +1,219 @@
+"""Bounds that use conditions: weak duality over the symbols of a Taylor model.
+
+A condition is a linear form of the symbols that is known to be at least 0. For every choice of ``beta >= 0``
+
+    max { action : conditions >= 0 }  <=  max { action + sum_d beta_d condition_d },
+
+where the right side is a maximum over the whole box, hence an L1 norm. It is minimised one multiplier at a time, each
+time exactly, by a weighted median. Two kinds of conditions are used: those that hold by construction of a part of a box
+(see `parts`), and those that hold everywhere because a convex activation lies above its straight pieces, which is what
+the freely chosen lower slopes of alpha-CROWN amount to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.policy.network import Activation, Network
+from viatool.taylor.curve import curve_of
+from viatool.taylor.model import Form, TaylorModel
+from viatool.taylor.propagation import Enclosure
+from viatool.taylor.rounding import ENGINE_ROUNDOFF, SLIGHTLY_MORE, gamma
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+_SWEEPS = 2
+_MOST_NEURONS = 24
+"""Neurons of one layer whose straight pieces become conditions."""
+
+
+@dataclass(frozen=True, eq=False)
+class SymbolLayout:
+    """How the symbols of a model are laid out on one axis of length S.
+
+    Parameters
+    ----------
+    slices : dict
+        Node whose approximation error the symbols stand for (0: the inputs) to their place.
+    size : int
+        S.
+    """
+
+    slices: dict[int, slice]
+    size: int
+
+    @classmethod
+    def of(cls, model: TaylorModel) -> SymbolLayout:
+        """Lay out the symbols of a model one node after the other."""
+        slices, start = {}, 0
+        for key, form in _forms(model).items():
+            slices[key] = slice(start, start + form.symbols)
+            start += form.symbols
+        return cls(slices, start)
+
+    def columns(self, model: TaylorModel, neurons: Indices) -> tuple[Floats, Floats, Floats]:
+        """Return what a model says of C neurons in each of K states.
+
+        Returns
+        -------
+        tuple of ndarray
+            The forms (K, C, S), the constants (K, C), and the spare (K, C): remainder and symbols not laid out.
+        """
+        forms = np.zeros((*neurons.shape, self.size))
+        spare = np.take_along_axis(model.remainder, neurons, axis=1)
+        for key, form in _forms(model).items():
+            part = form.columns(neurons)
+            if key in self.slices:
+                forms[:, :, self.slices[key]] = part
+            else:
+                spare = spare + np.abs(part).sum(axis=2) * SLIGHTLY_MORE
+        return forms, np.take_along_axis(model.constant, neurons, axis=1), spare
+
+
+def _forms(model: TaylorModel) -> dict[int, Form]:
+    return {0: model.linear, **model.symbols}
+
+
+def dual_bound(
+    model: TaylorModel, seed: Floats, layout: SymbolLayout, conditions: Sequence[tuple[Floats, Floats]]
+) -> tuple[Floats, Floats]:
+    """Bound ``seed . actions`` from above under conditions.
+
+    Parameters
+    ----------
+    model : TaylorModel
+        Of the actions, (K, A), at order 1.
+    seed : ndarray
+        ``(K, A)``: +1 or -1 at one action.
+    layout : SymbolLayout
+        Of the symbols of the model.
+    conditions : sequence of (forms, slack)
+        Forms (K, D, S) with their largest constants (K, D).
+
+    Returns
+    -------
+    tuple of ndarray
+        The form (K, S) whose L1 norm gave the bound, and the bound (K,).
+
+    Notes
+    -----
+    **Sound:** yes; weak duality holds for any multipliers, and the rounding of the norm is counted.
+    """
+    action = np.abs(seed).argmax(axis=1)[:, None]
+    sign = np.take_along_axis(seed, action, axis=1)
+    forms, constant, spare = layout.columns(model, action)
+    objective = forms[:, 0] * sign
+    known = np.concatenate([forms for forms, _ in conditions], axis=1)
+    slack = np.concatenate([slack for _, slack in conditions], axis=1)
+    return minimise_dual(objective, (constant * sign + spare)[:, 0], known, slack)
+
+
+def minimise_dual(objective: Floats, constant: Floats, conditions: Floats, slack: Floats) -> tuple[Floats, Floats]:
+    """Minimise ``constant + slack . beta + |objective + beta . conditions|_1`` over ``beta >= 0``.
+
+    Parameters
+    ----------
+    objective : ndarray
+        ``(K, S)``.
+    constant : ndarray
+        ``(K,)``.
+    conditions : ndarray
+        ``(K, D, S)``.
+    slack : ndarray
+        ``(K, D)``: largest value of the constant part of each condition.
+
+    Returns
+    -------
+    tuple of ndarray
+        The tilted form ``objective + beta . conditions`` (K, S), and the value reached (K,), rounded up.
+    """
+    tilted = objective
+    beta = np.zeros(slack.shape)
+    for _ in range(_SWEEPS if slack.shape[1] > 1 else 1):
+        for d in range(slack.shape[1]):
+            without = tilted - beta[:, d, None] * conditions[:, d]
+            beta[:, d] = _weighted_median(without, conditions[:, d], slack[:, d])
+            tilted = without + beta[:, d, None] * conditions[:, d]
+    tilted = objective + np.einsum("kd,kds->ks", beta, conditions)
+    size = np.abs(objective).sum(axis=1) + np.einsum("kd,kds->k", beta, np.abs(conditions))
+    size = size + np.abs(constant) + (beta * np.abs(slack)).sum(axis=1)
+    rounding = gamma(2 * (objective.shape[1] + slack.shape[1]) + 8, ENGINE_ROUNDOFF) * size * SLIGHTLY_MORE
+    return tilted, constant + (beta * slack).sum(axis=1) + np.abs(tilted).sum(axis=1) + rounding
+
+
+def _weighted_median(form: Floats, direction: Floats, slope: Floats) -> Floats:
+    """Return the ``beta >= 0`` (K,) that minimises ``slope beta + |form + beta direction|_1``."""
+    weight = np.abs(direction)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        breaks = np.where(weight > 1e-300, -form / direction, np.inf)
+    order = np.argsort(breaks, axis=1)
+    rising = slope - weight.sum(axis=1)
+    after = rising[:, None] + 2 * np.cumsum(np.take_along_axis(weight, order, axis=1), axis=1)
+    first = np.argmax(after >= 0, axis=1)
+    best = np.take_along_axis(breaks, np.take_along_axis(order, first[:, None], axis=1), axis=1)[:, 0]
+    best = np.where((rising >= 0) | (after[:, -1] < 0), 0.0, best)  # falls for ever: no point meets the condition
+    return np.where(np.isfinite(best), np.maximum(best, 0.0), 0.0)
+
+
+def relaxation_conditions(
+    network: Network, passes: Sequence[Enclosure], seed: Floats, layout: SymbolLayout
+) -> tuple[Floats, Floats]:
+    """Return conditions that hold everywhere: a convex piecewise linear activation lies above its pieces.
+
+    For each layer the neurons whose symbols weigh most in the action are taken, and of each the pieces at both ends of
+    its argument's range: ``sign (y - slope x - intercept) >= 0``, sign -1 where the activation is concave.
+
+    Returns
+    -------
+    tuple of ndarray
+        Forms (K, D, S) and largest constants (K, D).
+    """
+    action = np.abs(seed).argmax(axis=1)[:, None]
+    objective, _, _ = layout.columns(passes[-1].model, action)
+    forms, slack = [np.zeros((seed.shape[0], 0, layout.size))], [np.zeros((seed.shape[0], 0))]
+    for key, place in layout.slices.items():
+        node = network.nodes[key]
+        if not isinstance(node, Activation) or not curve_of(node.function).cells(1).is_stepwise:
+            continue
+        fresh = passes[key].model.symbols[key]
+        weight = np.abs(objective[:, 0, place])
+        count = min(_MOST_NEURONS, int((weight > 0).sum(axis=1).max(initial=0)))
+        slots = np.argsort(-weight, axis=1)[:, :count]
+        neurons = np.take_along_axis(fresh.moved_neurons(), slots, axis=1)
+        for form, constant in _piece_conditions(node, passes, key, neurons, layout):
+            forms.append(form)
+            slack.append(constant)
+    return np.concatenate(forms, axis=1), np.concatenate(slack, axis=1)
+
+
+def _piece_conditions(
+    node: Activation, passes: Sequence[Enclosure], key: int, neurons: Indices, layout: SymbolLayout
+) -> list[tuple[Floats, Floats]]:
+    argument = passes[node.source]
+    lower, upper = (np.take_along_axis(side, neurons, axis=1) for side in argument.hull)
+    curve = curve_of(node.function)
+    slopes, shape = curve.end_slopes(lower, upper)
+    result_form, result_constant, result_spare = layout.columns(passes[key].model, neurons)
+    form, constant, spare = layout.columns(argument.model, neurons)
+    conditions = []
+    for slope, end in zip(slopes, (lower, upper), strict=True):
+        intercept = curve.value(end) - slope * end
+        tilt = shape[:, :, None] * (result_form - slope[:, :, None] * form)
+        centre = shape * (result_constant - slope * constant - intercept)
+        size = np.abs(result_constant) + np.abs(slope) * (np.abs(constant) + np.abs(end)) + np.abs(intercept)
+        room = centre + result_spare + np.abs(slope) * spare + 1e-13 * size
+        room = room + 1e-14 * np.abs(slope[:, :, None] * form).sum(axis=2)
+        conditions.append((np.where(shape[:, :, None] == 0, 0.0, tilt), np.where(shape == 0, 0.0, room)))
+    return conditions
+
+
+def source_of(network: Network, node: int) -> int:
+    """Return the node that an activation node reads."""
+    activation = network.nodes[node]
+    assert isinstance(activation, Activation)
+    return activation.source
