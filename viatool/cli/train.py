@@ -32,11 +32,24 @@ from viatool.cli.terminal import open_console
 @click.option("--map", "map_path", metavar="FILE", help="The map to train on; by default maps/lab.yaml.")
 @click.option("--seed", type=click.IntRange(min=0), metavar="N", help="Seed of the run.")
 @click.option(
+    "--seeds",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Policies trained side by side; the best is kept.",
+)
+@click.option(
     "--output",
     "-o",
     type=options.WRITABLE,
     metavar="DIRECTORY",
     help="A new or empty run directory; by default runs/PRESET-TIME.",
+)
+@click.option(
+    "--resume",
+    "interrupted",
+    type=options.READABLE,
+    metavar="DIRECTORY",
+    help="Go on with an interrupted run, with its own options.",
 )
 @options.quiet_option
 def command(
@@ -45,23 +58,32 @@ def command(
     settings: tuple[str, ...],
     map_path: str | None,
     seed: int | None,
+    seeds: int | None,
     output: Path | None,
+    interrupted: Path | None,
     quiet: bool,
 ) -> None:
     """Train a policy with a CVaR constraint and export it, ready to verify.
 
-    Options and metrics are explained in docs/training.md. Two runs with the same seed on the same machine
-    give the same policy.
+    Options and metrics are explained in docs/training.md, methods in docs/methods.md. Two runs with the same
+    seed on the same machine give the same policy, also when one was interrupted and resumed.
     """
-    from viatool.train import Silence, console_progress, make_configuration, train
+    from viatool.train import Silence, TrainingResult, console_progress, make_configuration, resume, train
+    from viatool.train.progress import Progress
 
-    configuration = make_configuration(preset, file, settings, map=map_path, seed=seed)
     directory = output or Path("runs") / f"{preset}-{time.strftime('%Y%m%d-%H%M%S')}"
+
+    def run(progress: Progress) -> TrainingResult:
+        if interrupted is not None:
+            return resume(interrupted, progress)
+        configuration = make_configuration(preset, file, settings, map=map_path, seed=seed, seeds=seeds)
+        return train(configuration, directory, progress)
+
     if quiet:
-        train(configuration, directory, Silence())
+        run(Silence())
         return
     with console_progress() as progress:
-        result = train(configuration, directory, progress)
+        result = run(progress)
     console = open_console()
     for line in result.lines():
         console.print(line, markup=False)

@@ -113,10 +113,11 @@ def train(
         raise ConfigurationError(
             f"{directory} holds an earlier run", "choose another run directory, or resume that run"
         )
-    directory.mkdir(parents=True, exist_ok=True)
-    write_text(directory / "configuration.yaml", configuration.to_yaml())
     with _reproducible_torch():
-        return _train(begin_run(configuration), directory, progress or Silence())
+        run = begin_run(configuration)  # reads the map: a wrong one leaves no folder behind
+        directory.mkdir(parents=True, exist_ok=True)
+        write_text(directory / "configuration.yaml", configuration.to_yaml())
+        return _train(run, directory, progress or Silence())
 
 
 def resume(run_directory: str | Path, progress: Progress | None = None) -> TrainingResult:
