@@ -30,6 +30,8 @@ Plane = NDArray[np.complex128]  # points x + iy, or directions
 _OVERLAP: dict[type, float] = {np.float32: 1e-4, np.float64: 1e-9}
 # Distances from a circle (as q) and from a line are not divided by if they are smaller, in m^2 and m.
 _TOUCHING = 1e-9
+# Edges are not seen if their line passes the fan nearer than this divided by their length, in m^2.
+_EDGE_ON = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +86,8 @@ def cast_rays(
     lines, beyond = _line_rows(places, turn, around)
     rows = [circles, lines]
     if len(around.first):
-        rows += _edge_rows(places, turn, around, _OVERLAP[kind])
+        first, second = _seen_edges(places, turn, around, _OVERLAP[kind], limit, directions)
+        rows += _edge_rows(first, second, _OVERLAP[kind])
     products = _project(np.concatenate(rows), directions)  # (shapes, B, R)
     count, beside = len(circles), len(circles) + len(lines)
     # A little beyond the limit, so that a ray that hits nothing gives exactly the limit after rounding.
@@ -94,7 +97,7 @@ def cast_rays(
         np.maximum(nearest, products[count:beside].max(axis=0), out=nearest)
     if count:
         np.fmax(nearest, _inverse_circle_ranges(products[:count], offset.astype(kind)), out=nearest)
-    if len(rows) > 2:
+    if len(products) > beside:
         np.maximum(nearest, _inverse_edge_ranges(products[beside:]), out=nearest)
     np.reciprocal(nearest, out=nearest)
     np.minimum(nearest, kind(limit), out=nearest)
@@ -148,13 +151,28 @@ def _line_rows(places: Plane, turn: Plane, around: Surroundings) -> tuple[Plane,
     return normals * turn / np.maximum(distance, _TOUCHING), np.asarray(beyond)
 
 
-def _edge_rows(places: Plane, turn: Plane, around: Surroundings, overlap: float) -> list[Plane]:
-    """Return the rows, (M, B) each, of u + w and of u and w divided by half the overlap."""
+def _seen_edges(
+    places: Plane, turn: Plane, around: Surroundings, overlap: float, limit: float, directions: Ranges
+) -> tuple[Plane, Plane]:
+    """Return both ends, (m, B) in the fans' frames, of the most prolonged edges that any fan may hit."""
     extension = overlap * (around.second - around.first)
     first = (around.first - extension - places) * turn
     second = (around.second + extension - places) * turn
+    cross = first.real * second.imag - first.imag * second.real  # distance from the line times the length
+    seen = (cross > _EDGE_ON) & (cross < limit * np.abs(second - first))
+    if directions[0].min() >= -1e-6:  # rays to the front only
+        seen &= np.maximum(first.real, second.real) > 0.0
+    most = int(seen.sum(axis=0).max())
+    if most < len(seen):
+        chosen = np.argsort(~seen, axis=0, kind="stable")[:most]
+        first, second = np.take_along_axis(first, chosen, 0), np.take_along_axis(second, chosen, 0)
+    return first, second
+
+
+def _edge_rows(first: Plane, second: Plane, overlap: float) -> list[Plane]:
+    """Return the rows, (m, B) each, of u + w and of u and w divided by half the overlap."""
     cross = first.real * second.imag - first.imag * second.real
-    seen = cross > 1e-12
-    scale = seen / np.where(seen, cross, 1.0)
+    there = cross > _EDGE_ON
+    scale = there / np.where(there, cross, 1.0)
     from_second, from_first = -1j * second * scale, 1j * first * scale
     return [from_first + from_second, from_first * (2.0 / overlap), from_second * (2.0 / overlap)]
