@@ -160,6 +160,26 @@ def _softplus_threshold(threshold: float) -> Expression:
     )
 
 
+@_declare("Sign")
+def _sign() -> Expression:
+    return _pieces((-1, X < 0), (0, X <= 0), (1, True))
+
+
+@_declare("Threshold", threshold=0.0, value=0.0)
+def _threshold(threshold: float, value: float) -> Expression:
+    return _pieces((value, X <= threshold), (X, True))
+
+
+@_declare("HardShrink", lambd=0.5)
+def _hard_shrink(lambd: float) -> Expression:
+    return _pieces((X, X < -lambd), (0, X <= lambd), (X, True))
+
+
+@_declare("SoftShrink", lambd=0.5)
+def _soft_shrink(lambd: float) -> Expression:
+    return _pieces((X + lambd, X < -lambd), (0, X <= lambd), (X - lambd, True))
+
+
 @_declare("Mish")
 def _mish() -> Expression:
     left, right = sympy.exp(X), sympy.exp(-X)

@@ -25,7 +25,7 @@ FOLDED_ONLY = frozenset((
     "ConstantOfShape", "Cos", "Cosh", "CumProd", "CumSum", "DequantizeLinear", "Equal", "EyeLike",
     "Floor", "Hardmax", "IsInf", "IsNaN", "Mod",
     "NonZero", "Not", "OneHot", "Or", "QuantizeLinear", "Range", "ReduceProd", "Round", "Shape",
-    "Sign", "Sin", "Sinh", "Size", "Tan", "TopK", "Xor",
+    "Sin", "Sinh", "Size", "Tan", "TopK", "Xor",
 ))
 # fmt: on
 """Operators that are read when they do not depend on the observation, and refused when they do."""

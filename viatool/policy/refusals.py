@@ -7,7 +7,7 @@ from viatool.policy.graph import GraphNode
 
 # fmt: off
 _STEPS = frozenset((
-    "Equal", "Greater", "GreaterOrEqual", "Less", "LessOrEqual", "Not", "And", "Or", "Xor", "Sign",
+    "Equal", "Greater", "GreaterOrEqual", "Less", "LessOrEqual", "Not", "And", "Or", "Xor",
     "Floor", "Ceil", "Round", "Mod", "IsNaN", "IsInf", "QuantizeLinear", "DynamicQuantizeLinear",
     "BitShift", "BitwiseAnd", "BitwiseNot", "BitwiseOr", "BitwiseXor", "BitCast",
 ))

@@ -22,6 +22,7 @@ _WITHOUT_PARAMETERS: dict[str, tuple[int, ...]] = {
     "Reciprocal": (6, 13),
     "Relu": (6, 13, 14),
     "Sigmoid": (6, 13),
+    "Sign": (9, 13),
     "Softplus": (1, 22),
     "Softsign": (1, 22),
     "Sqrt": (6, 13),

@@ -6,8 +6,6 @@ that move together it could not be bounded as closely.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from viatool.policy.activations import ActivationFunction, activation
@@ -120,76 +118,6 @@ def softsign(assembly: Assembly, x: Computed, divisor: Computed) -> Computed | N
         return None
     argument = assembly.function_of(raised.source, "Abs")
     return assembly.activation(x, "Softsign") if argument is not None and argument.node == x.node else None
-
-
-def rectified(
-    assembly: Assembly, x: Computed, bound: float, above: Computed, below: Computed | float, *, strict: bool
-) -> Computed | None:
-    """Return ``above where x > bound else below`` as one activation, None where it is not a known one.
-
-    Parameters
-    ----------
-    assembly : Assembly
-        Where it goes.
-    x : Computed
-        What is compared.
-    bound : float
-        With what.
-    above, below : Computed or float
-        The two branches; a number stands for a constant.
-    strict : bool
-        Whether the bound itself takes the branch below, which matters where the function jumps.
-    """
-    rules: tuple[Callable[[], Computed | None], ...] = (
-        lambda: _leaky(assembly, x, bound, above, below),
-        lambda: _thresholded(assembly, x, bound, above, below) if strict else None,
-        lambda: _softplus(assembly, x, bound, above, below) if strict else None,
-    )
-    return next((result for rule in rules if (result := rule()) is not None), None)
-
-
-def _leaky(
-    assembly: Assembly, x: Computed, bound: float, above: Computed, below: Computed | float
-) -> Computed | None:
-    if bound != 0 or above.node != x.node:
-        return None
-    if below == 0.0:
-        return assembly.activation(x, "Relu")
-    if isinstance(below, float):
-        return None
-    scaling = assembly.scaling_of(below)
-    if scaling is None or scaling.source.node != x.node or scaling.offset or scaling.roundings:
-        return None
-    return assembly.activation(x, activation("LeakyRelu", alpha=scaling.factor))
-
-
-def _thresholded(
-    assembly: Assembly, x: Computed, bound: float, above: Computed, below: Computed | float
-) -> Computed | None:
-    if above.node != x.node or below != 0.0:
-        return None
-    return assembly.activation(x, activation("ThresholdedRelu", alpha=bound))
-
-
-def _softplus(
-    assembly: Assembly, x: Computed, bound: float, above: Computed, below: Computed | float
-) -> Computed | None:
-    """Recognise torch's Softplus: ``softplus(b x) / b``, and x where ``b x`` exceeds a threshold."""
-    if bound <= 0 or isinstance(below, float):
-        return None
-    function = activation("SoftplusThreshold", threshold=bound)
-    argument = assembly.function_of(below, "Softplus")
-    if argument is not None and argument.node == x.node == above.node:
-        return assembly.activation(x, function)
-    steep, flat = assembly.scaling_of(x), assembly.scaling_of(below)
-    if steep is None or flat is None or steep.offset or flat.offset or steep.roundings:
-        return None
-    argument = assembly.function_of(flat.source, "Softplus")
-    if argument is None or argument.node != x.node or steep.source.node != above.node:
-        return None
-    if flat.factor != 1.0 / steep.factor:
-        return None
-    return assembly.scaled(assembly.activation(x, function), flat.factor, roundings=flat.roundings)
 
 
 def _stored(value: float) -> float:

@@ -138,9 +138,23 @@ def tournament(
     return combine(tournament(call, x, rows[:half], combine), tournament(call, x, rows[half:], combine))
 
 
+@reads("LogSoftmax", 1, 11, 13, treatment="enclosed", note=f"over at most {_LARGEST_SOFTMAX} values")
+def read_log_softmax(call: Call) -> Sequence[Value]:
+    """Read ``-log sum_j exp(x_j - x_i)``."""
+    total, order = _exponential_sums(call)
+    logarithm = call.assembly.scaled(call.assembly.activation(total, "Log"), -1.0)
+    return [_reordered(call, logarithm, order)]
+
+
 @reads("Softmax", 1, 11, 13, treatment="enclosed", note=f"over at most {_LARGEST_SOFTMAX} values")
 def read_softmax(call: Call) -> Sequence[Value]:
-    """Read ``1 / sum_j exp(x_j - x_i)``, which needs no maximum to be subtracted.
+    """Read ``1 / sum_j exp(x_j - x_i)``, which needs no maximum to be subtracted."""
+    total, order = _exponential_sums(call)
+    return [_reordered(call, call.assembly.activation(total, "Reciprocal"), order)]
+
+
+def _exponential_sums(call: Call) -> tuple[Computed, NDArray[np.int64]]:
+    """Add ``sum_j exp(x_j - x_i)`` for every element; return it and where each element of x stands in it.
 
     Notes
     -----
@@ -166,6 +180,9 @@ def read_softmax(call: Call) -> Sequence[Value]:
     shape = (*numbers.shape, count)
     difference = assembly.affine([(x, weight)], np.zeros(rows.size), shape, x.precision, roundings=3 * count)
     total = summed(call, assembly.activation(difference, activation("Exp")), [2], keep=False)
-    share = assembly.activation(total, "Reciprocal")
-    back = np.argsort(numbers.ravel())
-    return [assembly.copies([(share, back)], np.zeros(x.size), x.shape, x.precision)]
+    return total, np.argsort(numbers.ravel())
+
+
+def _reordered(call: Call, value: Computed, order: NDArray[np.int64]) -> Computed:
+    shape = call.computed(0).shape
+    return call.assembly.copies([(value, order)], np.zeros(order.size), shape, value.precision)

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from viatool.policy.assembly import Computed, Refusal
-from viatool.policy.operators.gates import rectified
+from viatool.policy.operators.rectifiers import Branch, rectified
 from viatool.policy.operators.registry import Call, Comparison, Result, Value, finite, reads
 from viatool.policy.operators.shape import move
 from viatool.policy.tensors import Constant
 
 _STEP_HINT = "export the actor without the comparison, or clip instead"
-_NOTE = "as the condition of a rectifier: Relu, LeakyRelu, ThresholdedRelu, torch's Softplus"
+_NOTE = "as the condition of a rectifier: LeakyRelu, Threshold, torch's Softplus, the shrinkages"
 
 _COMPARISONS: dict[str, tuple[tuple[int, ...], bool, bool]] = {
     # operator: versions, true above the bound, the bound itself counts as below
@@ -52,15 +52,15 @@ def read_where(call: Call) -> Sequence[Value]:
         above, below = below, above
     x = condition.subject
     shape = np.broadcast_shapes(x.shape, above.shape, below.shape)
-    other: Computed | float | None = _branch(below, x)
-    if isinstance(above, Computed) and other is not None and shape == x.shape == above.shape:
-        result = rectified(call.assembly, x, condition.bound, above, other, strict=condition.strict)
+    upper, lower = _branch(above, x), _branch(below, x)
+    if upper is not None and lower is not None and shape == x.shape:
+        result = rectified(call.assembly, x, condition.bound, upper, lower, strict=condition.strict)
         if result is not None:
             return [result]
     raise Refusal("chooses by a comparison of computed values, and is no rectifier that is known", _STEP_HINT)
 
 
-def _branch(value: Value, x: Computed) -> Computed | float | None:
+def _branch(value: Value, x: Computed) -> Branch | None:
     """Return a branch as a computed value or one number; None where it is neither."""
     if isinstance(value, Computed):
         return value if value.shape == x.shape else None

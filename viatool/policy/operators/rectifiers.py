@@ -1,0 +1,141 @@
+"""Activations that exporters write as a selection by a comparison of their argument, where exactly equal."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from viatool.policy.activations import activation
+from viatool.policy.assembly import Assembly, Computed
+from viatool.policy.network import Affine
+
+Branch = Computed | float
+Rule = Callable[[Assembly, Computed, float, Branch, Branch], Computed | None]
+
+
+def rectified(
+    assembly: Assembly, x: Computed, bound: float, above: Branch, below: Branch, *, strict: bool
+) -> Computed | None:
+    """Return ``above where x > bound else below`` as one activation, None where it is not a known one.
+
+    Parameters
+    ----------
+    assembly : Assembly
+        Where it goes.
+    x : Computed
+        What is compared.
+    bound : float
+        With what.
+    above, below : Computed or float
+        The two branches; a number stands for a constant.
+    strict : bool
+        Whether the bound itself takes the branch below, which matters where the function jumps.
+    """
+    rules = _CONTINUOUS if not strict else _CONTINUOUS + _JUMPING
+    return next((r for rule in rules if (r := rule(assembly, x, bound, above, below)) is not None), None)
+
+
+def _leaky(assembly: Assembly, x: Computed, bound: float, above: Branch, below: Branch) -> Computed | None:
+    """Recognise Relu and LeakyRelu: x above 0, a multiple of it below."""
+    if bound != 0 or not _is(above, x):
+        return None
+    if isinstance(below, float):
+        return assembly.activation(x, "Relu") if below == 0 else None
+    scaling = assembly.scaling_of(below)
+    if scaling is None or scaling.source.node != x.node or scaling.offset or scaling.roundings:
+        return None
+    return assembly.activation(x, activation("LeakyRelu", alpha=scaling.factor))
+
+
+def _shifted(assembly: Assembly, x: Computed, bound: float, above: Branch, below: Branch) -> Computed | None:
+    """Recognise ``x - bound`` on one side and 0 on the other: the halves of torch's Softshrink."""
+    for line, other, function in (
+        (above, below, activation("Relu")),
+        (below, above, activation("Clip", max=0.0)),
+    ):
+        if isinstance(line, Computed) and other == 0.0:
+            scaling = assembly.scaling_of(line)
+            if scaling is not None and scaling.source.node == x.node and scaling.factor == 1.0:
+                return assembly.activation(line, function) if scaling.offset == -bound else None
+    return None
+
+
+def _soft_shrink(
+    assembly: Assembly, x: Computed, bound: float, above: Branch, below: Branch
+) -> Computed | None:
+    """Recognise ``x - bound * sign(x) where |x| > bound else 0``."""
+    argument = assembly.function_of(x, "Abs")
+    if argument is None or not isinstance(above, Computed) or not bound > 0 or not _is_zero(assembly, below):
+        return None
+    node = assembly.nodes[above.node]
+    if not isinstance(node, Affine) or node.bias.any() or len(node.sources) != 2:
+        return None
+    weights = dict(zip(node.sources, node.weights, strict=True))
+    own = weights.pop(argument.node, None)
+    ((other, weight),) = weights.items()
+    jump = assembly.scaling_of(Computed(other, x.shape, x.precision))
+    if jump is None or jump.offset or jump.factor != bound or own is None:
+        return None
+    sign = assembly.function_of(jump.source, "Sign")
+    if sign is None or sign.node != argument.node:
+        return None
+    if not np.array_equal(own, np.eye(node.size)) or not np.array_equal(weight, -np.eye(node.size)):
+        return None
+    return assembly.activation(argument, activation("SoftShrink", lambd=bound))
+
+
+def _softplus(assembly: Assembly, x: Computed, bound: float, above: Branch, below: Branch) -> Computed | None:
+    """Recognise torch's Softplus: ``softplus(b x) / b``, and x where ``b x`` exceeds a threshold."""
+    if bound <= 0 or isinstance(below, float) or isinstance(above, float):
+        return None
+    function = activation("SoftplusThreshold", threshold=bound)
+    argument = assembly.function_of(below, "Softplus")
+    if argument is not None and argument.node == x.node == above.node:
+        return assembly.activation(x, function)
+    steep, flat = assembly.scaling_of(x), assembly.scaling_of(below)
+    if steep is None or flat is None or steep.offset or flat.offset or steep.roundings:
+        return None
+    argument = assembly.function_of(flat.source, "Softplus")
+    if argument is None or argument.node != x.node or steep.source.node != above.node:
+        return None
+    if flat.factor != 1.0 / steep.factor:
+        return None
+    return assembly.scaled(assembly.activation(x, function), flat.factor, roundings=flat.roundings)
+
+
+def _threshold(
+    assembly: Assembly, x: Computed, bound: float, above: Branch, below: Branch
+) -> Computed | None:
+    """Recognise x above a bound and a number below."""
+    if not _is(above, x) or not isinstance(below, float):
+        return None
+    if below == 0:
+        return assembly.activation(x, activation("ThresholdedRelu", alpha=bound))
+    return assembly.activation(x, activation("Threshold", threshold=bound, value=below))
+
+
+def _hard_shrink(
+    assembly: Assembly, x: Computed, bound: float, above: Branch, below: Branch
+) -> Computed | None:
+    """Recognise x where its magnitude exceeds a positive bound, else 0."""
+    argument = assembly.function_of(x, "Abs")
+    if argument is None or not _is(above, argument) or not bound > 0 or not _is_zero(assembly, below):
+        return None
+    return assembly.activation(argument, activation("HardShrink", lambd=bound))
+
+
+def _is(branch: Branch, x: Computed) -> bool:
+    return isinstance(branch, Computed) and branch.node == x.node
+
+
+def _is_zero(assembly: Assembly, branch: Branch) -> bool:
+    if isinstance(branch, float):
+        return branch == 0
+    node = assembly.nodes[branch.node]
+    return isinstance(node, Affine) and not node.sources and not node.bias.any()
+
+
+_CONTINUOUS: tuple[Rule, ...] = (_leaky, _shifted, _soft_shrink)
+_JUMPING: tuple[Rule, ...] = (_softplus, _threshold, _hard_shrink)
+"""These jump at the bound, so it matters which branch the bound itself takes."""
