@@ -31,6 +31,7 @@ def test_each_method_judges_the_constraint_in_its_own_way() -> None:
     deviation = math.sqrt((4 + 4 + 0 + 16) / 4)
     expected = {
         "td3": None,
+        "td7": None,
         "rcpo": 8.0 - 2.0,
         "sac-lag": 8.0 - 2.0,
         "wcsac": 8.0 - 2.0 - gaussian_cvar_factor(0.5) * deviation,
@@ -65,7 +66,15 @@ def test_the_variance_target_is_that_of_the_bellman_equation() -> None:
 def test_only_rcpo_learns_a_penalised_reward() -> None:
     transition, multiplier = batch(5.0, 2.0, 1.0), torch.tensor([0.25])
     rewards = {name: method(name).learnt_reward(transition, multiplier).item() for name in METHODS}
-    assert rewards == {"td3": 5.0, "rcpo": 4.5, "sac-lag": 5.0, "wcsac": 5.0, "cvar-cpo": 5.0, "via": 5.0}
+    assert rewards == {
+        "td3": 5.0,
+        "rcpo": 4.5,
+        "sac-lag": 5.0,
+        "wcsac": 5.0,
+        "cvar-cpo": 5.0,
+        "via": 5.0,
+        "td7": 5.0,
+    }
 
 
 def test_only_the_cvar_methods_with_quantiles_follow_the_budget() -> None:

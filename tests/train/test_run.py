@@ -235,12 +235,26 @@ def test_a_killed_run_goes_on_as_if_it_had_never_stopped(
     assert rows[0] == rows[1]
 
 
+def test_td7_resumes_with_its_priorities_and_codes(tmp_path: Path) -> None:
+    options = tiny(method="td7", hard_target_interval=7, tensorboard=False)
+    whole = train(options, tmp_path / "whole")
+
+    class Bomb(Lines):
+        def advance(self, fraction: float, note: str = "") -> None:
+            if fraction > 0.7:
+                raise Killed
+
+    with pytest.raises(Killed):
+        train(options, tmp_path / "killed", Bomb())
+    assert weights(resume(tmp_path / "killed")) == weights(whole)
+
+
 def test_only_a_run_can_be_resumed(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match="no training run"):
         resume(tmp_path)
 
 
-@pytest.mark.parametrize("method", ["td3", "rcpo", "sac-lag", "wcsac", "cvar-cpo"])
+@pytest.mark.parametrize("method", ["td3", "td7", "rcpo", "sac-lag", "wcsac", "cvar-cpo"])
 def test_every_method_trains_and_exports(method: str, tmp_path: Path) -> None:
     result = train(tiny(method=method, epochs=1, seeds=1, tensorboard=False), tmp_path / method)
     spec = result.policy.spec

@@ -7,6 +7,7 @@ import torch
 from numpy.typing import NDArray
 
 from viatool.train.configuration import TrainingConfiguration
+from viatool.train.embedding import Embedding
 from viatool.train.methods import Method
 from viatool.train.networks import TrainedNetwork, Weights
 from viatool.train.observation import near_features
@@ -52,6 +53,11 @@ def make_agent(
     """
     seeds = configuration.seeds
     features = observation_size + (bins if configuration.near_features else 0)
+    embedding = None
+    if method.embedded:
+        sizes = (observation_size, configuration.critic_hidden[0], configuration.embedding_size)
+        embedding = Embedding(sizes, ACTIONS, seeds, generator)
+        features += 2 * embedding.code
     inputs = features + ACTIONS
     hidden = configuration.critic_hidden
     actor = Weights(
@@ -63,6 +69,8 @@ def make_agent(
         actor=TrainedNetwork(actor.draw(generator, configuration.actor_output_scale)),
         task_critics=TrainedNetwork(task_critics.draw(generator)),
         cost_critic=None if cost_critic is None else TrainedNetwork(cost_critic.draw(generator)),
+        embedding=embedding,
+        value_range=torch.zeros(4, seeds),
     )
 
 

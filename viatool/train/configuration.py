@@ -24,7 +24,7 @@ Positive = Annotated[FiniteFloat, Field(gt=0)]
 NonNegative = Annotated[FiniteFloat, Field(ge=0)]
 Fraction = Annotated[FiniteFloat, Field(ge=0, le=1)]
 Discount = Annotated[FiniteFloat, Field(gt=0, lt=1)]
-MethodName = Literal["td3", "rcpo", "sac-lag", "wcsac", "cvar-cpo", "via"]
+MethodName = Literal["td3", "td7", "rcpo", "sac-lag", "wcsac", "cvar-cpo", "via"]
 
 
 def _option(default: Any, description: str) -> Any:
@@ -79,6 +79,9 @@ class TrainingConfiguration(BaseModel):
         0.05, "exploration noise of a seed's first robot, in [-1, 1] action units"
     )
     noise_highest: NonNegative = _option(0.5, "of its last robot; geometrically spaced between")
+
+    embedding_size: Count = _option(32, "of TD7's codes of a state and of a state with an action")
+    hard_target_interval: Count = _option(250, "of TD7: updates between two renewals of all targets")
 
     # CVaR constraint
     alpha: Discount = _option(0.9, "CVaR level: the worst 1 - alpha of the episodes count")

@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 
 from viatool.errors import ConfigurationError
-from viatool.train.agent import Learner, make_agent
+from viatool.train.agent import ACTIONS, Learner, make_agent
 from viatool.train.collection import Collector
 from viatool.train.configuration import TrainingConfiguration
 from viatool.train.constraint import initial_var
@@ -19,9 +19,10 @@ from viatool.train.evaluation import actor_command, drive
 from viatool.train.methods import METHODS
 from viatool.train.networks import Weights
 from viatool.train.observation import Scaling, make_scaling
-from viatool.train.replay import ReplayBuffer
+from viatool.train.replay import PrioritisedReplay, ReplayBuffer
 from viatool.train.returns import NStepReturns
 from viatool.train.selection import Candidate, random_scenarios
+from viatool.train.td7 import Td7Learner
 from viatool.world import WorldMap, load_map
 
 Floats = NDArray[np.float64]
@@ -105,8 +106,9 @@ def begin_run(configuration: TrainingConfiguration) -> TrainingRun:
     size, bins = len(scaling.offset), world_map.robot.lidar.bins
     method = METHODS[configuration.method](configuration)
     agent = make_agent(configuration, method, size, bins, generator)
-    replay = ReplayBuffer(configuration.seeds, configuration.replay_capacity, size, 2)
-    learner = Learner(configuration, method, agent, replay, bins, generator)
+    kind, ring = (Td7Learner, PrioritisedReplay) if method.embedded else (Learner, ReplayBuffer)
+    replay = ring(configuration.seeds, configuration.replay_capacity, size, ACTIONS)
+    learner = kind(configuration, method, agent, replay, bins, generator)
     var = np.zeros(configuration.seeds)
     if method.budgeted and configuration.warmup_episodes:
         var = _warm_up(configuration, world_map, scaling, agent.actor.weights)
@@ -142,7 +144,6 @@ def checkpoint(run: TrainingRun) -> dict[str, Any]:
 
 def run_state(run: TrainingRun) -> dict[str, Any]:
     """Return all that `resume_run` needs, as tensors and plain values."""
-    replay = run.learner.replay
     candidates = [
         {
             "seed": one.seed,
@@ -158,8 +159,8 @@ def run_state(run: TrainingRun) -> dict[str, Any]:
         "steps": run.steps,
         "updates": run.learner.updates,
         "generator": run.learner.generator.get_state(),
-        "records": replay.records[:, : replay.size].contiguous(),
-        "position": replay.position,
+        "replay": run.learner.replay.state(),
+        "value_range": run.learner.agent.value_range,
         "candidates": candidates,
         "rows": run.rows,
     }
@@ -185,11 +186,11 @@ def resume_run(state: dict[str, Any], where: Path) -> TrainingRun:
     run.var, run.multiplier = state["var"].numpy(), state["multiplier"].numpy()
     for name, network in run.learner.agent.networks().items():
         network.restore(state["networks"][name])
-    learner, replay, records = run.learner, run.learner.replay, state["records"]
+    learner = run.learner
     learner.updates = state["updates"]
     learner.generator.set_state(state["generator"])
-    replay.records[:, : records.shape[1]] = records
-    replay.size, replay.position = records.shape[1], state["position"]
+    learner.replay.restore(state["replay"])
+    learner.agent.value_range.copy_(state["value_range"])
     for one in state["candidates"]:
         weights = Weights(run.actor.sizes, 1, run.actor.activation)
         weights.flat.copy_(one["weights"])

@@ -7,12 +7,13 @@ tensors.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor
 from torch.autograd import grad
 
+from viatool.train.embedding import Embedding
 from viatool.train.methods import Method
 from viatool.train.networks import TrainedNetwork, Weights
 
@@ -33,16 +34,23 @@ class Agent:
         2 S perceptrons, the first critic of every seed before the second of every seed.
     cost_critic : TrainedNetwork or None
         S perceptrons with the outputs of the method; None if it has none.
+    embedding : Embedding or None
+        Of TD7.
+    value_range : Tensor
+        ``(4, S)`` of TD7: least and largest target so far, and those that clip the targets now.
     """
 
     actor: TrainedNetwork
     task_critics: TrainedNetwork
     cost_critic: TrainedNetwork | None
+    embedding: Embedding | None = None
+    value_range: Tensor = field(default_factory=lambda: torch.zeros(4, 0))
 
     def networks(self) -> dict[str, TrainedNetwork]:
         """Return the networks that there are, by name."""
         named = {"actor": self.actor, "task_critics": self.task_critics, "cost_critic": self.cost_critic}
-        return {name: network for name, network in named.items() if network is not None}
+        there = {name: network for name, network in named.items() if network is not None}
+        return there if self.embedding is None else there | self.embedding.networks()
 
 
 def act(actor: Weights, observation: Tensor) -> Tensor:
@@ -125,14 +133,12 @@ def update_actor(
     learning_rate : float
         Of this step.
     saturation_penalty : float
-        Weight of the mean squared excess of the output before tanh over `SATURATION`. A seed whose outputs
-        saturate everywhere has no gradient left and would stay as it is, for instance at a standstill.
+        Weight of `saturation`.
     """
     raw = agent.actor.weights(observation)
     inputs = critic_input(features, raw.tanh())
     value = first_value(agent.task_critics.weights, inputs).mean(-1)  # (S,)
-    excess = (raw.abs() - SATURATION).clamp(min=0.0)
-    loss = saturation_penalty * excess.square().mean((1, 2)) - value
+    loss = saturation_penalty * saturation(raw) - value
     metrics = {"actor_value": value.detach()}
     if agent.cost_critic is not None and bool(multiplier.any()):
         cost = method.action_cost(agent.cost_critic.weights(inputs), budget).mean(-1)
@@ -140,6 +146,15 @@ def update_actor(
         metrics["action_cost"] = cost.detach()
     agent.actor.descend(grad(loss.sum(), agent.actor.weights.layers), learning_rate)
     return metrics
+
+
+def saturation(raw: Tensor) -> Tensor:
+    """Return the mean squared excess of outputs before tanh ``(S, B, A)`` over `SATURATION`, ``(S,)``.
+
+    A seed whose outputs saturate everywhere has no gradient left and would stay as it is, for instance at a
+    standstill.
+    """
+    return (raw.abs() - SATURATION).clamp(min=0.0).square().mean((1, 2))
 
 
 def first_value(critics: Weights, inputs: Tensor) -> Tensor:
@@ -153,5 +168,6 @@ def first_value(critics: Weights, inputs: Tensor) -> Tensor:
 
 def update_targets(agent: Agent, rate: float) -> None:
     """Move every target network by `rate` towards its network."""
-    for network in agent.networks().values():
-        network.follow(rate)
+    for network in (agent.actor, agent.task_critics, agent.cost_critic):
+        if network is not None:
+            network.follow(rate)

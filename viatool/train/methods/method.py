@@ -49,6 +49,9 @@ class Method(ABC):
     budgeted: bool = False
     """The budget channel follows the cost of the episode; without it, it stays 0."""
 
+    embedded: bool = False
+    """The learner is that of TD7."""
+
     def __init__(self, options: TrainingConfiguration) -> None:
         self.options = options
 
