@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
-from typing import Any
+from functools import cache, cached_property
+from typing import Any, TypeAlias
 
 import numpy as np
 import sympy
@@ -20,7 +20,7 @@ from scipy import special
 Floats = NDArray[np.float64]
 
 X = sympy.Symbol("x", real=True)
-Expression = sympy.Expr
+Expression: TypeAlias = sympy.Expr
 
 
 class NormalCdf(sympy.Function):  # type: ignore[misc]  # sympy carries no types
@@ -286,7 +286,7 @@ def declared_activations() -> tuple[str, ...]:
     return tuple(sorted(_DECLARATIONS))
 
 
-@lru_cache(maxsize=None)
+@cache
 def _compiled(function: ActivationFunction) -> Callable[[Floats], Floats]:
     evaluate = sympy.lambdify(X, function.expression, modules=FLOAT_MODULES)
 
