@@ -64,7 +64,10 @@ def explain(error: BaseException) -> tuple[int, str]:
 
 def compose(message: str, hint: str = "") -> str:
     """Write a message the way every failure is written: ``error: ...`` and, below it, ``hint: ...``."""
-    return f"error: {message}\nhint: {hint}" if hint else f"error: {message}"
+    text = f"error: {message}\nhint: {hint}" if hint else f"error: {message}"
+    # Names of files and fields come from others and shall not steer the terminal.
+    text = "".join(character if character.isprintable() or character == "\n" else "?" for character in text)
+    return text.replace("::", ": :")  # nor give a command to a CI system that reads the log
 
 
 def _usage(error: click.UsageError) -> str:

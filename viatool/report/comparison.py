@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from viatool.report.document import Rate, ReportDocument
+from viatool.report.foreign import shown
 from viatool.report.gate import RATES, rate_named
 from viatool.report.numbers import MISSING, count, percentage, seconds, significant
 from viatool.report.palette import COLOUR, VERDICTS
@@ -33,7 +34,7 @@ def print_comparison(before: ReportDocument, after: ReportDocument, console: Con
         _costs(before, after),
     ):
         for name, old, new, change in section:
-            table.add_row(Text(name), Text(old), Text(new), change)
+            table.add_row(Text(shown(name)), Text(shown(old)), Text(shown(new)), change)
         table.add_section()
     console.print(table)
 

@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from viatool.report.document import FileIdentity, RateByOutcome, ReportDocument
+from viatool.report.foreign import shown
 from viatool.report.gate import Check
 from viatool.report.numbers import MISSING, count, counted, percent_of, percentage, seconds, significant
 from viatool.report.palette import COLOUR, MEANING, VERDICTS
@@ -48,7 +49,7 @@ def print_checks(checks: Sequence[Check], console: Console) -> None:
         word = Text("passed", style=f"bold {COLOUR['safe']}")
         if not check.passed:
             word = Text("FAILED", style=f"bold {COLOUR['unsafe']}")
-        table.add_row(word, Text(check.condition), Text(check.figures, style="dim"))
+        table.add_row(word, Text(shown(check.condition)), Text(shown(check.figures), style="dim"))
     console.print(_titled("Gate", table if checks else Text("no condition was given")))
 
 
@@ -67,10 +68,10 @@ def _parts(document: ReportDocument) -> list[RenderableType]:
 def _headline(document: ReportDocument) -> RenderableType:
     overall = document.safety_rate.overall
     head = Text()
-    head.append(document.policy.path, style="bold")
+    head.append(shown(document.policy.path), style="bold")
     head.append(" on ")
-    head.append(document.map.path, style="bold")
-    head.append(f", eps {describe_eps(document.eps)}, criterion {document.criterion}\n")
+    head.append(shown(document.map.path), style="bold")
+    head.append(shown(f", eps {describe_eps(document.eps)}, criterion {document.criterion}") + "\n")
     head.append(percentage(overall.safe, overall.total), style=f"bold {COLOUR['safe']}")
     head.append(f" of the states are proved safe ({count(overall.safe)} of {count(overall.total)})")
     return head
@@ -107,13 +108,13 @@ def _rates(document: ReportDocument) -> RenderableType:
     for outcome in OUTCOMES:
         table.add_column("overall" if outcome == "overall" else f"in {outcome}", justify="right")
     rows = (
-        (f"{document.criterion}, collision distance", document.safety_rate),
-        (f"{document.criterion}, danger distance", document.danger_rate),
+        (f"{shown(document.criterion)}, collision distance", document.safety_rate),
+        (f"{shown(document.criterion)}, danger distance", document.danger_rate),
         ("sampled (9 actions), not a proof", document.sampled_safety_rate),
         ("contested states only", document.contested_rate),
     )
     for name, rates in rows:
-        table.add_row(name, *(_rate(rates, outcome) for outcome in OUTCOMES))
+        table.add_row(Text(name), *(_rate(rates, outcome) for outcome in OUTCOMES))
     return table
 
 
@@ -150,7 +151,7 @@ def _widths(document: ReportDocument) -> RenderableType:
     table.add_column("unit")
     for action, width in document.reachable_width.items():
         figures = (significant(value) for value in (width.mean, width.std, width.max))
-        table.add_row(action, *figures, unit_of(document, action))
+        table.add_row(Text(shown(action)), *figures, Text(shown(unit_of(document, action))))
     return table
 
 
@@ -162,14 +163,14 @@ def _time(document: ReportDocument) -> RenderableType:
 def _assumed(document: ReportDocument) -> RenderableType:
     table = Table.grid(padding=(0, 2))
     for name, value in assumptions(document).items():
-        table.add_row(Text(name, style="dim"), Text(value))
+        table.add_row(Text(shown(name), style="dim"), Text(shown(value)))
     for name, identity in (("policy", document.policy), ("map", document.map)):
         table.add_row(Text(name, style="dim"), _identity(identity))
     return _titled("Assumed", table)
 
 
 def _identity(identity: FileIdentity) -> Text:
-    text = Text(identity.path)
+    text = Text(shown(identity.path))
     text.append(f"  sha256 {identity.sha256[:16]}…", style="dim")
     return text
 

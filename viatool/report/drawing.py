@@ -92,7 +92,7 @@ def draw_halo(axes: Axes, poses: Floats, episode: Indices, marked: NDArray[np.bo
 def _stretches(poses: Floats, episode: Indices, marked: NDArray[np.bool_]) -> Floats:
     """Return the stretches from each marked state to the next one of its episode, (L, 2, 2)."""
     joined = marked[:-1] & (episode[:-1] == episode[1:])
-    return np.stack([poses[:-1, :2], poses[1:, :2]], axis=1)[joined]
+    return np.asarray(np.stack([poses[:-1, :2], poses[1:, :2]], axis=1)[joined])
 
 
 def _add_lines(

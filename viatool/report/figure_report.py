@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
@@ -28,6 +29,7 @@ from viatool.report.drawing import (
     draw_task,
     swept_regions,
 )
+from viatool.report.foreign import one_line
 from viatool.report.numbers import count, percentage
 from viatool.report.palette import COLOUR, VERDICTS
 from viatool.report.wording import describe_eps
@@ -45,7 +47,8 @@ def render(result: Result, checks: Sequence[Check], suffix: str) -> bytes:
     """Return the picture of a result as png, svg or pdf; the same result gives the same bytes."""
     date = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(suffix, {})
     content = BytesIO()
-    with rc_context({"svg.hashsalt": "viatool"}):
+    with rc_context({"svg.hashsalt": "viatool"}), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph .* missing")  # of a name in another script
         draw_result(result).savefig(content, format=suffix[1:], dpi=DPI, metadata=date)
     return content.getvalue()
 
@@ -107,8 +110,8 @@ def _title(result: Result) -> str:
 
 
 def plain(text: str) -> str:
-    """Escape what matplotlib would read as mathematics."""
-    return text.replace("$", r"\$")
+    """Make a foreign string one line that matplotlib does not read as mathematics."""
+    return one_line(text).replace("$", r"\$")
 
 
 def _panel(axes: Axes, result: Result, episode: int) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from viatool.report.document import read_result
 from viatool.report.episodes import Episode, summarise_episodes
+from viatool.report.foreign import one_line
 from viatool.report.gate import Check
 from viatool.report.markdown_report import markdown
 from viatool.report.numbers import counted
@@ -68,8 +69,7 @@ def command(kind: str, title: str, message: str, file: str) -> str:
 
 
 def _data(text: str) -> str:
-    printable = "".join(c if c.isprintable() or c in "\r\n" else " " for c in text)
-    return printable.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
+    return one_line(text).replace("%", "%25")
 
 
 def _property(text: str) -> str:

@@ -8,6 +8,7 @@ from xml.etree import ElementTree as Xml
 
 from viatool.report.document import ReportDocument, read_result
 from viatool.report.episodes import Episode, summarise_episodes
+from viatool.report.foreign import one_line
 from viatool.report.gate import Check
 from viatool.report.numbers import counted
 from viatool.report.wording import describe_eps, total_seconds
@@ -94,4 +95,4 @@ def _add(case: Xml.Element, kind: str, message: str, text: str) -> None:
 
 def clean(text: str) -> str:
     """Replace what XML 1.0 cannot hold, such as control characters and lone surrogates."""
-    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
+    return one_line(text, "\N{REPLACEMENT CHARACTER}")

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from viatool.errors import ConfigurationError
 from viatool.report.drawing import FAINT, INK, draw_floor, draw_obstacles, draw_task
 from viatool.report.files import replacing
+from viatool.report.foreign import one_line
 
 if TYPE_CHECKING:
     from viatool.world import WorldMap
@@ -28,7 +29,7 @@ def draw_map(world_map: WorldMap) -> Figure:
         axes.plot(*zip(start, goal, strict=True), color=INK, lw=0.6, ls=(0, (1, 3)), zorder=3)
         draw_task(axes, scenario)
     title = f"{world_map.name}: {len(world_map.obstacles)} obstacles, {len(world_map.scenarios)} scenarios"
-    axes.set_title(title.replace("$", r"\$"), fontsize=10, color=INK)
+    axes.set_title(one_line(title).replace("$", r"\$"), fontsize=10, color=INK)
     axes.set(xlabel="x [m]", ylabel="y [m]")
     return figure
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from viatool.report.document import RateByOutcome, ReportDocument, read_result
+from viatool.report.foreign import one_line
 from viatool.report.gate import Check
 from viatool.report.numbers import count, percentage, seconds, significant
 from viatool.report.palette import MEANING, VERDICTS
@@ -86,5 +87,4 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
 
 def escape(text: str) -> str:
     """Make a foreign string inert: one line, no markup, no HTML, no mention."""
-    printable = "".join(character if character.isprintable() else " " for character in text)
-    return html.escape(printable.translate(_SPECIAL), quote=False)
+    return html.escape(one_line(text).translate(_SPECIAL), quote=False)

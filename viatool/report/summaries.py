@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from viatool.report.foreign import shown
 from viatool.report.numbers import MISSING, count, counted, percentage, significant
 
 if TYPE_CHECKING:
@@ -27,8 +28,8 @@ def print_facts(title: str, facts: Iterable[tuple[str, str]], console: Console) 
     """Print a title and, below it, names with their values."""
     table = Table.grid(padding=(0, 2))
     for name, value in facts:
-        table.add_row(Text(f"  {name}", style="dim"), Text(value))
-    console.print(Text(title, style="bold"))
+        table.add_row(Text(f"  {shown(name)}", style="dim"), Text(shown(value)))
+    console.print(Text(shown(title), style="bold"))
     console.print(table)
 
 
@@ -104,10 +105,10 @@ def _print_specification(spec: PolicySpecification, console: Console) -> None:
         value = MISSING if channel.value is None else f"fixed to {channel.value:g}"
         if channel.lidar is not None:
             value = f"{channel.lidar.minimum_range:g} to {channel.lidar.maximum_range:g}"
-        table.add_row(channel.name, str(channel.size), channel.unit, channel.kind, value)
+        _add_row(table, channel.name, str(channel.size), channel.unit, channel.kind, value)
     table.add_section()
     for action in spec.action:
-        table.add_row(action.name, "1", action.unit, action.kind, f"{action.lower:g} to {action.upper:g}")
+        _add_row(table, action.name, "1", action.unit, action.kind, f"{action.lower:g} to {action.upper:g}")
     console.print(table)
     facts = [
         ("robot", spec.robot),
@@ -116,6 +117,10 @@ def _print_specification(spec: PolicySpecification, console: Console) -> None:
         *((f"training {name}", str(value)) for name, value in spec.training.items()),
     ]
     print_facts("specification", facts, console)
+
+
+def _add_row(table: Table, *texts: str) -> None:
+    table.add_row(*(Text(shown(text)) for text in texts))
 
 
 def print_episodes(trajectory: Trajectory, console: Console) -> None:
@@ -140,7 +145,7 @@ def print_bounds(policy: Policy, reachable: ReachableSet, console: Console) -> N
     table = Table(box=box.SIMPLE_HEAD, show_edge=False)
     table.add_column("observation", justify="right")
     for name in names:
-        table.add_column(Text(name), justify="right")
+        table.add_column(Text(shown(name)), justify="right")
     for row, (lower, upper) in enumerate(
         zip(reachable.lower[:ROWS_SHOWN], reachable.upper[:ROWS_SHOWN], strict=True)
     ):
@@ -152,4 +157,4 @@ def print_bounds(policy: Policy, reachable: ReachableSet, console: Console) -> N
         )
     width = reachable.upper - reachable.lower
     for name, mean, largest in zip(names, width.mean(axis=0), width.max(axis=0), strict=True):
-        console.print(Text(f"width of {name}: mean {significant(mean)}, max {significant(largest)}"))
+        console.print(Text(f"width of {shown(name)}: mean {significant(mean)}, max {significant(largest)}"))
