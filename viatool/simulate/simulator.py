@@ -78,6 +78,15 @@ class NavigationSimulator:
     channels : sequence of ObservationChannel, optional
         Columns of the observations; None is `navigation_channels`.
 
+    Attributes
+    ----------
+    poses, goals, previous : ndarray
+        (E, 3), (E, 2) and (E, 2): x, y, theta; x, y; the last command as carried out, in m/s and rad/s.
+    steps : ndarray
+        (E,) since the last reset.
+    scenes, scene : Scenes, ndarray
+        The geometry, and which of its situations each robot is in, (E,).
+
     Notes
     -----
     Collision and danger are decided by the exact clearance of the footprint after each step, not by the noisy

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag
 
 from viatool.world.robot import ROBOTS
 
@@ -20,7 +20,16 @@ def _refuse_truth(value: Any) -> Any:
     return value
 
 
-Number = Annotated[float, BeforeValidator(_refuse_truth), Field(allow_inf_nan=False)]
+def _refuse_far(value: float) -> float:
+    """Refuse more than a thousand kilometres, beyond which rounding is no longer far below a millimetre."""
+    if abs(value) > 1e6:
+        raise ValueError("expected a size of at most 1e6")
+    return value
+
+
+Number = Annotated[
+    float, BeforeValidator(_refuse_truth), AfterValidator(_refuse_far), Field(allow_inf_nan=False)
+]
 Positive = Annotated[Number, Field(gt=0.0)]
 NotNegative = Annotated[Number, Field(ge=0.0)]
 Point = tuple[Number, Number]

@@ -130,9 +130,7 @@ def _build(document: YamlDocument, content: file.MapFile, digest: str) -> WorldM
         ("clearance",),
         lambda: Clearance(content.clearance.collision, content.clearance.danger),
     )
-    scenarios = tuple(
-        _scenario(document, scenario, index) for index, scenario in enumerate(content.scenarios)
-    )
+    scenarios = _scenarios(document, content.scenarios)
     world = WorldMap(
         content.name or document.path.stem,
         document.path,
@@ -190,9 +188,21 @@ def _obstacles(
     return compact + Obstacles(polygons=tuple(walls)), compact.centres()
 
 
-def _scenario(document: YamlDocument, scenario: file.ScenarioFile, index: int) -> Scenario:
-    obstacles, _ = _obstacles(document, scenario.obstacles, ("scenarios", index, "obstacles"))
-    return Scenario(scenario.name or f"scenario-{index}", scenario.start, scenario.goal, obstacles)
+def _scenarios(document: YamlDocument, given: Sequence[file.ScenarioFile]) -> tuple[Scenario, ...]:
+    """Return the fixed scenarios; their names are unique."""
+    scenarios: list[Scenario] = []
+    for index, scenario in enumerate(given):
+        name = scenario.name or f"scenario-{index}"
+        if any(name == other.name for other in scenarios):
+            raise _wrong(
+                document,
+                ("scenarios", index, "name"),
+                f"'{name}' is taken",
+                "give every scenario its own name",
+            )
+        obstacles, _ = _obstacles(document, scenario.obstacles, ("scenarios", index, "obstacles"))
+        scenarios.append(Scenario(name, scenario.start, scenario.goal, obstacles))
+    return tuple(scenarios)
 
 
 def _robot(content: str | file.RobotFile) -> Robot:

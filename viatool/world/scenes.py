@@ -17,6 +17,7 @@ from viatool.world.measurement import (
     segment_edge_squared,
     winding_number,
 )
+from viatool.world.region import blocked_region
 from viatool.world.robot import Footprint, Lidar
 from viatool.world.scenario import Scenario
 from viatool.world.shapes import Floats, Obstacles, is_convex
@@ -250,33 +251,12 @@ class Scenes:
         Returns
         -------
         shapely geometry
-            Obstacles and the outside of the arena. Circles are circumscribed by 256-gons.
+            Obstacles and the outside of the arena. Circles are circumscribed by polygons.
         """
-        import shapely
-
         corners = self._arena[0][:, 0]
-        arena = shapely.Polygon(np.stack([corners.real, corners.imag], axis=1))
-        frame = shapely.box(*arena.bounds).buffer(margin, join_style="mitre")
-        return shapely.union_all([frame.difference(arena), *self._shapes(scene_index)])
-
-    def _shapes(self, scene_index: int) -> list[BaseGeometry]:
-        """Return the obstacles of one situation as shapely polygons."""
-        import shapely
-
-        quarter = 64
         centres, radii = self._centres[:, scene_index], self._radii[:, scene_index]
-        centres, radii = centres[radii > 0.0], radii[radii > 0.0]
-        outer = radii / np.cos(np.pi / (4 * quarter))
-        shapes = list(shapely.buffer(shapely.points(centres.real, centres.imag), outer, quad_segs=quarter))
-        ring: list[complex] = []
-        edges = zip(self._first[:, scene_index].tolist(), self._second[:, scene_index].tolist(), strict=True)
-        for first, second in edges:
-            ring.append(first)
-            if second == ring[0]:  # closed
-                if len(ring) > 1:
-                    shapes.append(shapely.Polygon([(corner.real, corner.imag) for corner in ring]))
-                ring = []
-        return shapes
+        first, second = self._first[:, scene_index], self._second[:, scene_index]
+        return blocked_region(corners, centres, radii, first, second, margin)
 
     def _in_chunks(
         self, measure: Callable[..., Any], scene: Indices, *arrays: NDArray[Any], rays: int = 1
