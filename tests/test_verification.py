@@ -94,15 +94,15 @@ def test_every_witness_lies_in_its_box_and_fails_when_it_is_replayed_elsewhere(
     result, policy_path, scenarios
 ):
     session = onnxruntime.InferenceSession(policy_path, providers=["CPUExecutionProvider"])
+    lab = load_map(LAB)
     for row, state in enumerate(result.witnesses.state):
         witness = result.witness[state]
         for value, centre, radius in zip(witness, result.observations[state], result.radii, strict=True):
             assert abs(Fraction(value) - Fraction(centre)) <= Fraction(radius)
         assert (witness.astype(np.float32) == witness).all()
         v, omega = session.run(None, {"observation": witness[None].astype(np.float32)})[0][0].astype(float)
-        world = load_map(LAB)
         own = scenarios[result.episode[state]].obstacles
-        world = replace(world, obstacles=Obstacles(np.concatenate([world.obstacles.circles, own.circles])))
+        world = replace(lab, obstacles=Obstacles(np.concatenate([lab.obstacles.circles, own.circles])))
         path = drive(result.poses[state], np.clip(v, 0, 0.5), np.clip(omega, -1, 1), np.linspace(0, 0.1, 200))
         left = clearance(world, path, world.robot.footprint)
         assert left.min() < 0.6
@@ -138,7 +138,7 @@ def test_only_contested_changes_no_verdict(result, policy, driven):
 def test_a_recorded_trajectory_gives_the_verdicts_of_the_driven_one(result, policy, tmp_path, suffix):
     path = tmp_path / f"run.{suffix}"
     write_trajectory(path, result.trajectory, policy.spec)
-    again = verify(policy, LAB, eps=0.03, trajectory=path, **DISTANCES)
+    again = verify(policy, LAB, eps=0.03, trajectory=path, only_contested=True, **DISTANCES)
     np.testing.assert_array_equal(again.verdict, result.verdict)
     assert again.contested_rate == result.contested_rate
 
@@ -152,13 +152,15 @@ def test_fixed_channels_take_their_value_whatever_was_recorded(result, policy):
 
 def test_braking_and_delay_only_ask_for_more(result, policy):
     for more in ({"criterion": "braking"}, {"delay": 0.05}):
-        stricter = verify(policy, LAB, eps=0.03, trajectory=result.trajectory, **DISTANCES, **more)
+        stricter = verify(
+            policy, LAB, eps=0.03, trajectory=result.trajectory, only_contested=True, **DISTANCES, **more
+        )
         assert not (stricter.judgement.safe & ~result.judgement.safe).any()
         assert stricter.judgement.safe.sum() < result.judgement.safe.sum()
 
 
 def test_a_larger_footprint_is_never_safer(result, policy):
-    options = {"trajectory": result.trajectory, "eps": 0.03, "clearance": 0.5}
+    options = {"trajectory": result.trajectory, "eps": 0.03, "clearance": 0.5, "only_contested": True}
     safe = [
         verify(policy, LAB, footprint=footprint, **options).judgement.safe
         for footprint in ("point", 0.1, 0.3, [[-0.4, -0.4], [0.4, -0.4], [0.4, 0.4], [-0.4, 0.4]])
@@ -168,7 +170,15 @@ def test_a_larger_footprint_is_never_safer(result, policy):
 
 
 def test_the_paper_criterion_can_be_asked_for(result, policy):
-    sampled = verify(policy, LAB, eps=0.03, trajectory=result.trajectory, clearance=0.5, criterion="sampled")
+    sampled = verify(
+        policy,
+        LAB,
+        eps=0.03,
+        trajectory=result.trajectory,
+        clearance=0.5,
+        criterion="sampled",
+        only_contested=True,
+    )
     assert sampled.safety_rate == sampled.sampled_safety_rate
 
 
@@ -234,6 +244,14 @@ def test_what_does_not_fit_is_refused(policy, tmp_path):
     blind = specification(action=[ActionChannel(name=name, lower=0, upper=1) for name in ("left", "right")])
     with pytest.raises(PolicyError, match="of kind 'linear'"):
         verify(write_policy(tmp_path / "blind.onnx", blind), LAB, eps=0.01)
+
+
+def test_another_control_interval_has_to_be_named(tmp_path, result):
+    slow = write_policy(tmp_path / "slow.onnx", specification(control_interval=0.2))
+    with pytest.raises(ConfigurationError, match=r"every 0\.2 s"):
+        verify(slow, LAB, eps=0.01, trajectory=result.trajectory)
+    longer = verify(slow, LAB, eps=0.01, trajectory=result.trajectory, interval=0.2)
+    assert longer.rules.interval == 0.2
 
 
 def test_one_state_without_outcome_is_enough(policy):

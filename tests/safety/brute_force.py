@@ -69,27 +69,29 @@ def drive_all(poses, linear, angular, seconds, precision=np.longdouble):
     return np.stack([x + forward, y + left, theta + turn], axis=-1).astype(float)
 
 
-def drive_and_stop(pose, linear, angular, interval, deceleration, rim, steps=60):
-    """Poses of one command held for the interval and of a stop, simulated in small steps of falling rates."""
-    held = drive(pose, linear, angular, np.linspace(0.0, interval, steps))
-    speed = abs(linear) + rim * abs(angular)
-    stop = speed / deceleration
-    poses = [held[-1]]
+def drive_and_stop(poses, linear, angular, interval, deceleration, rim, steps=60):
+    """Poses (S, T, 3) of S commands held for the interval, and of a stop in small steps of falling rates."""
+    held = drive_all(poses, linear, angular, np.linspace(0.0, interval, steps)[None])
+    stop = (np.abs(linear) + rim * np.abs(angular)) / deceleration
+    places = [held[:, -1]]
     for step in range(steps):
         share = 1.0 - (step + 0.5) / steps  # of the commanded rates, in the middle of the step
-        poses.append(drive(poses[-1], share * linear, share * angular, stop / steps))
-    return np.concatenate([held, poses])
+        places.append(drive_all(places[-1], share * linear, share * angular, stop[:, None] / steps)[:, 0])
+    return np.concatenate([held, np.stack(places, axis=1)], axis=1)
 
 
-def clearance(world, poses, footprint):
+def clearance(world, poses, footprint, scenario=None):
     """Distance of the whole footprint from obstacles and walls, 0 where they meet; poses (N, 3)."""
     poses = np.asarray(poses).reshape(-1, 3)
     shapes = place(poses, footprint)
-    outside = shapely.box(-9, -9, 9, 9).difference(shapely.Polygon(world.arena))
-    solid = shapely.union_all([outside, *(shapely.Polygon(polygon) for polygon in world.obstacles.polygons)])
+    x_min, y_min, x_max, y_max = world.bounds
+    outside = shapely.box(x_min - 9, y_min - 9, x_max + 9, y_max + 9).difference(shapely.Polygon(world.arena))
+    own = Obstacles() if scenario is None else scenario.obstacles
+    polygons = [*world.obstacles.polygons, *own.polygons]
+    solid = shapely.union_all([outside, *(shapely.Polygon(polygon) for polygon in polygons)])
     shapely.prepare(solid)
     found = shapely.distance(shapes, solid)
-    for x, y, radius in world.obstacles.circles:
+    for x, y, radius in [*world.obstacles.circles, *own.circles]:
         found = np.minimum(found, shapely.distance(shapes, shapely.Point(x, y)) - radius)
     return np.maximum(found - (footprint.radius if footprint.kind == "circle" else 0.0), 0.0)
 

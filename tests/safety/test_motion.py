@@ -33,7 +33,7 @@ def test_shapes_broadcast():
 @given(st.floats(-1.0, 1.0), numbers, st.floats(0.0, 0.5))
 def test_braking_covers_the_path_of_a_simulated_stop(v, omega, rim):
     pose, action = np.array([1.0, -2.0, 0.7]), np.array([v, omega])
-    stopped = drive_and_stop(pose, v, omega, 0.1, 0.8, rim, steps=200)[-1]
+    stopped = drive_and_stop(pose[None], *action[:, None], 0.1, 0.8, rim, steps=200)[0, -1]
     end = Manoeuvre(0.1, 0.8, rim).path(pose, action, np.ones(()))
     np.testing.assert_allclose(end, stopped, atol=2e-4)
 

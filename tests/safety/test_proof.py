@@ -3,55 +3,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.safety.brute_force import FOOTPRINTS, clearance, drive, drive_and_stop, random_world, rim_of
-from viatool.safety.judgement import Case, prove, sample, settle
-from viatool.safety.rules import Rules
-from viatool.safety.situations import Situations
+from tests.safety.brute_force import FOOTPRINTS, random_world
+from tests.safety.cases import make_cases, worst_found
+from viatool.safety import Case, Rules, Situations, prove, sample, settle
 
 
-def cases(seed, footprint, criterion, count=60, reach=0.12, **rules):
-    """States just around the distance that counts, and action boxes as wide as real ones."""
-    generator = np.random.default_rng(seed)
+def cases(seed, footprint, criterion, **options):
     world = random_world(seed, footprint)
-    poses = np.column_stack([generator.uniform(-2.8, 2.8, (4000, 2)), generator.uniform(-4, 4, 4000)])
-    near = clearance(world, poses, footprint)
-    near = np.flatnonzero((near > 0.0) & (near < world.clearance.collision + reach))[:count]
-    poses = poses[near]
-    situations = Situations.of(world, [None], poses, np.zeros(len(poses), dtype=np.int64))
-    previous = generator.uniform([0.0, -2.0], [1.0, 2.0], (len(poses), 2))
-    centre = generator.uniform([-0.4, -2.2], [1.1, 2.2], (len(poses), 2))
-    radius = generator.choice([0.0, 0.02, 0.3], (len(poses), 2))
-    rules = Rules.of(world, criterion, **rules)
-    return world, Case(rules, situations, previous), centre - radius, centre + radius
-
-
-def driven(case, index, v, w):
-    """Brute-force poses of one command in one state, over all that the criterion asks."""
-    rules, pose = case.rules, case.situations.poses[index]
-    poses = []
-    if rules.delay:
-        poses = [drive(pose, *case.previous[index], np.linspace(0.0, rules.delay, 12))]
-        pose = poses[0][-1]
-    if rules.criterion == "braking":
-        poses.append(
-            drive_and_stop(pose, v, w, rules.interval, rules.deceleration, rim_of(rules.footprint), 20)
-        )
-    else:
-        poses.append(drive(pose, v, w, np.linspace(0.0, rules.interval, 25)))
-    return np.concatenate(poses)
-
-
-def worst_found(world, case, lower, upper, commands=7):
-    """The least clearance over a grid of clipped commands, (B,), and the number of measured poses."""
-    grid = [(v, w) for v in np.linspace(0, 1, commands) for w in np.linspace(0, 1, commands)]
-    rules, worst, checks = case.rules, [], 0
-    for index in range(len(case)):
-        low, high = lower[index], upper[index]
-        actions = np.clip(low + np.array(grid) * (high - low), rules.lower, rules.upper)
-        poses = np.concatenate([driven(case, index, *action) for action in actions])
-        worst.append(clearance(world, poses, rules.footprint).min())
-        checks += len(poses)
-    return np.array(worst), checks
+    return world, *make_cases(world, criterion, seed, **options)
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.15])

@@ -33,7 +33,7 @@ def driven(policy):
     [{}, {"criterion": "braking"}, {"delay": 0.05}, {"footprint": [[-0.2, -0.1], [0.2, -0.1], [0.2, 0.1]]}],
 )
 def test_every_written_witness_violates_when_it_is_replayed(policy, driven, tmp_path, options):
-    result = verify(policy, LAB, eps=0.03, trajectory=driven, clearance=0.55, **options)
+    result = verify(policy, LAB, eps=0.03, trajectory=driven, clearance=0.55, only_contested=True, **options)
     path = tmp_path / "witnesses.json"
     write_witnesses(path, result)
     file = load_witnesses(path)
@@ -46,12 +46,13 @@ def test_every_written_witness_violates_when_it_is_replayed(policy, driven, tmp_
 
 
 def test_the_obstacle_of_a_witness_is_the_nearest_one(policy, driven, tmp_path):
-    result = verify(policy, LAB, eps=0.03, trajectory=driven, clearance=0.55)
+    result = verify(policy, LAB, eps=0.03, trajectory=driven, clearance=0.55, only_contested=True)
     path = tmp_path / "witnesses.json"
     write_witnesses(path, result)
+    fixed = load_map(LAB).obstacles.circles.tolist()
     for entry in json.loads(path.read_text())["witnesses"]:
         x, y, _ = entry["closest"]["pose"]
-        circles = [*load_map(LAB).obstacles.circles.tolist(), *entry["scenario"]["circles"]]
+        circles = [*fixed, *entry["scenario"]["circles"]]
         distances = [np.hypot(x - cx, y - cy) - radius for cx, cy, radius in circles]
         wall = 4.85 - max(abs(x), abs(y))
         assert np.isclose(min([wall, *distances]), entry["closest"]["clearance"], atol=1e-6)
@@ -59,7 +60,7 @@ def test_the_obstacle_of_a_witness_is_the_nearest_one(policy, driven, tmp_path):
 
 
 def test_no_witness_makes_an_empty_file_that_replays(policy, driven, tmp_path):
-    result = verify(policy, LAB, eps=0.0, trajectory=driven, clearance=0.05)
+    result = verify(policy, LAB, eps=0.0, trajectory=driven, clearance=0.05, only_contested=True)
     path = tmp_path / "witnesses.json"
     write_witnesses(path, result)
     assert len(replay(policy, load_map(LAB), load_witnesses(path)).violates) == 0

@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viatool.safety.motion import advance
-from viatool.safety.proof import prove_clearance
+from viatool.safety.proof import Proof, prove_clearance
 from viatool.safety.rules import Rules
 from viatool.safety.situations import Situations
 
 Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 
 DENSE_FRACTIONS = np.linspace(0.0, 1.0, 65)
 
@@ -55,12 +54,12 @@ class Case:
         poses = advance(self.situations.poses, self.previous, self.rules.delay)
         return self.situations.moved(poses)
 
-    def waiting_proved(self, threshold: float) -> Booleans:
-        """Tell in which states the footprint keeps its clearance during the dead time, (B,)."""
+    def prove_waiting(self, threshold: float) -> Proof:
+        """Decide whether the footprint keeps its clearance during the dead time, for B states."""
         if self.previous is None or not self.rules.delay:
-            return np.ones(len(self), dtype=bool)
+            return Proof(np.ones(len(self), dtype=bool), np.zeros(len(self), dtype=bool))
         rules, held = self.rules, self.previous
-        return prove_clearance(self.situations, held, held, threshold, rules.waiting, rules.footprint).proved
+        return prove_clearance(self.situations, held, held, threshold, rules.waiting, rules.footprint)
 
     def paths(self, actions: Floats, fractions: Floats) -> Floats:
         """Return the poses of commands over the whole time that is judged.

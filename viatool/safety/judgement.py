@@ -148,7 +148,7 @@ def settle(case: Case, threshold: float) -> Booleans:
     away = here.scenes.clearance(here.poses[:, :2], here.scene) - rules.footprint.reach
     way = rules.manoeuvre.longest(rules.lower, rules.upper)
     near = ~(away > threshold + way + 1e-6 * here.scale)
-    settled = case.waiting_proved(threshold)
+    settled = case.prove_waiting(threshold).proved
     near &= settled
     settled[near] = prove_clearance(
         here.select(near), lower[near], upper[near], threshold, rules.manoeuvre, rules.footprint, _COARSE
@@ -181,8 +181,8 @@ def prove(case: Case, lower: Floats, upper: Floats, threshold: float) -> Proof:
     proof = prove_clearance(
         case.acting, rules.clip(lower), rules.clip(upper), threshold, rules.manoeuvre, rules.footprint
     )
-    waiting = case.waiting_proved(threshold)
-    return Proof(proof.proved & waiting, proof.refuted | ~waiting)
+    waiting = case.prove_waiting(threshold)
+    return Proof(proof.proved & waiting.proved, proof.refuted | waiting.refuted)
 
 
 def sample(case: Case, lower: Floats, upper: Floats, threshold: float) -> Booleans:
