@@ -28,7 +28,7 @@ class NormalCdf(sympy.Function):  # type: ignore[misc]  # sympy carries no types
 
     def fdiff(self, argindex: int = 1) -> Expression:
         """Return the normal density."""
-        return sympy.exp(-self.args[0] ** 2 / 2) / sympy.sqrt(2 * sympy.pi)
+        return sympy.exp(-(self.args[0] ** 2) / 2) / sympy.sqrt(2 * sympy.pi)
 
 
 FLOAT_MODULES: list[Any] = [{"NormalCdf": special.ndtr}, "scipy", "numpy"]

@@ -16,6 +16,9 @@ from viatool.policy.tensors import read_tensor
 Floats = NDArray[np.float64]
 
 _ROWS = 65536
+_OLDEST_RUN = 7
+_OLDEST_IR = 4
+"""Before it, initialisers had to be listed as inputs."""
 _NUMPY_TYPES = {"float16": np.float16, "float32": np.float32, "float64": np.float64}
 
 
@@ -24,26 +27,29 @@ class Runtime:
 
     Parameters
     ----------
-    model : bytes
+    model : onnx.ModelProto
         The model, complete, with one input and one output.
     port : Port
         Its input.
 
     Notes
     -----
-    A single observation is run exactly as on the robot. Several are run in one batch where the model allows
-    it, which may round differently in the last place; a model for one observation is run once for each.
+    A single observation is run exactly as on the robot. Several are run one by one until `batches` is set,
+    which only the self-check does, after it has seen that a batch gives the same actions; a batch may round
+    differently in the last place.
     """
 
-    def __init__(self, model: bytes, port: Port) -> None:
-        self._model = model
+    def __init__(self, model: onnx.ModelProto, port: Port) -> None:
         self._port = port
-        self._session: Any = None
-        self.batches = port.batched
+        self._model = model.SerializeToString()
+        has_batch_axis = len(port.shape) > 1 and port.shape[0] == 1
+        self._batch_model = _with_free_batch(model, port) if has_batch_axis else None
+        self._sessions: dict[bool, Any] = {}
+        self.batches = False
 
     def __getstate__(self) -> dict[str, Any]:
-        """Drop the session, which cannot be pickled."""
-        return {**self.__dict__, "_session": None}
+        """Drop the sessions, which cannot be pickled."""
+        return {**self.__dict__, "_sessions": {}}
 
     def __call__(self, observations: Floats) -> Floats:
         """Run the program: ``(B, n)`` float64, rounded to the model's input type, to ``(B, A)`` float64.
@@ -53,40 +59,76 @@ class Runtime:
         PolicyError
             If onnxruntime cannot load or run the model.
         """
-        rows = observations.astype(_NUMPY_TYPES[self._port.precision])
-        if len(rows) <= 1 or not self.batches:
-            results = [self._run(row.reshape(self._port.shape)).reshape(1, -1) for row in rows]
-        else:
-            parts = [rows[start : start + _ROWS] for start in range(0, len(rows), _ROWS)]
-            results = [
-                self._run(part.reshape(-1, *self._port.shape[1:])).reshape(len(part), -1) for part in parts
-            ]
-        return np.concatenate(results).astype(np.float64)
+        return self.batch(observations) if self.batches and len(observations) > 1 else self.rows(observations)
 
-    def _run(self, feed: NDArray[Any]) -> NDArray[Any]:
-        if self._session is None:
-            self._session = self._open()
+    def rows(self, observations: Floats) -> Floats:
+        """Run observations one by one."""
+        rows = self._typed(observations).reshape(-1, *self._port.shape)
+        return np.array([self._run(row, batch=False).ravel() for row in rows], dtype=np.float64)
+
+    def batch(self, observations: Floats) -> Floats:
+        """Run observations together.
+
+        Raises
+        ------
+        PolicyError
+            If the model is one for a single observation.
+        """
+        if self._batch_model is None:
+            raise PolicyError("the model has no batch axis", "run its observations one by one")
+        rows = self._typed(observations).reshape(-1, *self._port.shape[1:])
+        parts = [rows[start : start + _ROWS] for start in range(0, len(rows), _ROWS)]
+        results = [self._run(part, batch=True) for part in parts]
+        if any(result.size % len(part) for result, part in zip(results, parts, strict=True)):
+            raise PolicyError(
+                "the model mixes the observations of a batch", "run its observations one by one"
+            )
+        shaped = [result.reshape(len(part), -1) for result, part in zip(results, parts, strict=True)]
+        return np.concatenate(shaped).astype(np.float64)
+
+    def _typed(self, observations: Floats) -> NDArray[Any]:
+        with np.errstate(over="ignore"):
+            return observations.astype(_NUMPY_TYPES[self._port.precision])
+
+    def _run(self, feed: NDArray[Any], *, batch: bool) -> NDArray[Any]:
+        if batch not in self._sessions:
+            content = self._batch_model if batch else self._model
+            assert content is not None
+            self._sessions[batch] = _open(content)
         try:
-            return np.asarray(self._session.run(None, {self._port.name: feed})[0])
+            return np.asarray(self._sessions[batch].run(None, {self._port.name: feed})[0])
         except Exception as error:  # onnxruntime raises its own, undocumented classes
             raise PolicyError(
                 f"onnxruntime cannot run the policy: {_first_line(error)}",
                 "run the model in onnxruntime alone first",
             ) from error
 
-    def _open(self) -> Any:
-        import onnxruntime
 
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = options.inter_op_num_threads = 1
-        options.log_severity_level = 4
-        try:
-            return onnxruntime.InferenceSession(self._model, options, providers=["CPUExecutionProvider"])
-        except Exception as error:  # onnxruntime raises its own, undocumented classes
-            raise PolicyError(
-                f"onnxruntime cannot load the policy: {_first_line(error)}",
-                "export for a version of ONNX that the installed onnxruntime runs",
-            ) from error
+def _open(model: bytes) -> Any:
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.log_severity_level = 4
+    try:
+        return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+    except Exception as error:  # onnxruntime raises its own, undocumented classes
+        raise PolicyError(
+            f"onnxruntime cannot load the policy: {_first_line(error)}",
+            "export for a version of ONNX that the installed onnxruntime runs",
+        ) from error
+
+
+def _with_free_batch(model: onnx.ModelProto, port: Port) -> bytes:
+    free = onnx.ModelProto()
+    free.CopyFrom(model)
+    for value in free.graph.input:
+        if value.name == port.name:
+            value.type.tensor_type.shape.dim[0].dim_param = "batch"
+    for value in free.graph.output:
+        value.type.tensor_type.ClearField("shape")
+    content: bytes = free.SerializeToString()
+    return content
 
 
 def _first_line(error: Exception) -> str:
@@ -110,11 +152,27 @@ def runtime_of(model: ModelFile, graph: Graph, port: Port) -> Runtime:
     source = model.proto.graph
     del proto.graph.node[:], proto.graph.initializer[:], proto.graph.input[:], proto.graph.output[:]
     del proto.graph.value_info[:], proto.functions[:], proto.metadata_props[:]
+    proto.ir_version = max(proto.ir_version, _OLDEST_IR)
     proto.graph.node.extend(node.proto for node in graph.nodes)
     proto.graph.initializer.extend(_inline(tensor, model) for tensor in graph.initializers.values())
     proto.graph.input.extend(value for value in source.input if value.name == port.name)
     proto.graph.output.extend(value for value in source.output if value.name == graph.outputs[0])
-    return Runtime(proto.SerializeToString(), port)
+    if 0 < model.opset < _OLDEST_RUN:
+        proto = _modernised(proto)
+    return Runtime(proto, port)
+
+
+def _modernised(proto: onnx.ModelProto) -> onnx.ModelProto:
+    """Return the model in the oldest opset that onnxruntime runs; the self-check compares them."""
+    from onnx import version_converter
+
+    try:
+        return version_converter.convert_version(proto, _OLDEST_RUN)
+    except Exception as error:  # the converter raises bare RuntimeError and its own classes
+        raise PolicyError(
+            f"the model's opset is too old for onnxruntime and cannot be raised: {_first_line(error)}",
+            "export with opset_version 7 or newer",
+        ) from error
 
 
 def _inline(tensor: onnx.TensorProto, model: ModelFile) -> onnx.TensorProto:

@@ -7,14 +7,14 @@ by its own error plus what its argument's error can move.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.errors import SelfCheckError
+from viatool.errors import PolicyError, SelfCheckError
 from viatool.policy.network import Activation, Affine, Cast, Input, Network, Product
+from viatool.policy.runtime import Runtime
 from viatool.policy.specification import PolicySpecification
 
 Floats = NDArray[np.float64]
@@ -51,16 +51,18 @@ class SelfCheck:
 
 
 def check_network(
-    network: Network, program: Callable[[Floats], Floats], spec: PolicySpecification | None, *, seed: int = 0
+    network: Network, program: Runtime, spec: PolicySpecification | None, *, seed: int = 0
 ) -> SelfCheck:
     """Compare a network with the program on nominal, corner and random observations.
+
+    A program that gives the same actions for a batch as one by one is allowed to run batches from then on.
 
     Parameters
     ----------
     network : Network
         As read.
-    program : callable
-        ``(B, n) -> (B, A)``, the deployed program.
+    program : Runtime
+        The deployed program.
     spec : PolicySpecification, optional
         Gives sensible ranges of the observation.
     seed : int
@@ -83,7 +85,7 @@ def check_network(
             "the network overflows on every observation of the self-check",
             "check the weights and their units",
         )
-    actions = program(points[usable])
+    actions = program.rows(points[usable])
     expected, tolerance = values[-1][usable], errors[-1][usable]
     if actions.shape != expected.shape:
         raise SelfCheckError(
@@ -99,7 +101,20 @@ def check_network(
             f"against {actions[worst]:.9g}, where rounding explains {tolerance[worst]:.2g}",
             "report this model: it was read wrongly, and no verdict may rest on it",
         )
+    program.batches = _batches(program, points[usable], expected, tolerance)
     return SelfCheck(len(actions), float(difference.max()), float(tolerance.max()))
+
+
+def _batches(program: Runtime, points: Floats, expected: Floats, tolerance: Floats) -> bool:
+    """Whether a batch, in another order than before, gives each observation its own action."""
+    order = np.random.default_rng(1).permutation(len(points))
+    try:
+        actions = program.batch(points[order])
+    except PolicyError:
+        return False
+    return actions.shape == expected.shape and bool(
+        (np.abs(actions - expected[order]) <= tolerance[order]).all()
+    )
 
 
 def check_points(size: int, spec: PolicySpecification | None, seed: int = 0) -> Floats:
