@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from viatool.policy.inspection import Inspection, Layer, describe
 from viatool.policy.network import (
     Activation,
     Affine,
@@ -21,6 +22,8 @@ from viatool.policy.specification import (
     PolicySpecification,
     load_specification,
 )
+from viatool.policy.template import specification_template
+from viatool.policy.writer import write_onnx
 
 __all__ = [
     "ActionChannel",
@@ -29,6 +32,8 @@ __all__ = [
     "Affine",
     "Cast",
     "Input",
+    "Inspection",
+    "Layer",
     "LidarSpecification",
     "Maximum",
     "Minimum",
@@ -37,6 +42,9 @@ __all__ = [
     "Policy",
     "PolicySpecification",
     "Product",
+    "describe",
     "load_policy",
     "load_specification",
+    "specification_template",
+    "write_onnx",
 ]

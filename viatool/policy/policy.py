@@ -145,7 +145,7 @@ def load_policy(
         output_name or (spec.output if spec else None),
     )
     if spec is not None:
-        _check_sizes(model.path, network, spec)
+        check_sizes(model.path, network, spec)
     found = check_network(network, runtime, spec) if self_check else None
     return Policy(model.path, model.sha256, with_action_map(network, spec), spec, port, runtime, found)
 
@@ -173,7 +173,14 @@ def load_actor(
     return reading.network, runtime_of(model, graph, port), port
 
 
-def _check_sizes(path: Path, network: Network, spec: PolicySpecification) -> None:
+def check_sizes(path: Path, network: Network, spec: PolicySpecification) -> None:
+    """Refuse a specification that describes another policy.
+
+    Raises
+    ------
+    PolicyError
+        Names both sizes.
+    """
     for what, found, expected in (
         ("observations", network.input_size, spec.observation_size),
         ("actions", network.output_size, spec.action_size),
