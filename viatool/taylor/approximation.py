@@ -217,9 +217,8 @@ def approximate(
 
     Notes
     -----
-    **Sound:** yes. The error is the smaller of two proofs: a grid on which ``f - p`` is enclosed, with its curvature
-    between the nodes; and, for Chebyshev nodes inside one smooth piece, the interpolation remainder
-    ``max|f^(k+1)| h^(k+1) / (2^k (k+1)!)``.
+    **Sound:** yes. For Chebyshev nodes inside one smooth piece the error is the interpolation remainder
+    ``max|f^(k+1)| h^(k+1) / (2^k (k+1)!)``; else ``f - p`` is enclosed on a grid, with its curvature between the nodes.
     """
     line = approximate_linearly(curve, lower, upper, rule, centre)
     if degree == 1 or not lower.size:
@@ -227,9 +226,12 @@ def approximate(
     middle, half = lower / 2 + upper / 2, upper / 2 - lower / 2
     local = _pick_coefficients(curve, middle, half, degree, rule)
     coefficients = _shifted(local, half, centre - middle)
-    error = _grid_error(curve, lower, upper, coefficients, centre)
+    error = np.full(lower.shape, np.inf)
     if rule == "chebyshev":
-        error = np.minimum(error, _interpolation_error(curve, lower, upper, coefficients, centre, local, middle, half))
+        error = _interpolation_error(curve, lower, upper, coefficients, centre, middle, half)
+    rest = np.flatnonzero(~(error < line.error))
+    if rest.size:
+        error[rest] = _grid_error(curve, lower[rest], upper[rest], coefficients[:, rest], centre[rest])
     better = np.isfinite(error) & (error < line.error)
     padded = np.concatenate([line.coefficients, np.zeros((degree - 1, *lower.shape))])
     return Polynomial(np.where(better, coefficients, padded), np.where(better, error, line.error))
@@ -306,7 +308,7 @@ def _grid_error(curve: Curve, lower: Floats, upper: Floats, coefficients: Floats
 
 def _interpolation_error(
     curve: Curve, lower: Floats, upper: Floats, coefficients: Floats, centre: Floats,
-    local: Floats, middle: Floats, half: Floats,
+    middle: Floats, half: Floats,
 ) -> Floats:  # fmt: skip
     """Bound ``|f - p|`` by the remainder of interpolation plus what rounding moved at the nodes.
 

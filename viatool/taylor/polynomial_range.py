@@ -108,15 +108,3 @@ def _scattered(values: Floats, target: NDArray[np.intp], variables: int) -> Floa
     select = np.zeros((variables, target.size))
     select[target, np.arange(target.size)] = 1.0
     return np.asarray(select @ values)
-
-
-def polynomial_range(linear: Floats, higher: Floats, basis: Basis) -> tuple[Floats, Floats]:
-    """Enclose a polynomial without constant term over the cube by the tightest rule that applies.
-
-    **Sound:** yes, up to rounding, which the caller counts from the L1 norm.
-    """
-    lower, upper = range_by_terms(linear, higher, basis)
-    if basis.order == 2:
-        corner_lower, corner_upper = range_by_corners(linear, higher, basis)
-        lower, upper = np.maximum(lower, corner_lower), np.minimum(upper, corner_upper)
-    return lower, upper

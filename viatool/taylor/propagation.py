@@ -21,7 +21,7 @@ from viatool.taylor.model import (
     polynomial_image,
     product_image,
 )
-from viatool.taylor.polynomial_range import polynomial_range
+from viatool.taylor.polynomial_range import range_by_corners, range_by_terms
 from viatool.taylor.rounding import ENGINE_ROUNDOFF, SLIGHTLY_MORE, gamma
 
 Floats = NDArray[np.float64]
@@ -110,6 +110,10 @@ def propagate(
             enclosures.append(_enclose_activation(argument, node.function, index, order, rule))
         else:
             enclosures.append(_enclose(node, index, enclosures, box, order, rule))
+    if order > 1:
+        last = enclosures[-1]
+        lower, upper = model_range(last.model, thorough=True)
+        enclosures[-1] = Enclosure(last.model, np.maximum(last.lower, lower), np.minimum(last.upper, upper))
     return enclosures
 
 
@@ -211,12 +215,15 @@ def _intersected(model: TaylorModel, hull: Hull) -> Enclosure:
     return Enclosure(model, np.maximum(lower, hull[0]), np.minimum(upper, hull[1]))
 
 
-def model_range(model: TaylorModel) -> Hull:
-    """Enclose the range of a Taylor model. **Sound:** yes."""
+def model_range(model: TaylorModel, *, thorough: bool = False) -> Hull:
+    """Enclose the range of a Taylor model, thoroughly where it decides a bound. **Sound:** yes."""
     if model.higher is None or model.basis is None:
         return model.hull()
     linear = model.linear.dense()
-    lower, upper = polynomial_range(linear, model.higher, model.basis)
+    lower, upper = range_by_terms(linear, model.higher, model.basis)
+    if thorough and model.basis.order == 2:
+        corner_lower, corner_upper = range_by_corners(linear, model.higher, model.basis)
+        lower, upper = np.maximum(lower, corner_lower), np.minimum(upper, corner_upper)
     reach = model.remainder + sum((form.norms() for form in model.symbols.values()), np.zeros_like(lower))
     reach = (reach + gamma(4 * model.basis.size + 8, ENGINE_ROUNDOFF) * model.magnitude) * SLIGHTLY_MORE
     return model.constant + lower - reach, model.constant + upper + reach
