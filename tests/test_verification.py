@@ -150,6 +150,13 @@ def test_fixed_channels_take_their_value_whatever_was_recorded(result, policy):
     assert (other.observations[:, 25] == np.float64(np.float32(7.3))).all()
 
 
+def test_recorded_numbers_are_rounded_as_the_program_rounds_them(policy, driven):
+    recorded = replace(driven, observations=driven.observations + 1e-10)
+    received = verify(policy, LAB, eps=0.0, trajectory=recorded, only_contested=True).observations
+    assert (received == received.astype(np.float32)).all()
+    np.testing.assert_allclose(received, driven.observations, rtol=1e-6)
+
+
 def test_braking_and_delay_only_ask_for_more(result, policy):
     for more in ({"criterion": "braking"}, {"delay": 0.05}):
         stricter = verify(

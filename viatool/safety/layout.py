@@ -39,11 +39,14 @@ class Layout:
         Which actions are v and omega.
     radii : ndarray
         (n,) uncertainty of every observation entry.
+    number : type
+        The floating-point type in which the program receives an observation.
     """
 
     spec: PolicySpecification
     columns: list[int]
     radii: Floats
+    number: type = np.float32
 
     @classmethod
     def of(cls, policy: Policy, eps: float | Mapping[str, float]) -> Layout:
@@ -77,7 +80,8 @@ class Layout:
                     f"no action of policy '{policy.path}' is of kind '{kind}'",
                     "name the kinds of the actions in the specification",
                 )
-        return cls(spec, [kinds.index("linear"), kinds.index("angular")], spec.radii(eps))
+        number = np.float64 if policy.network.nodes[0].precision == "float64" else np.float32
+        return cls(spec, [kinds.index("linear"), kinds.index("angular")], spec.radii(eps), number)
 
     @property
     def actions(self) -> tuple[ActionName, ...]:
@@ -85,7 +89,7 @@ class Layout:
         return tuple(ActionName(action.name, action.unit) for action in self.spec.action)
 
     def as_received(self, trajectory: Trajectory) -> Trajectory:
-        """Return a trajectory whose observations are the float32 numbers that the program receives.
+        """Return a trajectory whose observations are the numbers that the program receives, mostly float32.
 
         Channels that the specification fixes take their value, whatever was recorded (the paper's budget).
 
@@ -106,7 +110,7 @@ class Layout:
             )
         fixed = self.spec.fixed_values()
         observations = np.where(np.isnan(fixed), trajectory.observations, fixed)
-        return replace(trajectory, observations=observations.astype(np.float32).astype(np.float64))
+        return replace(trajectory, observations=observations.astype(self.number).astype(np.float64))
 
 
 def case_of(trajectory: Trajectory, world_map: WorldMap, rules: Rules, layout: Layout) -> Case:
