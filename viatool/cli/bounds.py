@@ -8,6 +8,7 @@ import click
 
 from viatool.cli import options
 from viatool.cli.terminal import open_console
+from viatool.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from viatool.policy import Policy
@@ -26,6 +27,12 @@ if TYPE_CHECKING:
     metavar="FILE",
     help="Write observation, eps, lower and upper (npz, csv).",
 )
+@click.option(
+    "--symbolic",
+    type=click.IntRange(min=0),
+    metavar="ROW",
+    help="Print the actions around one observation as polynomials of the sensor errors, and what each error moves.",
+)
 @options.threads_option
 @options.quiet_option
 def command(**given: Any) -> None:
@@ -35,8 +42,8 @@ def command(**given: Any) -> None:
     """
     from viatool.cli.observations import load_observations
     from viatool.policy import load_policy
-    from viatool.report import check_bounds_file, print_bounds, write_bounds
-    from viatool.taylor import reach
+    from viatool.report import check_bounds_file, print_bounds, print_symbolic, write_bounds
+    from viatool.taylor import reach, symbolic_actions
 
     if given["output"] is not None:
         check_bounds_file(given["output"])
@@ -49,12 +56,18 @@ def command(**given: Any) -> None:
         write_bounds(given["output"], observations, eps, reachable)
     if not given["quiet"]:
         print_bounds(policy, reachable, open_console())
+    if given["symbolic"] is not None:
+        row = given["symbolic"]
+        if row >= len(observations):
+            raise ConfigurationError(
+                f"--symbolic {row}: there are {len(observations)} observations", "count the rows from 0"
+            )
+        del settings["refine"]
+        print_symbolic(symbolic_actions(policy, observations[row], eps, **settings), open_console())
 
 
 def radii(policy: Policy, eps: dict[str, float]) -> Any:
     """Return the radius of every observation entry; without a specification one radius for all."""
-    from viatool.errors import ConfigurationError
-
     if policy.spec is not None:
         return policy.spec.radii(eps)
     if not eps:
