@@ -43,7 +43,7 @@ class TrainingConfiguration(BaseModel):
     seeds: Count = _option(3, "S, policies trained side by side in one batch; the best one is exported")
 
     # How long
-    epochs: Count = _option(30, "K, epochs; after each one u and lambda are updated")
+    epochs: Count = _option(40, "K, epochs; after each one u and lambda are updated")
     epoch_steps: Count | None = _option(100, "steps of every robot in an epoch")
     epoch_episodes: Count | None = _option(
         None, "instead of epoch_steps: an epoch ends when every seed has finished so many episodes"
@@ -68,7 +68,7 @@ class TrainingConfiguration(BaseModel):
     final_learning_rate: Fraction = _option(
         0.1, "learning rate at the end, as a fraction of the first; linear"
     )
-    return_steps: Count = _option(3, "n of the n-step returns of both critics (the paper: 1)")
+    return_steps: Count = _option(5, "n of the n-step returns of both critics (the paper: 1)")
     batch_size: Count = _option(128, "transitions of each seed in one update")
     replay_capacity: Count = _option(200_000, "transitions of each seed that are kept")
     policy_delay: Count = _option(2, "updates of the critics for one update of the actor and the targets")
@@ -76,7 +76,7 @@ class TrainingConfiguration(BaseModel):
     target_noise: NonNegative = _option(0.2, "sigma of target policy smoothing, in [-1, 1] action units")
     target_noise_limit: NonNegative = _option(0.5, "c, at which the smoothing noise is clipped")
     noise_lowest: NonNegative = _option(
-        0.05, "exploration noise of a seed's first robot, in [-1, 1] action units"
+        0.02, "exploration noise of a seed's first robot, in [-1, 1] action units"
     )
     noise_highest: NonNegative = _option(0.5, "of its last robot; geometrically spaced between")
 
@@ -95,7 +95,7 @@ class TrainingConfiguration(BaseModel):
     var_step: NonNegative = _option(2.0, "beta_u")
     var_rule: VarRule = _option("adaptive", "'adaptive' (the paper) or 'empirical' (quantile of the epoch)")
     var_ceiling: Fraction = _option(0.9, "u is kept below this fraction of b")
-    multiplier_initial: NonNegative = _option(0.0, "lambda_0")
+    multiplier_initial: NonNegative = _option(0.2, "lambda_0")
     multiplier_step: NonNegative = _option(0.01, "beta_lambda")
     multiplier_maximum: NonNegative = _option(0.3, "lambda_max, in units of the scaled reward")
     multiplier_rule: MultiplierRule = _option(
@@ -180,6 +180,7 @@ _PAPER: dict[str, Any] = {
     "cost_critic_delay": 1,
     "saturation_penalty": 0.0,
     "var_step": 1.0,
+    "multiplier_initial": 0.0,
     "noise_lowest": 0.2,
     "noise_highest": 0.2,
     "constraint_noise": 0.2,
@@ -197,10 +198,7 @@ _BEST: dict[str, Any] = {
     "batch_size": 256,
     "replay_capacity": 400_000,
     "final_learning_rate": 0.02,
-    "return_steps": 5,
-    "noise_lowest": 0.02,
     "cost_limit": 1.5,
-    "multiplier_initial": 0.2,
     "multiplier_step": 0.02,
     "multiplier_maximum": 1.0,
     "final_scenarios": 2000,
