@@ -103,7 +103,7 @@ def lines_of(scenario: Scenario) -> list[str]:
 
 def main() -> None:
     """Write the map."""
-    PLACE.write_text(HEAD, encoding="utf-8")
+    PLACE.write_text(HEAD, encoding="utf-8", newline="\n")
     world = load_map(PLACE)
     assert world.generator is not None
     strict = dataclasses.replace(
@@ -121,7 +121,7 @@ def main() -> None:
     ]
     for scenario in named:
         lines += lines_of(scenario)
-    PLACE.write_text(HEAD + "\n".join(lines) + "\n", encoding="utf-8")
+    PLACE.write_text(HEAD + "\n".join(lines) + "\n", encoding="utf-8", newline="\n")
     load_map(PLACE)
 
 

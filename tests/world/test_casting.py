@@ -50,10 +50,10 @@ def test_no_ray_slips_through_the_corners_of_a_box() -> None:
     world = WorldMap("", load_map("maps/lab.yaml").path, "", ARENAS["box"], box)
     corners = box.polygons[0]
     nearer = corners[np.argsort(np.hypot(*corners.T))[:3]]
-    angles = np.arctan2(nearer[:, 1], nearer[:, 0])[[0]]
+    ray = nearer[:1].T / np.hypot(*nearer[0])
     for dtype in (np.float32, np.float64):
         hit = Scenes.of(world, [None]).cast(
-            np.zeros((1, 3)), np.zeros(1, int), Lidar(), angles=angles, dtype=dtype
+            np.zeros((1, 3)), np.zeros(1, int), Lidar(), directions=ray.astype(dtype)
         )
         assert hit[0, 0] == pytest.approx(np.hypot(*nearer[0]), rel=1e-4)
 

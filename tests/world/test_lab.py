@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -50,5 +51,5 @@ def test_the_lab_has_ten_scenarios_with_the_separations_of_the_task() -> None:
 def test_the_script_in_the_repository_writes_the_lab_as_it_is(tmp_path: Path) -> None:
     script = tmp_path / "make_lab.py"
     script.write_bytes(Path("maps/make_lab.py").read_bytes())
-    subprocess.run([sys.executable, script], check=True, env={"PYTHONPATH": str(Path.cwd())})
+    subprocess.run([sys.executable, script], check=True, env=os.environ | {"PYTHONPATH": str(Path.cwd())})
     assert (tmp_path / "lab.yaml").read_text(encoding="utf-8") == LAB.read_text(encoding="utf-8")

@@ -107,7 +107,8 @@ class Observer:
             )
         per_bin = self.lidar.rays // self.lidar.bins
         # First rays of all bins, second rays of all bins, ...: a minimum over the first axis is fast.
-        self._angles = self.lidar.angles().reshape(self.lidar.bins, per_bin).T.ravel()
+        order = np.arange(self.lidar.rays).reshape(self.lidar.bins, per_bin).T.ravel()
+        self._directions = self.lidar.directions()[:, order].astype(np.float32)
         for channel in self.channels:
             if channel.kind in ("other", "budget") and channel.value is None:
                 raise PolicyError(
@@ -118,7 +119,7 @@ class Observer:
     def scan(self, scenes: Scenes, situation: Situation, rng: np.random.Generator) -> NDArray[np.float32]:
         """Return the smallest reading of each bin, (B, bins) m: noisy, clipped to the LiDAR's range."""
         lidar = self.lidar
-        ranges = scenes.cast(situation.poses, situation.scene, lidar, angles=self._angles, dtype=np.float32)
+        ranges = scenes.cast(situation.poses, situation.scene, lidar, directions=self._directions)
         if self.noise > 0.0:
             error = draw_normal(rng, *ranges.shape)
             error *= np.float32(self.noise)

@@ -21,7 +21,7 @@ def _refuse_truth(value: Any) -> Any:
 
 
 def _refuse_far(value: float) -> float:
-    """Refuse more than a thousand kilometres, beyond which rounding is no longer far below a millimetre."""
+    """Refuse more than a thousand kilometres: it is a slip, and squares of it lose digits."""
     if abs(value) > 1e6:
         raise ValueError("expected a size of at most 1e6")
     return value

@@ -66,6 +66,11 @@ class Lidar:
         half = 0.5 * self.field_of_view
         return np.linspace(-half, half, self.rays) if self.rays > 1 else np.zeros(1)
 
+    def directions(self) -> Floats:
+        """Return the unit vectors of the rays in the robot's frame, (2, rays), from right to left."""
+        angles = self.angles()
+        return np.stack([np.cos(angles), np.sin(angles)])
+
 
 def bin_ranges(ranges: NDArray[np.floating], lidar: Lidar) -> NDArray[np.floating]:
     """Return the minimum of each group of consecutive rays.

@@ -110,7 +110,7 @@ class Scenes:
         scene: Indices,
         lidar: Lidar,
         *,
-        angles: Floats | None = None,
+        directions: Ranges | None = None,
         dtype: type = np.float64,
     ) -> Ranges:
         """Return what a perfect LiDAR without a minimum range would read.
@@ -123,8 +123,8 @@ class Scenes:
             (B,) indices of the situations.
         lidar : Lidar
             Directions of the rays and maximum range.
-        angles : ndarray, optional
-            (R,) other directions than the LiDAR's, in the robot's frame; radians.
+        directions : ndarray, optional
+            (2, R) unit vectors of other rays than the LiDAR's, in the robot's frame; `dtype` is then theirs.
         dtype : type
             np.float64, or np.float32 for twice the speed at an error of about 1e-6 of the range (up to 1e-3
             of it for a ray that grazes a circle).
@@ -135,12 +135,11 @@ class Scenes:
             (B, R) metres: `lidar.maximum_range` where nothing is nearer, 0 everywhere for a LiDAR inside an
             obstacle or outside the arena.
         """
-        rays = lidar.angles() if angles is None else angles
-        directions: Ranges = np.stack([np.cos(rays), np.sin(rays)]).astype(dtype)
+        rays = lidar.directions().astype(dtype) if directions is None else directions
 
         def measure(place: Plane, heading: Floats, index: Indices) -> Ranges:
             around = self._surroundings(index)
-            ranges = cast_rays(place, heading, around, directions, lidar.maximum_range)
+            ranges = cast_rays(place, heading, around, rays, lidar.maximum_range)
             if len(self._first):  # seen from their right, hence the other direction
                 count = len(self._first)
                 ranges[winding_number(place, around.second[:count], around.first[:count]) > 0] = 0.0
@@ -149,8 +148,8 @@ class Scenes:
             return ranges
 
         places = as_plane(poses)
-        rows: Ranges = self._in_chunks(measure, scene, places, poses[:, 2], rays=len(rays))
-        return rows
+        ranges: Ranges = self._in_chunks(measure, scene, places, poses[:, 2], rays=rays.shape[1])
+        return ranges
 
     def _surroundings(self, scene: Indices) -> Surroundings:
         """Return the shapes around B ray fans."""
