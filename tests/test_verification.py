@@ -154,7 +154,7 @@ def test_recorded_numbers_are_rounded_as_the_program_rounds_them(policy, driven)
     recorded = replace(driven, observations=driven.observations + 1e-10)
     received = verify(policy, LAB, eps=0.0, trajectory=recorded, only_contested=True).observations
     assert (received == received.astype(np.float32)).all()
-    np.testing.assert_allclose(received, driven.observations, rtol=1e-6)
+    np.testing.assert_allclose(received, driven.observations, rtol=1e-6, atol=1e-9)
 
 
 def test_braking_and_delay_only_ask_for_more(result, policy):
