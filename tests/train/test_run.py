@@ -93,7 +93,6 @@ def test_a_run_directory_holds_all_that_tells_where_the_policy_comes_from(
         "evaluation.json",
         "metrics.csv",
         "policy.onnx",
-        "state.pt",
         "tensorboard",
         "versions.json",
     ]
@@ -249,7 +248,9 @@ def test_td7_resumes_with_its_priorities_and_codes(tmp_path: Path) -> None:
     assert weights(resume(tmp_path / "killed")) == weights(whole)
 
 
-def test_only_a_run_can_be_resumed(tmp_path: Path) -> None:
+def test_only_an_unfinished_run_can_be_resumed(run: tuple[TrainingResult, Lines], tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match="is finished"):
+        resume(run[0].run_directory)
     with pytest.raises(ConfigurationError, match="no training run"):
         resume(tmp_path)
 

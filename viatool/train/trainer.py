@@ -38,6 +38,7 @@ Floats = NDArray[np.float64]
 FARTHEST_GOAL = 20.0  # metres, beyond any goal: the curriculum's end
 MEASURED_EVERY = 100  # updates between two of which the metrics are recorded
 STATE = "state.pt"
+EVALUATION = "evaluation.json"
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +94,8 @@ def train(
         See `make_configuration`.
     run_directory : path
         A new or empty folder; receives ``configuration.yaml``, ``versions.json``, ``metrics.csv``,
-        ``tensorboard/``, ``checkpoints/``, ``state.pt``, ``policy.onnx`` and ``evaluation.json``.
+        ``tensorboard/``, ``checkpoints/``, ``state.pt`` until it ends, ``policy.onnx`` and
+        ``evaluation.json``.
     progress : Progress, optional
         What the run reports to; by default nothing. See `console_progress`.
 
@@ -133,11 +135,15 @@ def resume(run_directory: str | Path, progress: Progress | None = None) -> Train
     Raises
     ------
     ConfigurationError
-        If there is no run in the folder, or its map has changed.
+        If there is no run in the folder, it is finished, or its map has changed.
     """
     directory = Path(run_directory)
     if not (directory / "configuration.yaml").exists():
         raise ConfigurationError(f"there is no training run in {directory}", "give the folder of a run")
+    if (directory / EVALUATION).exists():
+        raise ConfigurationError(
+            f"the run in {directory} is finished", f"use {directory / 'policy.onnx'}, or start another run"
+        )
     with _reproducible_torch():
         if (directory / STATE).exists():
             run = resume_run(load_checkpoint(directory / STATE), directory)
@@ -355,5 +361,6 @@ def _finish(run: TrainingRun, directory: Path, progress: Progress, started: floa
     evaluation = evaluate_policy(policy, run.world_map, options)
     seconds = time.perf_counter() - started
     record: dict[str, Any] = {"seed": chosen.seed, "epoch": chosen.epoch, "seconds": round(seconds, 1)}
-    write_json(directory / "evaluation.json", record | evaluation)
+    write_json(directory / EVALUATION, record | evaluation)
+    (directory / STATE).unlink(missing_ok=True)  # a finished run needs no resuming, and it is large
     return TrainingResult(directory, path, policy, chosen.seed, chosen.epoch, evaluation, seconds)

@@ -1,0 +1,40 @@
+"""The documentation names every option, with its default and what the presets change."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import yaml
+
+from viatool.train import PRESETS, TrainingConfiguration
+from viatool.train.methods import METHODS
+
+
+def option_table() -> str:
+    """Return the table of docs/training.md; run this file to print it."""
+    lines = ["| option | quick | paper | best | what |", "|---|---|---|---|---|"]
+    for name, option in TrainingConfiguration.model_fields.items():
+        values = [option.default] + [PRESETS[preset].get(name, "") for preset in ("paper", "best")]
+        cells = [f"`{name}`", *("" if value == "" else plain(value) for value in values)]
+        lines.append(f"| {' | '.join(cells)} | {option.description} |")
+    return "\n".join(lines) + "\n"
+
+
+def plain(value: object) -> str:
+    text = yaml.safe_dump(list(value) if isinstance(value, tuple) else value, default_flow_style=True)
+    return text.replace("...", "").strip()
+
+
+def test_every_option_stands_in_the_documentation() -> None:
+    assert option_table() in Path("docs/training.md").read_text(encoding="utf-8")
+
+
+def test_every_method_has_its_section() -> None:
+    page = Path("docs/methods.md").read_text(encoding="utf-8")
+    for name in METHODS:
+        assert f"\n## {name}\n" in page
+        assert f"| `{name}` |" in page
+
+
+if __name__ == "__main__":
+    print(option_table(), end="")
