@@ -11,11 +11,12 @@ from viatool.cli.terminal import open_console
 
 
 @click.command()
-@options.policy_argument
+@click.argument("policies", metavar="POLICY...", type=options.READABLE, nargs=-1, required=True)
 @options.spec_option
-def command(policy: Path, spec_path: Path | None) -> None:
-    """Show the network and the specification of POLICY, checked against onnxruntime."""
+def command(policies: tuple[Path, ...], spec_path: Path | None) -> None:
+    """Show the network and the specification of each POLICY, checked against onnxruntime."""
     from viatool.policy import load_policy
     from viatool.report import print_policy
 
-    print_policy(load_policy(policy, spec_path), open_console())
+    for policy in policies:
+        print_policy(load_policy(policy, spec_path), open_console())
