@@ -86,4 +86,4 @@ def command(
         result = run(progress)
     console = open_console()
     for line in result.lines():
-        console.print(line, markup=False)
+        console.print(line, markup=False, soft_wrap=True)
