@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.safety.brute_force import drive, drive_and_stop
-from viatool.safety.motion import Manoeuvre, advance
+from viatool.safety.motion import Manoeuvre
+from viatool.simulate.motion import advance
 
 numbers = st.floats(-3.0, 3.0)
 
@@ -15,7 +16,9 @@ numbers = st.floats(-3.0, 3.0)
 @given(numbers, numbers, numbers, numbers, st.floats(-2.0, 2.0), st.floats(0.0, 2.0))
 def test_arcs_agree_with_the_difference_of_sines(x, y, theta, omega, v, seconds):
     moved = advance(np.array([x, y, theta]), np.array([v, omega]), seconds)
-    np.testing.assert_allclose(moved, drive((x, y, theta), v, omega, seconds), atol=1e-8)
+    expected = drive((x, y, theta), v, omega, np.array(seconds))
+    np.testing.assert_allclose(moved[:2], expected[:2], atol=1e-8)
+    np.testing.assert_allclose(np.exp(1j * moved[2]), np.exp(1j * expected[2]), atol=1e-8)
 
 
 @pytest.mark.parametrize("omega", [0.0, 1e-300, 1e-17, 1e-9, 1e-5])
@@ -35,7 +38,8 @@ def test_braking_covers_the_path_of_a_simulated_stop(v, omega, rim):
     pose, action = np.array([1.0, -2.0, 0.7]), np.array([v, omega])
     stopped = drive_and_stop(pose[None], *action[:, None], 0.1, 0.8, rim, steps=200)[0, -1]
     end = Manoeuvre(0.1, 0.8, rim).path(pose, action, np.ones(()))
-    np.testing.assert_allclose(end, stopped, atol=2e-4)
+    np.testing.assert_allclose(end[:2], stopped[:2], atol=2e-4)
+    np.testing.assert_allclose(np.exp(1j * end[2]), np.exp(1j * stopped[2]), atol=2e-4)
 
 
 def test_no_path_over_a_box_is_longer_than_the_bound():

@@ -5,7 +5,7 @@ from __future__ import annotations
 from viatool.safety.case import Case
 from viatool.safety.judgement import Contested, Judgement, find_contested, judge, prove, sample, settle
 from viatool.safety.layout import ActionName, Layout, case_of
-from viatool.safety.motion import Manoeuvre, advance
+from viatool.safety.motion import Manoeuvre
 from viatool.safety.rates import Rate, RateByOutcome
 from viatool.safety.result import Result
 from viatool.safety.rules import CRITERIA, Rules
@@ -36,7 +36,6 @@ __all__ = [
     "Situations",
     "WitnessFile",
     "Witnesses",
-    "advance",
     "case_of",
     "find_contested",
     "judge",

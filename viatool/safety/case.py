@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.safety.motion import advance
 from viatool.safety.proof import Proof, prove_clearance
 from viatool.safety.rules import Rules
 from viatool.safety.situations import Situations
+from viatool.simulate.motion import advance
 
 Floats = NDArray[np.float64]
 

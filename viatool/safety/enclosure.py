@@ -37,8 +37,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.safety.motion import Manoeuvre, advance
+from viatool.safety.motion import Manoeuvre
 from viatool.safety.situations import Situations
+from viatool.simulate.motion import advance
 from viatool.world import Footprint
 
 Floats = NDArray[np.float64]

@@ -14,33 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from viatool.simulate.motion import advance
+
 Floats = NDArray[np.float64]
-
-
-def advance(poses: Floats, actions: Floats, seconds: Floats | float) -> Floats:
-    """Move poses along exact unicycle arcs.
-
-    Parameters
-    ----------
-    poses : ndarray
-        (..., 3) x, y, theta; metres and radians.
-    actions : ndarray
-        (..., 2) v in m/s and omega in rad/s, broadcast against the poses.
-    seconds : ndarray or float
-        (...) how long each command is held.
-
-    Returns
-    -------
-    ndarray
-        (..., 3) poses.
-
-    Notes ----- Sound: under rounding only. The chord form has no division by omega, so straight lines are
-    no special case and small turns lose no digits.
-    """
-    length, half = actions[..., 0] * seconds, 0.5 * actions[..., 1] * seconds
-    chord, heading = length * np.sinc(half / np.pi), poses[..., 2] + half
-    x, y = poses[..., 0] + chord * np.cos(heading), poses[..., 1] + chord * np.sin(heading)
-    return np.stack([x, y, poses[..., 2] + 2.0 * half], axis=-1)
 
 
 @dataclass(frozen=True)
