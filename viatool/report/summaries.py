@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +17,7 @@ from viatool.report.numbers import MISSING, count, counted, percentage, signific
 
 if TYPE_CHECKING:
     from viatool.policy import Policy, PolicySpecification
-    from viatool.taylor import ReachableSet
+    from viatool.taylor import ReachableSet, SymbolicAction
     from viatool.trajectory import Trajectory
     from viatool.world import WorldMap
 
@@ -155,6 +155,29 @@ def print_bounds(policy: Policy, reachable: ReachableSet, console: Console) -> N
         console.print(
             f"and {count(len(reachable.lower) - ROWS_SHOWN)} more; --output FILE writes all of them"
         )
-    width = reachable.upper - reachable.lower
-    for name, mean, largest in zip(names, width.mean(axis=0), width.max(axis=0), strict=True):
-        console.print(Text(f"width of {shown(name)}: mean {significant(mean)}, max {significant(largest)}"))
+    width, attained = reachable.width, reachable.attained_width
+    for name, mean, largest, found in zip(
+        names, width.mean(axis=0), width.max(axis=0), attained.mean(axis=0), strict=True
+    ):
+        console.print(
+            Text(
+                f"width of {shown(name)}: mean {significant(mean)}, max {significant(largest)}; "
+                f"attained inside the boxes: mean {significant(found)}"
+            )
+        )
+
+
+def print_symbolic(actions: Sequence[SymbolicAction], console: Console) -> None:
+    """Print actions as polynomials of the sensor errors, and which error moves each action most."""
+    import sympy
+
+    for action in actions:
+        terms = sympy.Add.make_args(sympy.expand(action.polynomial))
+        ordered = sorted(
+            terms, key=lambda term: (sympy.Poly(term).total_degree() if term.free_symbols else 0, str(term))
+        )
+        text = " + ".join(f"{term.evalf(6)}" for term in ordered).replace("+ -", "- ")
+        console.print(Text(f"\n{shown(action.name)} [{shown(action.unit)}] ="), highlight=False)
+        console.print(Text(f"  {text} +- {action.remainder:.3g}"), highlight=False)
+        for entry, effect in list(action.effect.items())[:ROWS_SHOWN]:
+            console.print(Text(f"    {shown(entry)} moves it by up to {effect:.3g}"), highlight=False)

@@ -2,5 +2,6 @@
 
 from viatool.taylor.propagation import Box
 from viatool.taylor.reach import Arithmetic, ReachableSet, Refinement, reach
+from viatool.taylor.symbolic import SymbolicAction, symbolic_actions
 
-__all__ = ["Arithmetic", "Box", "ReachableSet", "Refinement", "reach"]
+__all__ = ["Arithmetic", "Box", "ReachableSet", "Refinement", "SymbolicAction", "reach", "symbolic_actions"]

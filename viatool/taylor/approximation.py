@@ -41,7 +41,9 @@ class Polynomial:
     error: Floats
 
 
-def approximate_linearly(curve: Curve, lower: Floats, upper: Floats, rule: Approximation, centre: Floats) -> Polynomial:
+def approximate_linearly(
+    curve: Curve, lower: Floats, upper: Floats, rule: Approximation, centre: Floats
+) -> Polynomial:
     """Approximate a curve on intervals by straight lines.
 
     Parameters
@@ -121,14 +123,17 @@ def _pick_slope(curve: Curve, lower: Floats, upper: Floats, rule: Approximation)
         bends_both_ways = wide & (first != last) & ~_touches(curve.breaks, lower, upper)
         if bends_both_ways.any():
             node = np.sqrt(0.75) * half
-            projected = (curve.value(middle + node) - curve.value(middle - node)) / np.where(wide, 2 * node, 1.0)
+            projected = (curve.value(middle + node) - curve.value(middle - node)) / np.where(
+                wide, 2 * node, 1.0
+            )
             chord = np.where(bends_both_ways, projected, chord)
     slope = np.where(wide, chord, tangent)
     return np.where(np.isfinite(slope), slope, 0.0)
 
 
 def _touches(breaks: Floats, lower: Floats, upper: Floats) -> NDArray[np.bool_]:
-    return np.searchsorted(breaks, lower, side="left") != np.searchsorted(breaks, upper, side="right")
+    first = np.searchsorted(breaks, lower, side="left")
+    return np.asarray(first != np.searchsorted(breaks, upper, side="right"))
 
 
 def _residual_range(curve: Curve, lower: Floats, upper: Floats, slope: Floats) -> Interval:
@@ -152,7 +157,9 @@ def _residual_on_cell(curve: Curve, cell: int, left: Floats, right: Floats, slop
     kind = curve.cells(1).kinds[cell]
     if kind == UNKNOWN:
         value = curve.range(left, right)
-        return value - Interval(np.minimum(slope * left, slope * right), np.maximum(slope * left, slope * right))
+        return value - Interval(
+            np.minimum(slope * left, slope * right), np.maximum(slope * left, slope * right)
+        )
     line_left, line_right = _tilted(curve, left, slope), _tilted(curve, right, slope)
     low = np.minimum(line_left.lower, line_right.lower)
     high = np.maximum(line_left.upper, line_right.upper)
@@ -237,7 +244,9 @@ def approximate(
     return Polynomial(np.where(better, coefficients, padded), np.where(better, error, line.error))
 
 
-def _pick_coefficients(curve: Curve, middle: Floats, half: Floats, degree: int, rule: Approximation) -> Floats:
+def _pick_coefficients(
+    curve: Curve, middle: Floats, half: Floats, degree: int, rule: Approximation
+) -> Floats:
     """Return coefficients ``(degree+1, K)`` in ``t = (x - middle) / half``."""
     if rule == "taylor":
         terms = [curve.value(middle, j) * half**j / factorial(j) for j in range(degree + 1)]
@@ -254,7 +263,9 @@ def _chebyshev_nodes(degree: int) -> Floats:
 def _transform(degree: int, rule: Approximation) -> Floats:
     """Return the matrix from values at the nodes to coefficients of t."""
     if rule == "chebyshev":
-        return np.linalg.inv(np.vander(_chebyshev_nodes(degree), increasing=True))
+        return np.asarray(
+            np.linalg.inv(np.vander(_chebyshev_nodes(degree), increasing=True)), dtype=np.float64
+        )
     columns = []
     for j in range(degree + 1):  # C(k,j) ((1+t)/2)^j ((1-t)/2)^(k-j)
         rising = np.polynomial.polynomial.polypow([0.5, 0.5], j)
@@ -269,7 +280,10 @@ def _shifted(local: Floats, half: Floats, shift: Floats) -> Floats:
     scale = np.where(half > 0, half, 1.0)
     powers = [local[j] / scale**j for j in range(degree + 1)]
     return np.stack(
-        [sum(powers[j] * comb(j, i) * shift ** (j - i) for j in range(i, degree + 1)) for i in range(degree + 1)]
+        [
+            sum(powers[j] * comb(j, i) * shift ** (j - i) for j in range(i, degree + 1))
+            for i in range(degree + 1)
+        ]
     )
 
 
@@ -281,7 +295,9 @@ def _horner(coefficients: Floats, x: Interval) -> Interval:
 
 
 def _derived(coefficients: Floats) -> Floats:
-    return coefficients[1:] * np.arange(1, coefficients.shape[0]).reshape(-1, *([1] * (coefficients.ndim - 1)))
+    return coefficients[1:] * np.arange(1, coefficients.shape[0]).reshape(
+        -1, *([1] * (coefficients.ndim - 1))
+    )
 
 
 def _grid_error(curve: Curve, lower: Floats, upper: Floats, coefficients: Floats, centre: Floats) -> Floats:
@@ -321,7 +337,9 @@ def _interpolation_error(
     remainder = step_up(remainder / (2.0**degree * factorial(degree + 1)), 16) * (1 + 1e-12)
     nodes = middle + half * _chebyshev_nodes(degree)[:, None]  # (k+1, K)
     copies = np.broadcast_to(coefficients[:, None], (degree + 1, *nodes.shape))
-    moved = _magnitude(curve.enclose(nodes) - _horner(copies, Interval(nodes, nodes) - Interval(centre, centre)))
+    moved = _magnitude(
+        curve.enclose(nodes) - _horner(copies, Interval(nodes, nodes) - Interval(centre, centre))
+    )
     lebesgue = 2 + 2 / np.pi * np.log(degree + 1)
     with np.errstate(invalid="ignore"):
         error = step_up(remainder + lebesgue * moved.max(axis=0), 8)

@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import pairwise
 
 import numpy as np
 import sympy
@@ -139,15 +140,20 @@ class Curve:
         beyond = (lower < -REACH) | (upper > REACH)
         if cells.is_stepwise:
             return Interval(
-                np.where(beyond, -np.inf, cells.table[0][first, last]), np.where(beyond, np.inf, cells.table[1][first, last])
+                np.where(beyond, -np.inf, cells.table[0][first, last]),
+                np.where(beyond, np.inf, cells.table[1][first, last]),
             )
         low, high = self.enclose(lower, derivative), self.enclose(upper, derivative)
         return Interval(
-            np.where(beyond, -np.inf, np.minimum(np.minimum(low.lower, high.lower), cells.table[0][first, last])),
-            np.where(beyond, np.inf, np.maximum(np.maximum(low.upper, high.upper), cells.table[1][first, last])),
+            np.where(
+                beyond, -np.inf, np.minimum(np.minimum(low.lower, high.lower), cells.table[0][first, last])
+            ),
+            np.where(
+                beyond, np.inf, np.maximum(np.maximum(low.upper, high.upper), cells.table[1][first, last])
+            ),
         )
 
-    def end_slopes(self, lower: Floats, upper: Floats) -> tuple[tuple[Floats, Floats], Floats]:
+    def end_slopes(self, lower: Floats, upper: Floats) -> tuple[tuple[Floats, Floats], Integers]:
         """Return the slopes of a piecewise linear curve at both ends of intervals, and its shape between.
 
         Returns
@@ -227,12 +233,18 @@ def _smooth_pieces(function: ActivationFunction) -> tuple[Floats, list[sympy.Exp
     if not expression.is_Piecewise:
         return np.empty(0), [expression]
     breaks = sorted({float(bound) for _, condition in expression.args for bound in _thresholds(condition)})
-    probes = [breaks[0] - 1, *((a + b) / 2 for a, b in zip(breaks[:-1], breaks[1:], strict=True)), breaks[-1] + 1]
+    probes = [
+        breaks[0] - 1,
+        *((a + b) / 2 for a, b in pairwise(breaks)),
+        breaks[-1] + 1,
+    ]
     return np.array(breaks), [_branch(expression, probe) for probe in probes]
 
 
 def _thresholds(condition: sympy.Basic) -> list[sympy.Expr]:
-    return [atom.rhs if atom.lhs == X else atom.lhs for atom in condition.atoms(sympy.core.relational.Relational)]
+    return [
+        atom.rhs if atom.lhs == X else atom.lhs for atom in condition.atoms(sympy.core.relational.Relational)
+    ]
 
 
 def _branch(expression: sympy.Piecewise, probe: float) -> sympy.Expr:
@@ -304,7 +316,9 @@ def _first_edges(left: float, right: float) -> Floats:
     return np.concatenate([[left], inside[(inside > left) & (inside < right)], [right]])
 
 
-def _merged(cells: list[tuple[float, float, int, float, float]]) -> list[tuple[float, float, int, float, float]]:
+def _merged(
+    cells: list[tuple[float, float, int, float, float]],
+) -> list[tuple[float, float, int, float, float]]:
     merged = [cells[0]]
     for lower, upper, kind, low, high in cells[1:]:
         start, _, last, last_low, last_high = merged[-1]

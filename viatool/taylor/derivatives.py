@@ -86,7 +86,9 @@ def gradient(network: Network, points: Floats, seed: Floats) -> Floats:
 def _pulled_back(node: Node, adjoint: Floats, values: Sequence[Floats]) -> list[tuple[int, Floats]]:
     match node:
         case Affine():
-            return [(source, adjoint @ weight) for source, weight in zip(node.sources, node.weights, strict=True)]
+            return [
+                (source, adjoint @ weight) for source, weight in zip(node.sources, node.weights, strict=True)
+            ]
         case Activation():
             return [(node.source, adjoint * curve_of(node.function).value(values[node.source], 1))]
         case Product():

@@ -113,7 +113,9 @@ def dual_bound(
     return minimise_dual(objective, (constant * sign + spare)[:, 0], known, slack)
 
 
-def minimise_dual(objective: Floats, constant: Floats, conditions: Floats, slack: Floats) -> tuple[Floats, Floats]:
+def minimise_dual(
+    objective: Floats, constant: Floats, conditions: Floats, slack: Floats
+) -> tuple[Floats, Floats]:
     """Minimise ``constant + slack . beta + |objective + beta . conditions|_1`` over ``beta >= 0``.
 
     Parameters
@@ -156,7 +158,9 @@ def _weighted_median(form: Floats, direction: Floats, slope: Floats) -> Floats:
     after = rising[:, None] + 2 * np.cumsum(np.take_along_axis(weight, order, axis=1), axis=1)
     first = np.argmax(after >= 0, axis=1)
     best = np.take_along_axis(breaks, np.take_along_axis(order, first[:, None], axis=1), axis=1)[:, 0]
-    best = np.where((rising >= 0) | (after[:, -1] < 0), 0.0, best)  # falls for ever: no point meets the condition
+    best = np.where(
+        (rising >= 0) | (after[:, -1] < 0), 0.0, best
+    )  # falls for ever: no point meets the condition
     return np.where(np.isfinite(best), np.maximum(best, 0.0), 0.0)
 
 

@@ -1,7 +1,7 @@
 """A network as a trunk and a monotone head: what happens to each action by itself at the end.
 
-The squash, the scaling and the clip at the end of an actor act on each action alone and keep its order. So the extrema of
-an action are the images of the extrema of the trunk, and no approximation of the squash is needed.
+The squash, the scaling and the clip at the end of an actor act on each action alone and keep its order. So the extrema
+of an action are the images of the extrema of the trunk, and no approximation of the squash is needed.
 """
 
 from __future__ import annotations

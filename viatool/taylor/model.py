@@ -67,7 +67,7 @@ class Diagonal:
     @property
     def symbols(self) -> int:
         """Return S."""
-        return self.index.shape[1]
+        return int(self.index.shape[1])
 
     def moved_neurons(self) -> Integers:
         """Return the neuron that each symbol moves, (B, S)."""
@@ -102,7 +102,7 @@ class Dense:
 
     def norms(self) -> Floats:
         """Return the L1 norm of each neuron's form, (B, N)."""
-        return np.abs(self.coefficients).sum(axis=1)
+        return np.asarray(np.abs(self.coefficients).sum(axis=1))
 
     def rows(self, which: Integers) -> Dense:
         """Return some of the states."""
@@ -111,7 +111,11 @@ class Dense:
     @property
     def symbols(self) -> int:
         """Return S."""
-        return self.coefficients.shape[1]
+        return int(self.coefficients.shape[1])
+
+    def moved_neurons(self) -> Integers:
+        """Refuse: a dense form moves every neuron."""
+        raise TypeError("only the symbols of a Diagonal move one neuron each")
 
     def columns(self, neurons: Integers) -> Floats:
         """Return the forms of C neurons (B, C) in each state, (B, C, S)."""
@@ -212,7 +216,13 @@ def affine_image(models: Sequence[TaylorModel], weights: Sequence[Floats], bias:
     if higher is not None:
         radius = radius + np.abs(higher).sum(axis=1)
     return TaylorModel(
-        constant, linear, higher, symbols, (remainder + rounding) * SLIGHTLY_MORE, radius * SLIGHTLY_MORE, first.basis
+        constant,
+        linear,
+        higher,
+        symbols,
+        (remainder + rounding) * SLIGHTLY_MORE,
+        radius * SLIGHTLY_MORE,
+        first.basis,
     )
 
 
@@ -250,7 +260,9 @@ def polynomial_image(model: TaylorModel, coefficients: Floats, error: Floats, no
         error = error + truncated
         size = size + extra
         terms += 4 * model.basis.order * model.basis.size
-    remainder = (np.abs(slope) * model.remainder + gamma(terms, ENGINE_ROUNDOFF) * size) * SLIGHTLY_MORE + 1e-300
+    remainder = (
+        np.abs(slope) * model.remainder + gamma(terms, ENGINE_ROUNDOFF) * size
+    ) * SLIGHTLY_MORE + 1e-300
     fresh, remainder = _fresh_symbols(error * SLIGHTLY_MORE, np.abs(slope) * model.radius, remainder)
     radius = np.abs(slope) * model.radius
     if fresh is not None:
@@ -260,7 +272,9 @@ def polynomial_image(model: TaylorModel, coefficients: Floats, error: Floats, no
         radius = radius + sum((form.norms() for form in symbols.values()), np.zeros_like(radius))
     elif fresh is not None:
         radius = radius + fresh.norms()
-    return TaylorModel(coefficients[0], linear, higher, symbols, remainder, radius * SLIGHTLY_MORE, model.basis)
+    return TaylorModel(
+        coefficients[0], linear, higher, symbols, remainder, radius * SLIGHTLY_MORE, model.basis
+    )
 
 
 def product_image(left: TaylorModel, right: TaylorModel, node: int) -> TaylorModel:
@@ -305,13 +319,21 @@ def _higher_product(left: TaylorModel, right: TaylorModel) -> tuple[Floats, Floa
     assert basis is not None
     assert left.higher is not None
     assert right.higher is not None
-    bases = [np.concatenate([model.linear.dense(), model.higher], axis=1) for model in (left, right)]  # type: ignore[list-item]
+    bases = [
+        np.concatenate([left.linear.dense(), left.higher], axis=1),
+        np.concatenate([right.linear.dense(), right.higher], axis=1),
+    ]
     norms = [basis.degree_norms(polynomial) for polynomial in bases]
     totals = [sum(norm[1:], norm[0]) for norm in norms]
     kept = left.constant[:, None] * right.higher + right.constant[:, None] * left.higher
     kept = kept + basis.truncated_product(*bases)[:, basis.variables :]
     overflow = sum(
-        (norms[0][i] * norms[1][j] for i in range(basis.order) for j in range(basis.order) if i + j + 2 > basis.order),
+        (
+            norms[0][i] * norms[1][j]
+            for i in range(basis.order)
+            for j in range(basis.order)
+            if i + j + 2 > basis.order
+        ),
         np.zeros_like(totals[0]),
     )
     spreads = [model.radius + model.remainder for model in (left, right)]
@@ -327,7 +349,9 @@ def _higher_powers(model: TaylorModel, coefficients: Floats) -> tuple[Floats, Fl
     base = np.concatenate([model.linear.dense(), higher], axis=1)
     norms = basis.degree_norms(base)
     polynomial_norm = sum(norms[1:], norms[0])
-    rest = (model.radius - polynomial_norm).clip(min=0) + model.remainder + ENGINE_ROUNDOFF * 64 * model.radius
+    rest = (
+        (model.radius - polynomial_norm).clip(min=0) + model.remainder + ENGINE_ROUNDOFF * 64 * model.radius
+    )
     variables = basis.variables
     kept = coefficients[1][:, None] * higher
     dropped = np.zeros_like(rest)
@@ -336,7 +360,12 @@ def _higher_powers(model: TaylorModel, coefficients: Floats) -> tuple[Floats, Fl
     for degree in range(2, coefficients.shape[0]):
         power_norms = basis.degree_norms(power)
         overflow = sum(
-            (power_norms[i] * norms[j] for i in range(basis.order) for j in range(basis.order) if i + j + 2 > basis.order),
+            (
+                power_norms[i] * norms[j]
+                for i in range(basis.order)
+                for j in range(basis.order)
+                if i + j + 2 > basis.order
+            ),
             np.zeros_like(rest),
         )
         power_overflow = power_overflow * polynomial_norm + overflow

@@ -24,6 +24,7 @@ from viatool.taylor.refinement import Extrema, seeded_upper
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
+
 @dataclass(frozen=True, eq=False)
 class Parts:
     """K parts of the boxes of some questions.
@@ -89,7 +90,15 @@ def whole_boxes(extrema: Extrema, questions: Indices) -> Parts:
     """Return the boxes of some questions as parts without conditions, not yet examined."""
     none, zeros = np.zeros((questions.size, 0), dtype=np.intp), np.zeros(questions.size, dtype=np.intp)
     return Parts(
-        questions, none, none, none, none.astype(float), extrema.bound[questions], zeros, zeros, zeros.astype(float)
+        questions,
+        none,
+        none,
+        none,
+        none.astype(float),
+        extrema.bound[questions],
+        zeros,
+        zeros,
+        zeros.astype(float),
     )
 
 
@@ -121,7 +130,10 @@ def examine(network: Network, extrema: Extrema, parts: Parts, rule: Approximatio
     box, seed = extrema.box.rows(parts.owner), extrema.seed[parts.owner]
     passes = propagate(network, box, rule=rule, limits=_limits(network, parts))
     layout = SymbolLayout.of(passes[-1].model)
-    known = [_conditions(network, passes, parts, layout), relaxation_conditions(network, passes, seed, layout)]
+    known = [
+        _conditions(network, passes, parts, layout),
+        relaxation_conditions(network, passes, seed, layout),
+    ]
     tilted, dual = dual_bound(passes[-1].model, seed, layout, known)
     bound = np.minimum(parts.bound, np.minimum(dual, seeded_upper(passes[-1].hull, seed)))
     bound = np.where(_is_empty(network, passes, parts), -np.inf, bound)

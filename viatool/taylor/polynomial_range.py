@@ -28,8 +28,8 @@ def range_by_terms(linear: Floats, higher: Floats, basis: Basis) -> tuple[Floats
 
     Notes
     -----
-    **Sound:** yes, up to rounding, which the caller counts. A monomial with even powers only lies in [0, 1]; a z + b z^2
-    has its exact range.
+    **Sound:** yes, up to rounding, which the caller counts. A monomial with even powers only lies in [0, 1];
+    a z + b z^2 has its exact range.
     """
     exponents = basis.exponents[basis.variables :]
     even = (exponents % 2 == 0).all(axis=1)
@@ -97,11 +97,14 @@ def _corner_maximum(linear: Floats, higher: Floats, basis: Basis) -> Floats:
         moved_right = cross * corner_left * (1 - np.abs(corner_right))
         moved_left = cross * corner_right * (1 - np.abs(corner_left))
         linear = np.where(fixed, 0.0, linear)
-        linear[:, :] += _scattered(moved_right, right, basis.variables) + _scattered(moved_left, left, basis.variables)
+        linear[:, :] += _scattered(moved_right, right, basis.variables) + _scattered(
+            moved_left, left, basis.variables
+        )
         cross = cross * (corner_left == 0) * (corner_right == 0)
         square = np.where(fixed, 0.0, square)
         free = np.where(fixed, 0.0, free)
-    return total + range_of_quadratics(linear, square)[1].sum(axis=1) + np.abs(cross).sum(axis=1)
+    rest: Floats = range_of_quadratics(linear, square)[1].sum(axis=1) + np.abs(cross).sum(axis=1)
+    return total + rest
 
 
 def _scattered(values: Floats, target: NDArray[np.intp], variables: int) -> Floats:

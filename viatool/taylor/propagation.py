@@ -120,7 +120,9 @@ def propagate(
 def _limited(argument: Enclosure, limit: Hull) -> Enclosure:
     lower, upper = np.maximum(argument.lower, limit[0]), np.minimum(argument.upper, limit[1])
     empty = lower > upper
-    return Enclosure(argument.model, np.where(empty, argument.lower, lower), np.where(empty, argument.upper, upper))
+    return Enclosure(
+        argument.model, np.where(empty, argument.lower, lower), np.where(empty, argument.upper, upper)
+    )
 
 
 def hulls_through(nodes: Sequence[Node], hulls: list[Hull]) -> list[Hull]:
@@ -151,7 +153,9 @@ def _enclose(
         case Maximum():
             return _enclose_maximum(known[node.left], known[node.right], index, order, rule)
         case Minimum():
-            swapped = _enclose_maximum(_negated(known[node.left]), _negated(known[node.right]), index, order, rule)
+            swapped = _enclose_maximum(
+                _negated(known[node.left]), _negated(known[node.right]), index, order, rule
+            )
             return _negated(swapped)
         case Cast():
             return known[node.source]
@@ -257,7 +261,9 @@ def _combined(left: Enclosure, right: Enclosure, sign: float) -> Enclosure:
     return _enclose_affine(node, [left, right])
 
 
-def _enclose_maximum(left: Enclosure, right: Enclosure, index: int, order: int, rule: Approximation) -> Enclosure:
+def _enclose_maximum(
+    left: Enclosure, right: Enclosure, index: int, order: int, rule: Approximation
+) -> Enclosure:
     """Enclose ``max(x, y) = y + relu(x - y)``."""
     excess = _enclose_activation(_combined(left, right, -1.0), activation("Relu"), index, order, rule)
     both = _combined(right, excess, 1.0)

@@ -13,12 +13,11 @@ from viatool.errors import ConfigurationError
 from viatool.policy.network import Network
 from viatool.taylor.approximation import Approximation
 from viatool.taylor.attained import climb
-from viatool.taylor.derivatives import Hull
 from viatool.taylor.head import split_head, values_through
 from viatool.taylor.propagation import Box, hulls_through, propagate
 from viatool.taylor.refinement import extrema_of, refine_monotone, unfold
-from viatool.taylor.splitting import refine_by_splitting
 from viatool.taylor.rounding import runtime_deviation
+from viatool.taylor.splitting import refine_by_splitting
 
 Floats = NDArray[np.float64]
 Refinement = Literal["none", "monotone", "split"]
@@ -26,6 +25,29 @@ Arithmetic = Literal["float32", "real"]
 
 _CHUNK_FLOATS = 400_000
 """Floats in the largest array of a chunk: small enough to stay in the cache."""
+
+
+@dataclass(frozen=True)
+class _Settings:
+    order: int
+    rule: Approximation
+    refine: Refinement
+    arithmetic: Arithmetic
+    tolerance: float
+    most_parts: int
+
+    def __post_init__(self) -> None:
+        if self.order < 1:
+            raise ConfigurationError(f"order is {self.order}, expected 1 or more", "order 1 is the fastest")
+        for name, value, allowed in (
+            ("approximation", self.rule, get_args(Approximation)),
+            ("refine", self.refine, get_args(Refinement)),
+            ("arithmetic", self.arithmetic, get_args(Arithmetic)),
+        ):
+            if value not in allowed:
+                raise ConfigurationError(
+                    f"{name} is '{value}', expected one of {', '.join(allowed)}", f"choose one for {name}"
+                )
 
 
 class HasNetwork(Protocol):
@@ -96,7 +118,7 @@ def reach(
     observations : array_like
         ``(B, n)``, in the units of the observation.
     eps : array_like
-        Half-widths: one number for every channel (channels that the specification fixes keep 0), ``(n,)`` or ``(B, n)``.
+        Half-widths: one number for every channel (those that the specification fixes keep 0), ``(n,)`` or ``(B, n)``.
     order : int
         Order of the Taylor models, at least 1.
     approximation : str
@@ -132,10 +154,10 @@ def reach(
     """
     network = policy.network
     box = observation_box(policy, observations, eps)
-    _check_options(order, approximation, refine, arithmetic)
+    settings = _Settings(order, approximation, refine, arithmetic, tolerance, most_parts)
     parts = []
     for rows in _chunks(network, box.lower.shape[0], order):
-        parts.append(_reach_chunk(network, box.rows(rows), order, approximation, refine, arithmetic, tolerance, most_parts))
+        parts.append(_reach_chunk(network, box.rows(rows), settings))
         if progress is not None:
             progress(parts[-1].lower.shape[0])
     if not parts:
@@ -157,7 +179,9 @@ def observation_box(policy: HasNetwork, observations: ArrayLike, eps: ArrayLike)
         raise ConfigurationError("observations contain NaN or infinity", "drop or repair these states first")
     radius = np.asarray(eps, dtype=np.float64)
     if not (np.isfinite(radius).all() and (radius >= 0).all()):
-        raise ConfigurationError(f"eps is {eps}, expected finite numbers >= 0", "give the half-width of the error")
+        raise ConfigurationError(
+            f"eps is {radius}, expected finite numbers >= 0", "give the half-width of the error"
+        )
     if radius.ndim == 0 and policy.spec is not None:
         radius = policy.spec.radii(float(radius))
     try:
@@ -170,20 +194,9 @@ def observation_box(policy: HasNetwork, observations: ArrayLike, eps: ArrayLike)
     lower, upper = centre - radius, centre + radius
     moved = radius > 0
     return Box(
-        np.where(moved, np.nextafter(lower, -np.inf), centre), np.where(moved, np.nextafter(upper, np.inf), centre)
+        np.where(moved, np.nextafter(lower, -np.inf), centre),
+        np.where(moved, np.nextafter(upper, np.inf), centre),
     )
-
-
-def _check_options(order: int, approximation: str, refine: str, arithmetic: str) -> None:
-    if order < 1:
-        raise ConfigurationError(f"order is {order}, expected 1 or more", "order 1 is the fastest")
-    for name, value, allowed in (
-        ("approximation", approximation, get_args(Approximation)),
-        ("refine", refine, get_args(Refinement)),
-        ("arithmetic", arithmetic, get_args(Arithmetic)),
-    ):
-        if value not in allowed:
-            raise ConfigurationError(f"{name} is '{value}', expected one of {', '.join(allowed)}", f"choose a {name}")
 
 
 def _chunks(network: Network, count: int, order: int) -> list[slice]:
@@ -193,39 +206,33 @@ def _chunks(network: Network, count: int, order: int) -> list[slice]:
     return [slice(start, min(start + step, count)) for start in range(0, count, step)]
 
 
-def _reach_chunk(
-    network: Network,
-    box: Box,
-    order: int,
-    rule: Approximation,
-    refine: Refinement,
-    arithmetic: Arithmetic,
-    tolerance: float,
-    most_parts: int,
-) -> ReachableSet:
+def _reach_chunk(network: Network, box: Box, settings: _Settings) -> ReachableSet:
     trunk, head = split_head(network)
-    passes = propagate(trunk, box, order=order, rule=rule)
+    passes = propagate(trunk, box, order=settings.order, rule=settings.rule)
     hulls = [enclosure.hull for enclosure in passes]
     extrema = extrema_of(box, *hulls[-1])
-    if refine != "none":
-        extrema = refine_monotone(trunk, extrema, passes, order=order, rule=rule)
-    actions = network.output_size
+    if settings.refine != "none":
+        extrema = refine_monotone(trunk, extrema, passes, order=settings.order, rule=settings.rule)
     found = climb(trunk, box, extrema)
-    if refine == "split":
-        smallest, largest = unfold(found, actions)
-        width = np.tile((largest - smallest).T.ravel(), 2)
+    if settings.refine == "split":
         extrema, found = refine_by_splitting(
-            trunk, extrema, found, tolerance * width, rule=rule, most_parts=most_parts
+            trunk,
+            extrema,
+            found,
+            rule=settings.rule,
+            tolerance=settings.tolerance,
+            most_parts=settings.most_parts,
         )
-    refined = hulls_through(head, [*hulls[:-1], unfold(extrema.bound, actions)])
-    attained = [values_through(head, value) for value in unfold(found, actions)]
-    deviation = np.zeros_like(refined[-1][0])
-    if arithmetic == "float32":
+    actions = network.output_size
+    lower, upper = hulls_through(head, [*hulls[:-1], unfold(extrema.bound, actions)])[-1]
+    smallest, largest = (values_through(head, value) for value in unfold(found, actions))
+    deviation = np.zeros_like(lower)
+    if settings.arithmetic == "float32":
         deviation = runtime_deviation(network, hulls_through(head, hulls))
     return ReachableSet(
-        np.nextafter(refined[-1][0] - deviation, -np.inf),
-        np.nextafter(refined[-1][1] + deviation, np.inf),
-        *attained,
+        np.nextafter(lower - deviation, -np.inf),
+        np.nextafter(upper + deviation, np.inf),
+        smallest,
+        largest,
         deviation,
     )
-

@@ -28,7 +28,7 @@ _ROUNDS = 4
 
 @dataclass(frozen=True, eq=False)
 class Extrema:
-    """P one-sided questions: what is the largest value of ``seed . actions`` over each box?
+    """P one-sided questions: the largest value of ``seed . actions`` over each box.
 
     Parameters
     ----------
@@ -135,11 +135,13 @@ def refine_monotone(
         ended = rows[stopped]
         dual = bound_by_pieces(network, [e.rows(places[stopped]) for e in passes], seed[stopped])
         bound[ended] = np.minimum(bound[ended], dual)
-        rows, face = rows[shrank], face.rows(shrank)
+        rows, face = rows[shrank], face.rows(np.flatnonzero(shrank))
         lower[rows], upper[rows] = face.lower, face.upper
         is_point = (face.lower == face.upper).all(axis=1)
         points, rows = rows[is_point], rows[~is_point]
-        bound[points] = np.minimum(bound[points], bound_at_points(network, lower[points], extrema.seed[points]))
+        bound[points] = np.minimum(
+            bound[points], bound_at_points(network, lower[points], extrema.seed[points])
+        )
         if not rows.size or turn + 1 == _ROUNDS:
             break
         passes = propagate(network, Box(lower[rows], upper[rows]), order=order, rule=rule)
@@ -167,7 +169,7 @@ def bound_at_points(network: Network, points: Floats, seed: Floats) -> Floats:
     """Bound ``seed . actions`` at points (P, n) from above: the float64 value and its rounding. **Sound:** yes."""
     values = network.values(points)
     rounding = runtime_deviation(network, [(value, value) for value in values], engine=True)
-    return (values[-1] * seed).sum(axis=1) + (rounding * np.abs(seed)).sum(axis=1)
+    return np.asarray((values[-1] * seed).sum(axis=1) + (rounding * np.abs(seed)).sum(axis=1))
 
 
 def seeded_upper(hull: Hull, seed: Floats) -> Floats:

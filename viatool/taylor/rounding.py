@@ -87,7 +87,9 @@ def affine_rounding(node: Affine, unit: float) -> tuple[Floats, Floats]:
     return gamma(rounded, unit), rounded
 
 
-def runtime_deviation(network: Network, hulls: Sequence[tuple[Floats, Floats]], *, engine: bool = False) -> Floats:
+def runtime_deviation(
+    network: Network, hulls: Sequence[tuple[Floats, Floats]], *, engine: bool = False
+) -> Floats:
     """Bound how far a floating-point evaluation strays from the exact network, anywhere in a box.
 
     Parameters
@@ -153,7 +155,11 @@ def _reach(hull: tuple[Floats, Floats], deviation: Floats) -> Floats:
 
 
 def _affine_deviation(
-    node: Affine, hulls: Sequence[tuple[Floats, Floats]], deviations: Sequence[Floats], unit: float, tiny: float
+    node: Affine,
+    hulls: Sequence[tuple[Floats, Floats]],
+    deviations: Sequence[Floats],
+    unit: float,
+    tiny: float,
 ) -> Floats:
     factor, terms = affine_rounding(node, unit)
     inherited = np.zeros((hulls[0][0].shape[0], node.size))
@@ -165,7 +171,9 @@ def _affine_deviation(
     return inherited + factor * size + 2 * terms * tiny
 
 
-def _activation_deviation(node: Activation, hull: tuple[Floats, Floats], inherited: Floats, precision: str) -> Floats:
+def _activation_deviation(
+    node: Activation, hull: tuple[Floats, Floats], inherited: Floats, precision: str
+) -> Floats:
     curve = curve_of(node.function)
     lower, upper = hull[0] - inherited, hull[1] + inherited
     slope = curve.range(lower, upper, 1)
@@ -174,14 +182,19 @@ def _activation_deviation(node: Activation, hull: tuple[Floats, Floats], inherit
         moved = inherited * np.maximum(np.abs(slope.lower), np.abs(slope.upper))
     moved = np.where(inherited == 0, 0.0, moved)
     moved = np.fmin(moved, value.upper - value.lower)  # over a jump only the range helps
-    size = np.maximum(1.0, np.maximum(np.maximum(np.abs(value.lower), np.abs(value.upper)), _reach(hull, inherited)))
+    size = np.maximum(
+        1.0, np.maximum(np.maximum(np.abs(value.lower), np.abs(value.upper)), _reach(hull, inherited))
+    )
     return moved + activation_error(node.function.name, precision) * size
 
 
 def _product_deviation(
     node: Product, hulls: Sequence[tuple[Floats, Floats]], deviations: Sequence[Floats], unit: float
 ) -> Floats:
-    left, right = _reach(hulls[node.left], deviations[node.left]), _reach(hulls[node.right], deviations[node.right])
+    left, right = (
+        _reach(hulls[node.left], deviations[node.left]),
+        _reach(hulls[node.right], deviations[node.right]),
+    )
     return left * deviations[node.right] + right * deviations[node.left] + unit * left * right
 
 

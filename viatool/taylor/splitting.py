@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from viatool.policy.network import Network
 from viatool.taylor.approximation import Approximation
 from viatool.taylor.parts import Parts, examine, whole_boxes
-from viatool.taylor.refinement import Extrema
+from viatool.taylor.refinement import Extrema, unfold
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -23,7 +23,13 @@ _AT_ONCE = 8
 
 
 def refine_by_splitting(
-    network: Network, extrema: Extrema, found: Floats, tolerance: Floats, *, rule: Approximation, most_parts: int
+    network: Network,
+    extrema: Extrema,
+    found: Floats,
+    *,
+    rule: Approximation,
+    tolerance: float,
+    most_parts: int,
 ) -> tuple[Extrema, Floats]:
     """Tighten one-sided bounds by branch and bound.
 
@@ -32,13 +38,13 @@ def refine_by_splitting(
     network : Network
         n inputs, A outputs.
     extrema : Extrema
-        P questions with the bounds known so far.
+        P questions, as `extrema_of` asks them, with the bounds known so far.
     found : ndarray
         ``(P,)``: values that are attained.
-    tolerance : ndarray
-        ``(P,)``: a question is answered when its bound is so close to what is attained.
     rule : str
         How activations are approximated.
+    tolerance : float
+        A question is answered when its bound is within this fraction of the attained width of its action.
     most_parts : int
         Parts that are examined for one question before its best bound so far is returned.
 
@@ -54,9 +60,10 @@ def refine_by_splitting(
     **Sound:** yes. The parts cover the box, and the bound of a question is the largest of its parts.
     """
     found = found.copy()
+    margin = tolerance * _attained_widths(found, extrema.seed.shape[1])
     closed = np.full(found.shape, -np.inf)  # largest bound among the parts that are done with
     spent = np.zeros(found.shape, dtype=np.intp)
-    questions = np.flatnonzero(extrema.bound > found + tolerance)
+    questions = np.flatnonzero(extrema.bound > found + margin)
     fresh, waiting = whole_boxes(extrema, questions), whole_boxes(extrema, questions[:0])
     while fresh.owner.size:
         fresh, points = examine(network, extrema, fresh, rule)
@@ -64,7 +71,7 @@ def refine_by_splitting(
         np.maximum.at(found, fresh.owner, reached)
         np.add.at(spent, fresh.owner, 1)
         parts = waiting.joined(fresh)
-        done = (parts.bound <= (found + tolerance)[parts.owner]) | (parts.next_node == 0)
+        done = (parts.bound <= (found + margin)[parts.owner]) | (parts.next_node == 0)
         done |= (spent >= most_parts)[parts.owner]
         np.maximum.at(closed, parts.owner[done], parts.bound[done])
         parts = parts.rows(np.flatnonzero(~done))
@@ -76,11 +83,19 @@ def refine_by_splitting(
     return Extrema(extrema.box, extrema.seed, bound), found
 
 
+def _attained_widths(found: Floats, actions: int) -> Floats:
+    """Return for each question the width of its action between what is attained at both sides, (P,)."""
+    smallest, largest = unfold(found, actions)
+    return np.tile((largest - smallest).T.ravel(), 2)
+
+
 def _largest_of_each(parts: Parts, count: int) -> NDArray[np.bool_]:
     """Mark the parts with the `count` largest bounds of each question."""
     order = np.lexsort((-parts.bound, parts.owner))
     owner = parts.owner[order]
-    starts = np.flatnonzero(np.r_[True, owner[1:] != owner[:-1]]) if owner.size else np.empty(0, dtype=np.intp)
+    starts = (
+        np.flatnonzero(np.r_[True, owner[1:] != owner[:-1]]) if owner.size else np.empty(0, dtype=np.intp)
+    )
     rank = np.arange(owner.size) - np.repeat(starts, np.diff(np.r_[starts, owner.size]))
     chosen = np.zeros(owner.size, dtype=bool)
     chosen[order] = rank < count
