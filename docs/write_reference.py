@@ -1,19 +1,30 @@
-"""Write the generated pages: ``docs/cli.md`` from click and ``docs/report.schema.json`` from the report.
+"""Write the generated pages: ``docs/cli.md`` from click, and the JSON Schemas from the typed models.
 
-Run it with the interpreter that has viatool: ``python docs/write_reference.py``. A test fails when the pages
-in the repository are not what this script writes.
+Run it with an interpreter that has viatool and its `train` extra: ``python docs/write_reference.py``. A test
+fails when the pages in the repository are not what this script writes.
 """
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import click
+from pydantic import BaseModel
 
 from viatool.cli import main
-from viatool.report.document import schema
+from viatool.policy import PolicySpecification
+from viatool.report import ReportDocument
+from viatool.train import TrainingConfiguration
+from viatool.world import MapFile
 
 DOCS = Path(__file__).resolve().parent
+MODELS: dict[str, tuple[type[BaseModel], str]] = {
+    "report.schema.json": (ReportDocument, "viatool report"),
+    "map.schema.json": (MapFile, "viatool map"),
+    "specification.schema.json": (PolicySpecification, "viatool policy specification"),
+    "training.schema.json": (TrainingConfiguration, "viatool training configuration"),
+}
 
 PREFACE = """\
 # Command line
@@ -66,6 +77,17 @@ def _cell(text: str) -> str:
     return " ".join(text.split()).replace("|", r"\|")
 
 
+def schema(model: type[BaseModel], title: str) -> str:
+    """Return the JSON Schema of a typed model, for editors and other programs."""
+    content = {"$schema": "https://json-schema.org/draft/2020-12/schema", **model.model_json_schema()}
+    return json.dumps(content | {"title": title}, indent=2, sort_keys=True) + "\n"
+
+
+def pages() -> dict[str, str]:
+    """Return every generated page by its name in docs/."""
+    return {"cli.md": reference()} | {name: schema(*about) for name, about in MODELS.items()}
+
+
 if __name__ == "__main__":
-    (DOCS / "cli.md").write_text(reference(), encoding="utf-8", newline="\n")
-    (DOCS / "report.schema.json").write_text(schema(), encoding="utf-8", newline="\n")
+    for name, text in pages().items():
+        (DOCS / name).write_text(text, encoding="utf-8", newline="\n")

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import re
 import runpy
 import shlex
 from pathlib import Path
 
 import click
+import jsonschema
 import pytest
+import yaml
 
 from viatool.cli import main
 from viatool.cli.group import COMMANDS
@@ -31,8 +34,15 @@ def documented_lines(path: Path) -> list[str]:
 
 def test_the_reference_is_current() -> None:
     written = runpy.run_path(str(ROOT / "docs" / "write_reference.py"))
-    assert (ROOT / "docs" / "cli.md").read_text(encoding="utf-8") == written["reference"]()
-    assert (ROOT / "docs" / "report.schema.json").read_text(encoding="utf-8") == written["schema"]()
+    for name, text in written["pages"]().items():
+        assert (ROOT / "docs" / name).read_text(encoding="utf-8") == text, name
+
+
+def test_the_schemas_accept_what_the_repository_ships() -> None:
+    for schema, file in (("map", "maps/lab.yaml"), ("training", "policies/via.yaml")):
+        content = json.loads((ROOT / "docs" / f"{schema}.schema.json").read_text(encoding="utf-8"))
+        jsonschema.Draft202012Validator.check_schema(content)
+        jsonschema.validate(yaml.safe_load((ROOT / file).read_text(encoding="utf-8")), content)
 
 
 @pytest.mark.parametrize("name", COMMANDS)

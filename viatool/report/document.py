@@ -5,7 +5,6 @@ Field names are a contract with other programs; the JSON Schema in docs/ is gene
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -129,11 +128,3 @@ def load_document(path: Path) -> ReportDocument:
             f"'{path}' is not a viatool report: {field}: {first['msg']}",
             "write one with viatool verify ... --output json:PATH",
         ) from error
-
-
-def schema() -> str:
-    """Return the JSON Schema of the report."""
-    content = ReportDocument.model_json_schema()
-    content["$schema"] = "https://json-schema.org/draft/2020-12/schema"
-    content["title"] = "viatool report"
-    return json.dumps(content, indent=2, sort_keys=True) + "\n"
