@@ -25,6 +25,10 @@ def _gelu_tanh(x: Any) -> Any:
     return x / (1 + MP.exp(-2 * MP.sqrt(2 / MP.pi) * (x + MP.mpf(0.044715) * x**3)))
 
 
+def _softplus(x: Any) -> Any:
+    return max(x, 0) + MP.log1p(MP.exp(-abs(x)))
+
+
 def _mish(x: Any) -> Any:
     faded = MP.exp(-abs(x))  # x tanh(log(1 + e^x)) without overflow
     grown, one = (1 + faded) ** 2, MP.mpf(1)
@@ -40,10 +44,13 @@ DEFINITIONS: dict[str, Callable[..., Any]] = {
     "Clip": lambda x, min, max: min if x < min else max if x > max else x,
     "Elu": lambda x, alpha: x if x >= 0 else alpha * MP.expm1(x),
     "Erf": lambda x: MP.erf(x),
+    "ErfGate": lambda x, slope, divisor: x * MP.erfc(-slope * x / divisor),
     "Exp": lambda x: MP.exp(x),
     "Gelu": lambda x: x * MP.erfc(-x / MP.sqrt(2)) / 2,
     "GeluTanh": _gelu_tanh,
+    "HardShrink": lambda x, lambd: x if abs(x) > lambd else 0 * x,
     "HardSigmoid": lambda x, alpha, beta: max(0, min(1, alpha * x + beta)),
+    "HardSigmoidGate": lambda x, alpha, beta: x * max(0, min(1, alpha * x + beta)),
     "HardSwish": lambda x: x * max(0, min(1, (x + 3) / 6)),
     "LeakyRelu": lambda x, alpha: x if x >= 0 else alpha * x,
     "Log": lambda x: MP.log(x),
@@ -53,11 +60,16 @@ DEFINITIONS: dict[str, Callable[..., Any]] = {
     "Relu": lambda x: max(x, 0),
     "Selu": lambda x, alpha, gamma: gamma * (x if x >= 0 else alpha * MP.expm1(x)),
     "Sigmoid": lambda x: 1 / (1 + MP.exp(-x)),
+    "Sign": lambda x: (x > 0) - (x < 0),
     "Silu": lambda x: x / (1 + MP.exp(-x)),
-    "Softplus": lambda x: max(x, 0) + MP.log1p(MP.exp(-abs(x))),
+    "SoftShrink": lambda x, lambd: max(x - lambd, 0) + min(x + lambd, 0),
+    "Softplus": _softplus,
+    "SoftplusThreshold": lambda x, threshold: x if x > threshold else _softplus(x),
     "Softsign": lambda x: x / (1 + abs(x)),
     "Sqrt": lambda x: MP.sqrt(x),
     "Tanh": lambda x: MP.tanh(x),
+    "TanhGate": lambda x, slope, cubic: 2 * x / (1 + MP.exp(-2 * slope * (x + cubic * x**3))),
+    "Threshold": lambda x, threshold, value: x if x > threshold else value,
     "ThresholdedRelu": lambda x, alpha: x if x > alpha else 0 * x,
 }
 """Every activation in high precision; those of `RATIONAL` are exact on fractions as well."""
@@ -66,13 +78,18 @@ RATIONAL = frozenset(
     {
         "Abs",
         "Clip",
+        "HardShrink",
         "HardSigmoid",
+        "HardSigmoidGate",
         "HardSwish",
         "LeakyRelu",
         "Pow",
         "Reciprocal",
         "Relu",
+        "Sign",
+        "SoftShrink",
         "Softsign",
+        "Threshold",
         "ThresholdedRelu",
     }
 )
@@ -90,14 +107,18 @@ def kinks(function: ActivationFunction) -> list[float]:
     match function.name:
         case "Clip":
             return [value for value in parameters.values() if np.isfinite(value)]
-        case "HardSigmoid":
+        case "HardSigmoid" | "HardSigmoidGate":
             alpha, beta = parameters["alpha"], parameters["beta"]
             return [-beta / alpha, (1 - beta) / alpha]
         case "HardSwish":
             return [-3.0, 3.0]
         case "ThresholdedRelu":
             return [parameters["alpha"]]
-        case "Abs" | "Celu" | "Elu" | "LeakyRelu" | "Relu" | "Selu" | "Softsign":
+        case "Threshold" | "SoftplusThreshold":
+            return [parameters["threshold"]]
+        case "HardShrink" | "SoftShrink":
+            return [-parameters["lambd"], parameters["lambd"]]
+        case "Abs" | "Celu" | "Elu" | "LeakyRelu" | "Relu" | "Selu" | "Sign" | "Softsign":
             return [0.0]
         case "Log" | "Reciprocal" | "Sqrt":
             return [0.0]
@@ -108,8 +129,11 @@ def derivative(function: ActivationFunction, x: Any, order: int) -> Any:
     """Differentiate an activation inside a smooth piece, to about 40 digits, by central differences."""
     with MP.workprec(900):
         x = MP.mpf(x)
+        if order == 0:
+            return activate(function, x)
         distance = min((abs(x - kink) for kink in kinks(function)), default=MP.mpf(1))
         step = MP.mpf(10) ** -30 * min(1, distance)
+    with MP.workprec(500 + int(-(order + 1) * MP.log(step, 2))):
         total = MP.mpf(0)
         for k in range(order + 1):
             sign = (-1) ** (order - k) * MP.binomial(order, k)

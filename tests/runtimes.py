@@ -21,7 +21,7 @@ from viatool.policy.network import (
 
 Floats = NDArray[np.float64]
 
-EXACT_ACTIVATIONS = frozenset({"Relu", "ThresholdedRelu", "Abs", "Clip"})
+EXACT_ACTIVATIONS = frozenset({"Relu", "ThresholdedRelu", "Abs", "Clip", "HardShrink", "Sign", "Threshold"})
 """Activations that a runtime computes without rounding."""
 
 _TYPES: dict[Precision, Any] = {"float16": np.float16, "float32": np.float32, "float64": np.float64}
@@ -209,5 +209,31 @@ class _Writer:
                 self.emit("Pow", [source, self.constant(parameters["exponent"])], name)
             case "GeluTanh":
                 self.emit("Gelu", [source], name, approximate="tanh")
+            case "HardShrink":
+                self.emit("Shrink", [source], name, **parameters)
+            case "SoftShrink":
+                self.emit("Shrink", [source], name, bias=parameters["lambd"], **parameters)
+            case "HardSigmoidGate":
+                self.emit("Mul", [source, self.emit("HardSigmoid", [source], **parameters)], name)
+            case "ErfGate" | "TanhGate":
+                self.write_gate(node.function.name, parameters, source, name)
+            case "Threshold" | "SoftplusThreshold":
+                above = self.emit("Greater", [source, self.constant(parameters["threshold"])])
+                gentle = node.function.name == "SoftplusThreshold"
+                below = self.emit("Softplus", [source]) if gentle else self.constant(parameters["value"])
+                self.emit("Where", [above, source, below], name)
             case operator:
                 self.emit(operator, [source], name, **parameters)
+
+    def write_gate(self, kind: str, parameters: dict[str, float], source: str, name: str) -> None:
+        """Write ``x * (1 + erf(slope x / divisor))`` or ``x * (1 + tanh(slope (x + cubic x^3)))``."""
+        argument, slope = source, self.constant(parameters["slope"])
+        if kind == "TanhGate":
+            cube = self.emit("Mul", [self.emit("Mul", [source, source]), source])
+            cube = self.emit("Mul", [cube, self.constant(parameters["cubic"])])
+            argument = self.emit("Add", [source, cube])
+        argument = self.emit("Mul", [argument, slope])
+        if kind == "ErfGate":
+            argument = self.emit("Div", [argument, self.constant(parameters["divisor"])])
+        opened = self.emit("Erf" if kind == "ErfGate" else "Tanh", [argument])
+        self.emit("Mul", [source, self.emit("Add", [opened, self.constant(1.0)])], name)

@@ -19,7 +19,7 @@ import sympy
 from numpy.typing import NDArray
 
 from viatool.policy.activations import FLOAT_MODULES, ActivationFunction, X
-from viatool.taylor.interval import ENCLOSED_FUNCTIONS, Interval
+from viatool.taylor.interval import ENCLOSED_FUNCTIONS, Interval, interval_of
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.intp]
@@ -263,8 +263,8 @@ def _checked(function: Callable[[Interval], Interval], x: Interval) -> Interval:
     with np.errstate(all="ignore"):
         result = function(x)
     if not isinstance(result, Interval):
-        constant = np.full(x.lower.shape, float(result))
-        return Interval(constant, constant)
+        constant = interval_of(float(result))
+        return Interval(*(np.full(x.lower.shape, end) for end in (constant.lower, constant.upper)))
     shape = x.lower.shape
     return Interval(
         np.broadcast_to(np.where(np.isnan(result.lower), -np.inf, result.lower), shape),

@@ -48,19 +48,19 @@ class Interval:
         return Interval(-self.upper, -self.lower)
 
     def __add__(self, other: Interval | float) -> Interval:
-        other = _interval(other)
+        other = interval_of(other)
         return _outward(self.lower + other.lower, self.upper + other.upper)
 
     __radd__ = __add__
 
     def __sub__(self, other: Interval | float) -> Interval:
-        return self + -_interval(other)
+        return self + -interval_of(other)
 
     def __rsub__(self, other: Interval | float) -> Interval:
-        return _interval(other) + -self
+        return interval_of(other) + -self
 
     def __mul__(self, other: Interval | float) -> Interval:
-        other = _interval(other)
+        other = interval_of(other)
         corners = [a * b for a in (self.lower, self.upper) for b in (other.lower, other.upper)]
         corners = [np.where(np.isnan(corner), 0.0, corner) for corner in corners]  # 0 * inf
         lower = np.minimum(np.minimum(corners[0], corners[1]), np.minimum(corners[2], corners[3]))
@@ -70,10 +70,10 @@ class Interval:
     __rmul__ = __mul__
 
     def __truediv__(self, other: Interval | float) -> Interval:
-        return self * _reciprocal(_interval(other))
+        return self * _reciprocal(interval_of(other))
 
     def __rtruediv__(self, other: Interval | float) -> Interval:
-        return _interval(other) * _reciprocal(self)
+        return interval_of(other) * _reciprocal(self)
 
     def __pow__(self, exponent: float) -> Interval:
         if exponent < 0:
@@ -85,7 +85,8 @@ class Interval:
         return _integer_power(self, int(exponent))
 
 
-def _interval(value: Interval | float) -> Interval:
+def interval_of(value: Interval | float) -> Interval:
+    """Enclose a constant: exact if float32 can hold it, else known to the nearest float64."""
     if isinstance(value, Interval):
         return value
     point = np.asarray(value, dtype=np.float64)
@@ -123,7 +124,7 @@ def _increasing(
     function: Callable[[Floats], Floats], least: float = -np.inf, greatest: float = np.inf
 ) -> Callable[[Any], Interval]:
     def enclosed(x: Interval | float) -> Interval:
-        x = _interval(x)
+        x = interval_of(x)
         result = _outward(function(x.lower), function(x.upper), _FUNCTION_ULPS)
         return Interval(np.clip(result.lower, least, greatest), np.clip(result.upper, least, greatest))
 
@@ -135,7 +136,7 @@ _sqrt = _increasing(np.sqrt, least=0.0)
 
 def _normal_cdf(x: Interval | float) -> Interval:
     """Enclose the normal distribution function; scipy loses x^2 ulps in its left tail, then underflows."""
-    x = _interval(x)
+    x = interval_of(x)
     ulps_lower, ulps_upper = (
         _FUNCTION_ULPS + 2 * np.clip(end, -40.0, 0.0) ** 2 for end in (x.lower, x.upper)
     )
