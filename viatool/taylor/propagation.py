@@ -168,15 +168,13 @@ def _enclose_input(box: Box, order: int) -> Enclosure:
     count = int(moving.sum(axis=1).max(initial=0))
     basis: Basis | None = None
     higher = None
-    if order > 1 and count:
-        used = np.flatnonzero(moving.any(axis=0))
-        index = np.broadcast_to(used, (batch, used.size))
-        basis = monomial_basis(used.size, order)
-        higher = np.zeros((batch, basis.size - used.size, size))
-    elif count == size:
+    if count == size:
         index = np.broadcast_to(np.arange(size), (batch, size))
     else:
         index = np.argsort(~moving, axis=1, kind="stable")[:, :count]
+    if order > 1 and count:
+        basis = monomial_basis(count, order)
+        higher = np.zeros((batch, basis.size - count, size))
     centre, radius = box.centre, box.radius
     linear = Diagonal(index, np.take_along_axis(radius, index, axis=1), size)
     model = TaylorModel(centre, linear, higher, {}, np.zeros_like(centre), radius, basis)

@@ -24,6 +24,8 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 _ROUNDS = 4
+_FREE_TOGETHER = 4
+_ROWS_TOGETHER = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,6 +150,28 @@ def refine_monotone(
         bound[rows] = np.minimum(bound[rows], seeded_upper(passes[-1].hull, extrema.seed[rows]))
         places = np.arange(rows.size)
     return Extrema(Box(lower, upper), extrema.seed, bound)
+
+
+def refine_by_order(
+    network: Network, extrema: Extrema, rows: Indices, *, order: int, rule: Approximation
+) -> Extrema:
+    """Tighten some one-sided bounds by one pass of a higher order over the shrunken boxes.
+
+    Boxes with about as many free inputs go together, since the number of monomials grows with the freest of them.
+
+    Notes
+    -----
+    **Sound:** yes.
+    """
+    bound = extrema.bound.copy()
+    free = (extrema.box.upper > extrema.box.lower).sum(axis=1)
+    rows = rows[np.argsort(free[rows], kind="stable")]
+    for some in np.split(rows, np.flatnonzero(np.diff(free[rows] // _FREE_TOGETHER)) + 1):
+        for start in range(0, some.size, _ROWS_TOGETHER):
+            part = some[start : start + _ROWS_TOGETHER]
+            passes = propagate(network, extrema.box.rows(part), order=order, rule=rule)
+            bound[part] = np.minimum(bound[part], seeded_upper(passes[-1].hull, extrema.seed[part]))
+    return Extrema(extrema.box, extrema.seed, bound)
 
 
 def bound_by_pieces(network: Network, passes: Sequence[Enclosure], seed: Floats) -> Floats:

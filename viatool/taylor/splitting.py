@@ -10,10 +10,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.policy.network import Network
+from viatool.policy.network import Activation, Network
 from viatool.taylor.approximation import Approximation
+from viatool.taylor.curve import curve_of
 from viatool.taylor.parts import Parts, examine, whole_boxes
-from viatool.taylor.refinement import Extrema, unfold
+from viatool.taylor.refinement import Extrema, refine_by_order, unfold
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -64,6 +65,9 @@ def refine_by_splitting(
     closed = np.full(found.shape, -np.inf)  # largest bound among the parts that are done with
     spent = np.zeros(found.shape, dtype=np.intp)
     questions = np.flatnonzero(extrema.bound > found + margin)
+    if questions.size and _is_curved(network):
+        extrema = refine_by_order(network, extrema, questions, order=2, rule=rule)
+        questions = np.flatnonzero(extrema.bound > found + margin)
     fresh, waiting = whole_boxes(extrema, questions), whole_boxes(extrema, questions[:0])
     while fresh.owner.size:
         fresh, points = examine(network, extrema, fresh, rule)
@@ -81,6 +85,12 @@ def refine_by_splitting(
     bound = extrema.bound.copy()
     bound[questions] = np.minimum(bound[questions], np.maximum(closed, found)[questions])
     return Extrema(extrema.box, extrema.seed, bound), found
+
+
+def _is_curved(network: Network) -> bool:
+    """Tell whether some activation is not piecewise linear, so that order 2 sees more than order 1."""
+    functions = {node.function for node in network.nodes if isinstance(node, Activation)}
+    return any(not curve_of(function).cells(1).is_stepwise for function in functions)
 
 
 def _attained_widths(found: Floats, actions: int) -> Floats:
