@@ -124,7 +124,7 @@ def _gelu() -> Expression:
 
 @_declare("GeluTanh")
 def _gelu_tanh() -> Expression:
-    growth = sympy.exp(-2 * sympy.sqrt(2 / sympy.pi) * (sympy.Abs(X) + 0.044715 * sympy.Abs(X) ** 3))
+    growth = sympy.exp(-2 * sympy.sqrt(2 / sympy.pi) * (sympy.Abs(X) + _exact(0.044715) * sympy.Abs(X) ** 3))
     left = growth.subs(sympy.Abs(X), -X)
     right = growth.subs(sympy.Abs(X), X)
     return _pieces((X * left / (1 + left), X < 0), (X / (1 + right), True))
@@ -227,9 +227,9 @@ def _reciprocal() -> Expression:
 @_declare("Clip", min=-np.inf, max=np.inf)
 def _clip(min: float, max: float) -> Expression:
     pieces = [(X, True)]
-    if np.isfinite(max):
+    if max != np.inf:
         pieces.insert(0, (max, X >= max))
-    if np.isfinite(min):
+    if min != -np.inf:
         pieces.insert(0, (min, X <= min))
     return _pieces(*pieces)
 
@@ -253,11 +253,16 @@ class ActivationFunction:
     def expression(self) -> Expression:
         """Return the function as a sympy expression in `X`."""
         declaration, _ = _DECLARATIONS[self.name]
-        return declaration(**dict(self.parameters))
+        return declaration(**{name: _exact(value) for name, value in self.parameters})
 
     def __call__(self, x: Floats) -> Floats:
         """Evaluate elementwise in float64; the error is far below one float32 rounding."""
         return _compiled(self)(x)
+
+
+def _exact(value: float) -> Expression:
+    """Return a parameter with 17 digits, as compiling prints it: with 15 it would lose its last bits."""
+    return sympy.Float(value, 17) if np.isfinite(value) else value
 
 
 def activation(name: str, **parameters: float) -> ActivationFunction:

@@ -167,12 +167,14 @@ def _modernised(proto: onnx.ModelProto) -> onnx.ModelProto:
     from onnx import version_converter
 
     try:
-        return version_converter.convert_version(proto, _OLDEST_RUN)
+        converted = version_converter.convert_version(proto, _OLDEST_RUN)
     except Exception as error:  # the converter raises bare RuntimeError and its own classes
         raise PolicyError(
             f"the model's opset is too old for onnxruntime and cannot be raised: {_first_line(error)}",
             "export with opset_version 7 or newer",
         ) from error
+    del converted.graph.value_info[:]  # the converter leaves entries without a type
+    return converted
 
 
 def _inline(tensor: onnx.TensorProto, model: ModelFile) -> onnx.TensorProto:

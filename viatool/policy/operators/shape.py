@@ -78,7 +78,8 @@ def move(call: Call, positions: Sequence[int]) -> Sequence[Value]:
 def _copied(call: Call, result: Indices, moved: Sequence[tuple[int, Value]]) -> Computed:
     """Turn moved numbers into copies of computed elements, and constants into the bias."""
     flat = result.ravel()
-    bias = np.zeros(flat.size)
+    fill = call.number("value") if call.node.operator == "Pad" and call.version == 2 else 0.0
+    bias = np.where(flat == 0, fill, 0.0)
     terms = []
     for first, value in moved:
         size = int(np.prod(value.shape, dtype=np.int64))
