@@ -40,7 +40,7 @@ def test_later_sources_win(tmp_path: Path) -> None:
         4,
         32,
         (64, 64),
-        10,
+        14,
     )
 
 

@@ -167,7 +167,7 @@ _PAPER: dict[str, Any] = {
     "epochs": 100,
     "epoch_steps": None,
     "epoch_episodes": 70,
-    "robots": 10,
+    "robots": 14,
     "updates_per_step": 10,
     "warmup_episodes": 70,
     "learning_starts": 1000,

@@ -5,11 +5,16 @@ Notation of the paper: M quantiles ``q_i``, midpoints ``tau_i = (2 i - 1) / (2 M
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import torch
 from torch import Tensor
 from torch.nn.functional import softplus
 
+CACHED_PAIRS = 2**15
 
+
+@lru_cache
 def quantile_midpoints(count: int) -> Tensor:
     """Return the midpoints ``(tau_(i-1) + tau_i) / 2`` of the fractions ``tau_i = i / M``, ``(M,)``."""
     return (torch.arange(count, dtype=torch.float32) + 0.5) / count
@@ -97,9 +102,14 @@ def tail_cost(quantiles: Tensor, budget: Tensor, alpha: float) -> Tensor:
         upper ``(1 - alpha) M`` quantiles (at least one), the CVaR of the predicted distribution itself.
     """
     count = quantiles.shape[-1]
-    tail = max(1, round((1 - alpha) * count))
     reached = (quantiles >= budget.unsqueeze(-1)).to(quantiles.dtype)
     none = reached[..., -1:] == 0  # ascending: the last one decides
-    fallback = torch.zeros(count).index_fill_(0, torch.arange(count - tail, count), 1.0)
-    weight = torch.where(none, fallback, reached)
+    weight = torch.where(none, _upper_tail(count, alpha), reached)
     return (quantiles * weight).sum(-1) / weight.sum(-1)
+
+
+@lru_cache
+def _upper_tail(count: int, alpha: float) -> Tensor:
+    """Return ``(M,)`` with 1 for the upper ``(1 - alpha) M`` quantiles (at least one) and 0 for the others."""
+    tail = max(1, round((1 - alpha) * count))
+    return (torch.arange(count) >= count - tail).to(torch.float32)
