@@ -305,6 +305,20 @@ def test_each_wrong_input_is_named_in_one_message(
     assert sorted(path.name for path in hall.iterdir()) == before
 
 
+def test_a_pipe_without_unicode_still_gets_its_report(hall: Path) -> None:
+    program = "from viatool.cli import main; main()"
+    run = subprocess.run(
+        [sys.executable, "-c", program, *VERIFY],
+        cwd=hall,
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PYTHONPATH": str(ROOT), "PYTHONIOENCODING": "ascii"},
+    )
+    assert run.returncode == 0, run.stderr
+    assert "are proved safe" in run.stdout
+
+
 def test_an_interrupt_leaves_no_file_and_exits_130(hall: Path, tmp_path: Path) -> None:
     program = "from viatool.cli import main; main()"
     arguments = ["policy.onnx", "--map", "map.yaml", "--eps", "0.01", "--scenarios", "3000"]
@@ -316,7 +330,7 @@ def test_an_interrupt_leaves_no_file_and_exits_130(hall: Path, tmp_path: Path) -
         text=True,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
     )
-    time.sleep(1.5)
+    time.sleep(4.0)  # long after the imports, long before the end
     process.send_signal(signal.SIGINT)
     stdout, stderr = process.communicate(timeout=60)
     assert process.returncode == 130, stderr

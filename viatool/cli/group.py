@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -42,6 +43,7 @@ class CommandGroup(click.Group):
         """
         extra["standalone_mode"] = False
         extra.setdefault("prog_name", "viatool")
+        _accept_any_text()
         try:
             code = super().main(args, *rest, **extra)
         except SystemExit:  # shell completion leaves on its own
@@ -51,6 +53,13 @@ class CommandGroup(click.Group):
             if message:
                 click.echo(message, err=True)
         sys.exit(code if isinstance(code, int) else 0)
+
+
+def _accept_any_text() -> None:
+    """Let stdout and stderr replace what their encoding lacks, such as the bars of a report in a Windows pipe."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
 
 
 @click.group(
