@@ -14,7 +14,7 @@ from viatool.report.document import Rate, ReportDocument
 from viatool.report.foreign import shown
 from viatool.report.gate import RATES, rate_named
 from viatool.report.numbers import MISSING, count, percentage, seconds, significant
-from viatool.report.palette import COLOUR, VERDICTS
+from viatool.report.palette import STYLE, VERDICTS
 from viatool.report.wording import describe_eps, total_seconds
 
 Row = tuple[str, str, str, Text]
@@ -79,7 +79,7 @@ def _rate_change(old: Rate, new: Rate) -> Text:
 def _change(text: str, better: int | Fraction) -> Text:
     if better == 0:
         return Text("same", style="dim")
-    return Text(text, style=COLOUR["safe" if better > 0 else "unsafe"])
+    return Text(text, style=STYLE["safe" if better > 0 else "unsafe"])
 
 
 def _costs(before: ReportDocument, after: ReportDocument) -> Iterator[Row]:

@@ -16,7 +16,7 @@ from viatool.report.document import FileIdentity, RateByOutcome, ReportDocument
 from viatool.report.foreign import shown
 from viatool.report.gate import Check
 from viatool.report.numbers import MISSING, count, counted, percent_of, percentage, seconds, significant
-from viatool.report.palette import COLOUR, MEANING, VERDICTS
+from viatool.report.palette import MEANING, STYLE, VERDICTS
 from viatool.report.wording import assumptions, describe_eps, total_seconds, unit_of
 
 BAR_WIDTH = 60
@@ -46,9 +46,9 @@ def print_checks(checks: Sequence[Check], console: Console) -> None:
     """Print the decided conditions of a gate."""
     table = Table.grid(padding=(0, 2))
     for check in checks:
-        word = Text("passed", style=f"bold {COLOUR['safe']}")
+        word = Text("passed", style=f"bold {STYLE['safe']}")
         if not check.passed:
-            word = Text("FAILED", style=f"bold {COLOUR['unsafe']}")
+            word = Text("FAILED", style=f"bold {STYLE['unsafe']}")
         table.add_row(word, Text(shown(check.condition)), Text(shown(check.figures), style="dim"))
     console.print(_titled("Gate", table if checks else Text("no condition was given")))
 
@@ -72,7 +72,7 @@ def _headline(document: ReportDocument) -> RenderableType:
     head.append(" on ")
     head.append(shown(document.map.path), style="bold")
     head.append(shown(f", eps {describe_eps(document.eps)}, criterion {document.criterion}") + "\n")
-    head.append(percentage(overall.safe, overall.total), style=f"bold {COLOUR['safe']}")
+    head.append(percentage(overall.safe, overall.total), style=f"bold {STYLE['safe']}")
     head.append(f" of the states are proved safe ({count(overall.safe)} of {count(overall.total)})")
     return head
 
@@ -82,7 +82,7 @@ def _verdicts(document: ReportDocument) -> RenderableType:
     legend = Table.grid(padding=(0, 2))
     for verdict in VERDICTS:
         legend.add_row(
-            Text(f"■ {verdict}", style=COLOUR[verdict]),
+            Text(f"■ {verdict}", style=STYLE[verdict]),
             Text(count(counts[verdict]), justify="right"),
             Text(percentage(counts[verdict], document.states), justify="right"),
             Text(MEANING[verdict], style="dim"),
@@ -98,7 +98,7 @@ def _bar(counts: Mapping[str, int]) -> Text:
     cells[largest] += (BAR_WIDTH - sum(cells.values())) if total else 0
     bar = Text()
     for name, glyph in zip(VERDICTS, "█▓▒", strict=True):
-        bar.append(glyph * cells[name], style=COLOUR[name])
+        bar.append(glyph * cells[name], style=STYLE[name])
     return bar
 
 
