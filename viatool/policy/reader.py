@@ -174,6 +174,7 @@ def _with_defaults(node: GraphNode, schema: Any) -> dict[str, Any]:
             attributes[name] = node.attributes[name]
         elif declared.default_value.type:
             value = onnx.helper.get_attribute_value(declared.default_value)
+            value = tuple(value) if isinstance(value, list) else value
             attributes[name] = value.decode() if isinstance(value, bytes) else value
     unknown = sorted(node.attributes.keys() - schema.attributes.keys())
     if unknown:

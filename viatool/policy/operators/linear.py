@@ -23,21 +23,16 @@ _LARGEST_EXPONENT = 16
 
 
 def operands(call: Call) -> tuple[Value, Value]:
-    """Return both operands; before opset 7 the second one is aligned by the attributes broadcast and axis."""
+    """Return both operands; before opset 7 they broadcast on demand, and only to the last axes here."""
     left, right = call.value(0), call.value(1)
     if call.version >= 7 or left.shape == right.shape:
         return left, right
     if not call.attributes.get("broadcast"):
         raise Refusal(f"combines the shapes {list(left.shape)} and {list(right.shape)} without broadcasting")
-    axis = call.attributes.get("axis")
-    start = len(left.shape) - len(right.shape) if axis is None else int(axis)
-    trailing = len(left.shape) - start - len(right.shape)
-    if trailing < 0:
-        raise Refusal("has an axis that does not fit its operands")
-    shape = right.shape + (1,) * trailing
-    if isinstance(right, Constant):
-        return left, Constant(right.array.reshape(shape), right.dtype)
-    return left, right.reshaped(shape)
+    trailing = len(left.shape) - len(right.shape)
+    if call.attributes.get("axis", trailing) not in (trailing, -len(right.shape)):
+        raise Refusal("broadcasts along an axis, as only opset 6 does", "export with opset_version 7 or newer")
+    return left, right
 
 
 def precision_of(values: Sequence[Value | None]) -> Precision:

@@ -125,19 +125,3 @@ def _by_channel(call: Call, x: Computed) -> Computed:
         Constant(scale.reshape(trailing), x.precision),
         Constant(shift.reshape(trailing), x.precision),
     )
-
-
-@reads("MeanVarianceNormalization", 9, 13, treatment="enclosed", note="away from zero variance")
-def read_mean_variance_normalization(call: Call) -> Sequence[Value]:
-    """Read a normalisation along axes whose spread is kept from zero by 1e-9."""
-    x = call.computed(0)
-    axes = normalised_axes(call.integers("axes") or (0, 2, 3), x)
-    if math.prod(x.shape[axis] for axis in axes) < 2:
-        raise Refusal("normalises single values")
-    assembly = call.assembly
-    mean = summed(call, x, axes, keep=True, mean=True)
-    deviation = weighted_sum(call, [x, mean], (1.0, -1.0))
-    square = assembly.activation(deviation, activation("Pow", exponent=2.0))
-    spread = assembly.activation(summed(call, square, axes, keep=True, mean=True), "Sqrt")
-    reciprocal = assembly.activation(assembly.scaled(spread, 1.0, float(np.float32(1e-9))), "Reciprocal")
-    return [assembly.product(deviation, reciprocal)]

@@ -1,0 +1,430 @@
+"""One or more small models for every operator that is read, in every opset version that defines it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import onnx
+
+from tests.policy.models import model_of, node, weights
+
+
+@dataclass(frozen=True)
+class Case:
+    """Nodes from x to y."""
+
+    nodes: list[onnx.NodeProto]
+    initializers: dict[str, Any] = field(default_factory=dict)
+    shape: tuple[int, ...] = (1, 4)
+    name: str = ""
+
+    def model(self, opset: int) -> onnx.ModelProto:
+        return model_of(self.nodes, self.initializers, shape=self.shape, opset=opset)
+
+
+Builder = Callable[[int], list[Case]]
+CASES: dict[str, Builder] = {}
+
+
+def case(*operators: str) -> Callable[[Callable[[str, int], list[Case]]], Callable[[str, int], list[Case]]]:
+    def register(builder: Callable[[str, int], list[Case]]) -> Callable[[str, int], list[Case]]:
+        for operator in operators:
+            CASES[operator] = lambda version, operator=operator: builder(operator, version)  # type: ignore[misc]
+        return builder
+
+    return register
+
+
+def ints(*values: int) -> Any:
+    return np.array(values, dtype=np.int64)
+
+
+def floats(*values: float) -> Any:
+    return np.array(values, dtype=np.float32)
+
+
+def positive(*shape: int) -> Any:
+    return np.abs(weights(9, *shape)) + np.float32(0.5)
+
+
+@case(
+    "Abs", "Celu", "Elu", "Erf", "Exp", "HardSigmoid", "HardSwish", "Identity", "LeakyRelu", "LogSoftmax", "Mish",
+    "Neg", "Relu", "Selu", "Sigmoid", "Sign", "Softmax", "Softplus", "Softsign", "Tanh", "ThresholdedRelu",
+)  # fmt: skip
+def unary(operator: str, version: int) -> list[Case]:
+    return [Case([node(operator, ["x"], ["y"])])]
+
+
+@case("Log", "Sqrt", "Reciprocal")
+def of_positive(operator: str, version: int) -> list[Case]:
+    return [Case([node("Exp", ["x"], ["e"]), node(operator, ["e"], ["y"])])]
+
+
+@case("Add", "Sub", "Mul", "Div")
+def arithmetic(operator: str, version: int) -> list[Case]:
+    def call(a: str, b: str) -> list[onnx.NodeProto]:
+        attributes = {"broadcast": 1} if version < 7 else {}
+        return [node(operator, [a, b], ["y"], **attributes)]
+
+    bent = node("Exp", ["x"], ["e"])
+    cases = [
+        Case(call("x", "c"), {"c": positive(4)}, name="by a vector"),
+        Case(call("x", "c"), {"c": np.float32(0.4)}, name="by a number"),
+        Case([bent, *call("x", "e")], name="of two computed values"),
+        Case([bent, *call("e", "e")], name="of a value with itself"),
+    ]
+    if version < 7:
+        axis = node(operator, ["x", "c"], ["y"], broadcast=1, axis=2)
+        return [*cases, Case([axis], {"c": positive(2)}, shape=(1, 3, 2), name="along the last axis")]
+    first = Case([bent, *call("c", "e")], {"c": weights(1, 1, 4)}, name="with the constant first")
+    wider = Case(call("x", "c"), {"c": positive(3, 1)}, shape=(1, 1, 4), name="broadcast to a larger shape")
+    return [*cases, first, wider]
+
+
+@case("Max", "Min", "Sum", "Mean")
+def variadic(operator: str, version: int) -> list[Case]:
+    bent = node("Tanh", ["x"], ["t"])
+    cases = [
+        Case([bent, node(operator, ["x", "t"], ["y"])], name="of two computed values"),
+        Case([node(operator, ["x", "c"], ["y"])], {"c": weights(1, 1, 4)}, name="with constants"),
+        Case([node(operator, ["x"], ["y"])], name="of one value"),
+    ]
+    if version >= 8:
+        cases.append(Case([bent, node(operator, ["x", "c", "t"], ["y"])], {"c": np.float32(0.1)}, name="of three"))
+    return cases
+
+
+@case("Pow")
+def power(operator: str, version: int) -> list[Case]:
+    attributes = {"broadcast": 1} if version < 7 else {}
+    cases = [
+        Case([node("Pow", ["x", "c"], ["y"], **attributes)], {"c": np.float32(exponent)}, name=f"{exponent:g}")
+        for exponent in (2.0, 3.0, 1.0)
+    ]
+    for exponent in (0.5, -1.0, -0.5, -2.0):
+        nodes = [node("Exp", ["x"], ["e"]), node("Pow", ["e", "c"], ["y"], **attributes)]
+        cases.append(Case(nodes, {"c": np.float32(exponent)}, name=f"{exponent:g} of positive"))
+    return cases
+
+
+@case("Gelu")
+def gelu(operator: str, version: int) -> list[Case]:
+    return [Case([node("Gelu", ["x"], ["y"], approximate=form)], name=form) for form in ("none", "tanh")]
+
+
+@case("Swish")
+def swish(operator: str, version: int) -> list[Case]:
+    return [Case([node("Swish", ["x"], ["y"], alpha=alpha)], name=f"{alpha:g}") for alpha in (1.0, 1.5)]
+
+
+@case("Clip")
+def clip(operator: str, version: int) -> list[Case]:
+    if version == 6:
+        return [Case([node("Clip", ["x"], ["y"], min=-0.5, max=0.25)]), Case([node("Clip", ["x"], ["y"], min=0.0)])]
+    bounds = {"low": np.float32(-0.5), "high": np.float32(0.25)}
+    return [
+        Case([node("Clip", ["x", "low", "high"], ["y"])], bounds, name="both"),
+        Case([node("Clip", ["x", "", "high"], ["y"])], bounds, name="upper"),
+        Case([node("Clip", ["x"], ["y"])], name="neither"),
+    ]
+
+
+@case("PRelu")
+def prelu(operator: str, version: int) -> list[Case]:
+    cases = [
+        Case([node("PRelu", ["x", "s"], ["y"])], {"s": floats(0.25, 0.1, -0.5, 1e-12)}, name="by element"),
+        Case([node("PRelu", ["x", "s"], ["y"])], {"s": floats(0.25)}, name="one slope"),
+    ]
+    if version >= 7:
+        cases.append(Case([node("PRelu", ["x", "s"], ["y"])], {"s": weights(2, 3, 1)}, shape=(1, 3, 2)))
+    return cases
+
+
+@case("MatMul")
+def matmul(operator: str, version: int) -> list[Case]:
+    call = [node("MatMul", ["x", "w"], ["y"])]
+    left = [node("MatMul", ["w", "x"], ["y"])]
+    bilinear = [node("Tanh", ["x"], ["t"]), node("Transpose", ["t"], ["u"]), node("MatMul", ["x", "u"], ["y"])]
+    return [
+        Case(call, {"w": weights(1, 4, 3)}, name="weights right"),
+        Case(left, {"w": weights(1, 3, 4)}, shape=(4, 1), name="weights left"),
+        Case(left, {"w": weights(1, 3, 4)}, shape=(4,), name="a vector"),
+        Case(call, {"w": weights(1, 4)}, name="by a vector"),
+        Case(call, {"w": weights(1, 2, 3, 4)}, shape=(1, 1, 3), name="a batch of weights"),
+        Case(left, {"w": weights(1, 2, 2, 3)}, shape=(3, 2), name="a batch of weights left"),
+        Case(bilinear, shape=(2, 3), name="of two computed matrices"),
+    ]
+
+
+@case("Gemm")
+def gemm(operator: str, version: int) -> list[Case]:
+    attributes = {"broadcast": 1} if version < 7 else {}
+    scaled = node("Gemm", ["x", "w", "c"], ["y"], alpha=0.5, beta=-1.5, **attributes)
+    computed = node("Gemm", ["t", "u", "x"], ["y"], transB=1, **attributes)
+    cases = [
+        Case([node("Gemm", ["x", "w", "c"], ["y"], transB=1, **attributes)], {"w": weights(1, 3, 4), "c": weights(2, 3)}),
+        Case([scaled], {"w": weights(1, 4, 3), "c": weights(2, 1, 3)}, name="alpha and beta"),
+        Case(
+            [node("Gemm", ["x", "w", "c"], ["y"], transA=1, **attributes)],
+            {"w": weights(1, 4, 3), "c": weights(2, 1)},
+            shape=(4, 1),
+            name="x transposed",
+        ),
+        Case(
+            [node("Gemm", ["w", "x", "c"], ["y"], transB=1, **attributes)],
+            {"w": weights(1, 3, 4), "c": weights(2, 3, 1)},
+            name="weights left",
+        ),
+        Case(
+            [node("Gemm", ["w", "v", "x"], ["y"], **attributes)],
+            {"w": weights(1, 1, 2), "v": weights(2, 2, 4)},
+            name="x is the addend",
+        ),
+    ]
+    bilinear = [node("Tanh", ["x"], ["t"]), node("Sigmoid", ["x"], ["u"]), computed]
+    cases.append(Case(bilinear, shape=(2, 2), name="of two computed matrices"))
+    if version >= 11:
+        cases.append(Case([node("Gemm", ["x", "w"], ["y"])], {"w": weights(1, 4, 3)}, name="without addend"))
+    return cases
+
+
+@case("Cast")
+def cast(operator: str, version: int) -> list[Case]:
+    wide = [node("Cast", ["x"], ["d"], to=onnx.TensorProto.DOUBLE), node("Cast", ["d"], ["y"], to=onnx.TensorProto.FLOAT)]
+    narrow = [
+        node("Cast", ["x"], ["d"], to=onnx.TensorProto.FLOAT16),
+        node("Cast", ["d"], ["y"], to=onnx.TensorProto.FLOAT),
+    ]
+    return [Case(wide, name="to float64"), Case(narrow, name="to float16")]
+
+
+@case("Concat")
+def concat(operator: str, version: int) -> list[Case]:
+    nodes = [node("Tanh", ["x"], ["t"]), node("Concat", ["t", "c", "x"], ["y"], axis=1)]
+    return [Case(nodes, {"c": weights(1, 1, 2)})]
+
+
+@case("Compress")
+def compress(operator: str, version: int) -> list[Case]:
+    nodes = [node("Compress", ["x", "c"], ["y"], axis=1)]
+    return [Case(nodes, {"c": np.array([True, False, True, True])})]
+
+
+@case("DepthToSpace", "SpaceToDepth")
+def depth(operator: str, version: int) -> list[Case]:
+    shape = (1, 4, 1, 2) if operator == "DepthToSpace" else (1, 1, 2, 4)
+    return [Case([node(operator, ["x"], ["y"], blocksize=2)], shape=shape)]
+
+
+@case("Expand")
+def expand(operator: str, version: int) -> list[Case]:
+    return [Case([node("Expand", ["x", "s"], ["y"])], {"s": ints(2, 3, 4)})]
+
+
+@case("Flatten")
+def flatten(operator: str, version: int) -> list[Case]:
+    return [Case([node("Flatten", ["x"], ["y"], axis=axis)], shape=(1, 2, 3)) for axis in (0, 1, 2)]
+
+
+@case("Gather")
+def gather(operator: str, version: int) -> list[Case]:
+    return [
+        Case([node("Gather", ["x", "i"], ["y"], axis=1)], {"i": ints(2, 0, 2)}),
+        Case([node("Gather", ["x", "i"], ["y"], axis=1)], {"i": np.int64(3)}, name="one entry"),
+    ]
+
+
+@case("GatherElements")
+def gather_elements(operator: str, version: int) -> list[Case]:
+    return [Case([node(operator, ["x", "i"], ["y"], axis=1)], {"i": ints(3, 0).reshape(1, 2)})]
+
+
+@case("GatherND")
+def gather_nd(operator: str, version: int) -> list[Case]:
+    return [Case([node(operator, ["x", "i"], ["y"])], {"i": ints(0, 3, 0, 1).reshape(2, 2)})]
+
+
+@case("Pad")
+def pad(operator: str, version: int) -> list[Case]:
+    if version == 2:
+        return [Case([node("Pad", ["x"], ["y"], pads=[0, 1, 0, 2], value=0.5)])]
+    cases = [Case([node("Pad", ["x", "p", "v"], ["y"])], {"p": ints(0, 1, 0, 2), "v": np.float32(0.5)})]
+    for mode in ("reflect", "edge"):
+        cases.append(Case([node("Pad", ["x", "p"], ["y"], mode=mode)], {"p": ints(0, 1, 0, 2)}, name=mode))
+    return cases
+
+
+@case("Reshape")
+def reshape(operator: str, version: int) -> list[Case]:
+    return [
+        Case([node("Reshape", ["x", "s"], ["y"])], {"s": ints(2, -1)}),
+        Case([node("Reshape", ["x", "s"], ["y"])], {"s": ints(0, 2, 2)}, name="keeping an axis"),
+    ]
+
+
+@case("ReverseSequence")
+def reverse(operator: str, version: int) -> list[Case]:
+    return [Case([node(operator, ["x", "n"], ["y"], batch_axis=0, time_axis=1)], {"n": ints(3)})]
+
+
+@case("Slice")
+def slicing(operator: str, version: int) -> list[Case]:
+    if version == 1:
+        return [Case([node("Slice", ["x"], ["y"], axes=[1], starts=[1], ends=[3])])]
+    bounds = {"s": ints(3), "e": ints(-5), "a": ints(1), "t": ints(-2)}
+    return [
+        Case([node("Slice", ["x", "s", "e", "a", "t"], ["y"])], bounds, name="backwards"),
+        Case([node("Slice", ["x", "s", "e", "a"], ["y"])], {"s": ints(1), "e": ints(2**62), "a": ints(1)}),
+    ]
+
+
+@case("Split")
+def split(operator: str, version: int) -> list[Case]:
+    rest = [node("Tanh", ["b"], ["t"]), node("Concat", ["t", "a"], ["y"], axis=1)]
+    if version < 13:
+        return [Case([node("Split", ["x"], ["a", "b"], axis=1, split=[1, 3]), *rest])]
+    equal = {"num_outputs": 2} if version >= 18 else {}
+    return [
+        Case([node("Split", ["x", "s"], ["a", "b"], axis=1), *rest], {"s": ints(1, 3)}),
+        Case([node("Split", ["x"], ["a", "b"], axis=1, **equal), *rest], name="equal parts"),
+    ]
+
+
+@case("Squeeze", "Unsqueeze")
+def squeeze(operator: str, version: int) -> list[Case]:
+    if version < 13:
+        return [Case([node(operator, ["x"], ["y"], axes=[0])])]
+    return [Case([node(operator, ["x", "a"], ["y"])], {"a": ints(0)})]
+
+
+@case("Tile")
+def tile(operator: str, version: int) -> list[Case]:
+    return [Case([node("Tile", ["x", "r"], ["y"])], {"r": ints(1, 2)})]
+
+
+@case("Transpose")
+def transpose(operator: str, version: int) -> list[Case]:
+    return [
+        Case([node("Transpose", ["x"], ["y"])], shape=(1, 2, 3)),
+        Case([node("Transpose", ["x"], ["y"], perm=[0, 2, 1])], shape=(1, 2, 3)),
+    ]
+
+
+@case("Trilu")
+def trilu(operator: str, version: int) -> list[Case]:
+    return [Case([node("Trilu", ["x", "k"], ["y"], upper=upper)], {"k": np.int64(0)}, shape=(3, 3)) for upper in (0, 1)]
+
+
+@case("Dropout")
+def dropout(operator: str, version: int) -> list[Case]:
+    return [Case([node("Dropout", ["x"], ["y"], **({"is_test": 1} if version == 6 else {}))])]
+
+
+@case("Where")
+def where(operator: str, version: int) -> list[Case]:
+    nodes = [node("Tanh", ["x"], ["t"]), node("Where", ["c", "x", "t"], ["y"])]
+    return [Case(nodes, {"c": np.array([[True, False, True, False]])})]
+
+
+@case("Greater", "GreaterOrEqual", "Less", "LessOrEqual")
+def comparison(operator: str, version: int) -> list[Case]:
+    above = operator.startswith("Greater")
+    if version < 9:  # without Where nothing can be made of a comparison of computed values
+        nodes = [node(operator, ["a", "z"], ["c"]), node("Cast", ["c"], ["f"], to=1), node("Add", ["x", "f"], ["y"])]
+        return [Case(nodes, {"a": np.float32(0.2), "z": np.float32(0.0)}, name="of constants")]
+    slow = node("Mul", ["x", "a"], ["s"])
+    branches = ["x", "s"] if above else ["s", "x"]
+    constants = {"a": np.float32(0.2), "z": np.float32(0.0)}
+    forward = [slow, node(operator, ["x", "z"], ["c"]), node("Where", ["c", *branches], ["y"])]
+    backward = [slow, node(operator, ["z", "x"], ["c"]), node("Where", ["c", *branches[::-1]], ["y"])]
+    return [Case(forward, constants, name="x first"), Case(backward, constants, name="bound first")]
+
+
+@case("ReduceSum", "ReduceMean", "ReduceSumSquare", "ReduceL1", "ReduceL2", "ReduceMax", "ReduceMin")
+def reduction(operator: str, version: int) -> list[Case]:
+    by_input = 13 if operator == "ReduceSum" else 18
+    shape = (2, 3, 2)
+
+    def call(*axes: int, **attributes: int) -> Case:
+        if version < by_input:
+            return Case([node(operator, ["x"], ["y"], axes=list(axes), **attributes)], shape=shape)
+        return Case([node(operator, ["x", "a"], ["y"], **attributes)], {"a": ints(*axes)}, shape=shape)
+
+    everything = Case([node(operator, ["x"], ["y"])], shape=shape, name="all axes")
+    return [call(1), call(0, 2, keepdims=0), call(-1), everything]
+
+
+@case("BatchNormalization")
+def batch_normalization(operator: str, version: int) -> list[Case]:
+    names = ["x", "s", "b", "m", "v"]
+    attributes = {"is_test": 1} if version == 6 else {}
+
+    def statistics(channels: int) -> dict[str, Any]:
+        return {"s": weights(1, channels), "b": weights(2, channels), "m": weights(3, channels), "v": positive(channels)}
+
+    call = [node(operator, names, ["y"], epsilon=1e-3, **attributes)]
+    return [Case(call, statistics(4)), Case(call, statistics(3), shape=(1, 3, 2), name="of images")]
+
+
+@case("LayerNormalization", "RMSNormalization")
+def layer_normalization(operator: str, version: int) -> list[Case]:
+    names = ["x", "s", "b"] if operator == "LayerNormalization" else ["x", "s"]
+    full = {"s": weights(1, 4), "b": weights(2, 4)}
+    plane = Case([node(operator, ["x", "s"], ["y"], axis=1)], {"s": weights(1, 2, 2)}, shape=(1, 2, 2))
+    return [Case([node(operator, names, ["y"])], {key: full[key] for key in names[1:]}), plane]
+
+
+@case("InstanceNormalization")
+def instance_normalization(operator: str, version: int) -> list[Case]:
+    return [Case([node(operator, ["x", "s", "b"], ["y"])], {"s": weights(1, 2), "b": weights(2, 2)}, shape=(1, 2, 3))]
+
+
+@case("GroupNormalization")
+def group_normalization(operator: str, version: int) -> list[Case]:
+    call = node(operator, ["x", "s", "b"], ["y"], num_groups=2)
+    return [Case([call], {"s": weights(1, 4), "b": weights(2, 4)}, shape=(1, 4, 2))]
+
+
+@case("Conv")
+def convolution(operator: str, version: int) -> list[Case]:
+    plain = {"w": weights(1, 3, 2, 3), "b": weights(2, 3)}
+    return [
+        Case([node("Conv", ["x", "w", "b"], ["y"])], plain, shape=(1, 2, 6), name="1d"),
+        Case([node("Conv", ["x", "w"], ["y"], pads=[2, 1], strides=[2], dilations=[2])], plain, shape=(1, 2, 6)),
+        Case([node("Conv", ["x", "w"], ["y"], auto_pad="SAME_UPPER", strides=[2])], plain, shape=(1, 2, 6), name="same"),
+        Case([node("Conv", ["x", "w"], ["y"], auto_pad="SAME_LOWER", strides=[2])], plain, shape=(1, 2, 6)),
+        Case([node("Conv", ["x", "w"], ["y"], auto_pad="VALID")], plain, shape=(1, 2, 6)),
+        Case(
+            [node("Conv", ["x", "w"], ["y"], group=2, pads=[0, 1, 1, 0])],
+            {"w": weights(1, 4, 1, 2, 3)},
+            shape=(1, 2, 4, 3),
+            name="2d in groups",
+        ),
+        Case([node("Conv", ["x", "w"], ["y"])], {"w": weights(1, 3, 4, 1, 1)}, shape=(1, 4, 1, 1), name="1x1"),
+    ]
+
+
+@case("AveragePool")
+def average_pool(operator: str, version: int) -> list[Case]:
+    call = dict(kernel_shape=[3], strides=[2], pads=[1, 1])
+    return [
+        Case([node(operator, ["x"], ["y"], **call)], shape=(1, 2, 6)),
+        Case([node(operator, ["x"], ["y"], count_include_pad=1, **call)], shape=(1, 2, 6)),
+        Case([node(operator, ["x"], ["y"], kernel_shape=[2, 2])], shape=(1, 1, 3, 3), name="2d"),
+    ]
+
+
+@case("MaxPool")
+def max_pool(operator: str, version: int) -> list[Case]:
+    return [
+        Case([node(operator, ["x"], ["y"], kernel_shape=[3], strides=[2], pads=[1, 1])], shape=(1, 2, 6)),
+        Case([node(operator, ["x"], ["y"], kernel_shape=[2, 2])], shape=(1, 1, 3, 3), name="2d"),
+    ]
+
+
+@case("GlobalAveragePool", "GlobalMaxPool")
+def global_pool(operator: str, version: int) -> list[Case]:
+    return [Case([node(operator, ["x"], ["y"])], shape=(1, 2, 3, 2))]
