@@ -85,7 +85,8 @@ class Curve:
 
     def __init__(self, function: ActivationFunction) -> None:
         self.function = function
-        self.breaks, self._expressions = _smooth_pieces(function)
+        self.breaks, expressions = _smooth_pieces(function)
+        self._derivatives: list[list[sympy.Expr]] = [expressions]
         self._enclosed: dict[int, list[Callable[[Interval], Interval]]] = {}
         self._floats: dict[int, list[Callable[[Floats], Floats]]] = {}
         self._cells: dict[int, Cells] = {}
@@ -101,8 +102,8 @@ class Curve:
         """Evaluate a derivative in float64; not a bound."""
         if derivative not in self._floats:
             self._floats[derivative] = [
-                _broadcasting(sympy.lambdify(X, sympy.diff(e, X, derivative), modules=FLOAT_MODULES))
-                for e in self._expressions
+                _broadcasting(sympy.lambdify(X, expression, modules=FLOAT_MODULES))
+                for expression in self._derived(derivative)
             ]
         pieces = self._floats[derivative]
         with np.errstate(all="ignore"):
@@ -189,10 +190,16 @@ class Curve:
     def _pieces(self, derivative: int) -> list[Callable[[Interval], Interval]]:
         if derivative not in self._enclosed:
             self._enclosed[derivative] = [
-                sympy.lambdify(X, sympy.diff(e, X, derivative), modules=[ENCLOSED_FUNCTIONS], cse=True)
-                for e in self._expressions
+                sympy.lambdify(X, expression, modules=[ENCLOSED_FUNCTIONS], cse=True)
+                for expression in self._derived(derivative)
             ]
         return self._enclosed[derivative]
+
+    def _derived(self, derivative: int) -> list[sympy.Expr]:
+        """Return a derivative of every piece, each from the one before: simplification takes seconds."""
+        while len(self._derivatives) <= derivative:
+            self._derivatives.append([e.diff(X, simplify=False) for e in self._derivatives[-1]])
+        return self._derivatives[derivative]
 
     def _find_cells(self, derivative: int) -> Cells:
         borders = [-REACH, *self.breaks.tolist(), REACH]
@@ -214,10 +221,12 @@ class Curve:
         """Find the nodes at which a lower derivative is discontinuous, so that this one is unbounded."""
         jumps = np.zeros(nodes.shape, dtype=bool)
         for lower_derivative in range(derivative):
-            if lower_derivative == 0 or derivative > 1:
-                sides = self.enclose(nodes, lower_derivative)
-                scale = 1 + np.abs(sides.lower) + np.abs(sides.upper)
-                jumps |= ~(sides.upper - sides.lower <= 1e-9 * scale)
+            pieces = self._pieces(lower_derivative)
+            for edge, below, above in zip(self.breaks, pieces[:-1], pieces[1:], strict=True):
+                left, right = (_checked(piece, Interval(edge, edge)) for piece in (below, above))
+                meet = (left.lower <= right.upper) & (right.lower <= left.upper)
+                meet &= np.isfinite(left.upper - left.lower) & np.isfinite(right.upper - right.lower)
+                jumps |= (nodes == edge) & ~meet
         return jumps
 
 
