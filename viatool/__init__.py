@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from viatool.policy import Policy, load_policy
     from viatool.safety import Result
-    from viatool.simulate import roll_out
+    from viatool.simulate.roll_out import roll_out
     from viatool.taylor import ReachableSet, reach
     from viatool.trajectory import Trajectory, load_trajectory
     from viatool.verification import verify
