@@ -1,0 +1,35 @@
+"""The policies of the repository are what policies/README.md says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from viatool.policy import load_policy
+from viatool.train import load_configuration, make_configuration
+from viatool.train.selection import evaluate_policy
+from viatool.world import load_map
+
+POLICIES = sorted(Path("policies").glob("*.onnx"))
+
+
+@pytest.mark.parametrize("path", POLICIES, ids=lambda path: path.stem)
+def test_a_policy_drives_as_well_as_its_table_says(path: Path) -> None:
+    policy = load_policy(path)
+    table = Path("policies/README.md").read_text(encoding="utf-8")
+    (row,) = [line for line in table.splitlines() if line.startswith(f"| `{path.name}` |")]
+    success, collisions = (float(cell.strip(" %")) / 100 for cell in row.split("|")[3:5])
+    world_map = load_map("maps/lab.yaml")
+    outcome = evaluate_policy(policy, world_map, make_configuration())["held_out"]
+    # another machine rounds otherwise, and a few of the 500 episodes end otherwise
+    assert outcome["success_rate"] == pytest.approx(success, abs=0.02)
+    assert outcome["collision_rate"] == pytest.approx(collisions, abs=0.01)
+
+
+def test_the_configuration_of_via_is_the_preset_best() -> None:
+    configuration = load_configuration("policies/via.yaml")
+    assert configuration == make_configuration("best")
+    spec = load_policy("policies/via.onnx").spec
+    assert spec is not None
+    assert spec.training["configuration"] == configuration.model_dump(mode="json")
