@@ -41,7 +41,10 @@ def model_of(
             for name, array in (initializers or {}).items()
         ],
     )
-    imports = [helper.make_opsetid("", opset), *(helper.make_opsetid(d, v) for d, v in (domains or {}).items())]
+    imports = [
+        helper.make_opsetid("", opset),
+        *(helper.make_opsetid(d, v) for d, v in (domains or {}).items()),
+    ]
     model = helper.make_model(graph, opset_imports=imports, functions=list(functions))
     model.ir_version = 10
     return model

@@ -93,7 +93,9 @@ def variadic(operator: str, version: int) -> list[Case]:
         Case([node(operator, ["x"], ["y"])], name="of one value"),
     ]
     if version >= 8:
-        cases.append(Case([bent, node(operator, ["x", "c", "t"], ["y"])], {"c": np.float32(0.1)}, name="of three"))
+        cases.append(
+            Case([bent, node(operator, ["x", "c", "t"], ["y"])], {"c": np.float32(0.1)}, name="of three")
+        )
     return cases
 
 
@@ -101,7 +103,9 @@ def variadic(operator: str, version: int) -> list[Case]:
 def power(operator: str, version: int) -> list[Case]:
     attributes = {"broadcast": 1} if version < 7 else {}
     cases = [
-        Case([node("Pow", ["x", "c"], ["y"], **attributes)], {"c": np.float32(exponent)}, name=f"{exponent:g}")
+        Case(
+            [node("Pow", ["x", "c"], ["y"], **attributes)], {"c": np.float32(exponent)}, name=f"{exponent:g}"
+        )
         for exponent in (2.0, 3.0, 1.0)
     ]
     for exponent in (0.5, -1.0, -0.5, -2.0):
@@ -123,7 +127,10 @@ def swish(operator: str, version: int) -> list[Case]:
 @case("Clip")
 def clip(operator: str, version: int) -> list[Case]:
     if version == 6:
-        return [Case([node("Clip", ["x"], ["y"], min=-0.5, max=0.25)]), Case([node("Clip", ["x"], ["y"], min=0.0)])]
+        return [
+            Case([node("Clip", ["x"], ["y"], min=-0.5, max=0.25)]),
+            Case([node("Clip", ["x"], ["y"], min=0.0)]),
+        ]
     bounds = {"low": np.float32(-0.5), "high": np.float32(0.25)}
     return [
         Case([node("Clip", ["x", "low", "high"], ["y"])], bounds, name="both"),
@@ -147,7 +154,11 @@ def prelu(operator: str, version: int) -> list[Case]:
 def matmul(operator: str, version: int) -> list[Case]:
     call = [node("MatMul", ["x", "w"], ["y"])]
     left = [node("MatMul", ["w", "x"], ["y"])]
-    bilinear = [node("Tanh", ["x"], ["t"]), node("Transpose", ["t"], ["u"]), node("MatMul", ["x", "u"], ["y"])]
+    bilinear = [
+        node("Tanh", ["x"], ["t"]),
+        node("Transpose", ["t"], ["u"]),
+        node("MatMul", ["x", "u"], ["y"]),
+    ]
     return [
         Case(call, {"w": weights(1, 4, 3)}, name="weights right"),
         Case(left, {"w": weights(1, 3, 4)}, shape=(4, 1), name="weights left"),
@@ -165,7 +176,10 @@ def gemm(operator: str, version: int) -> list[Case]:
     scaled = node("Gemm", ["x", "w", "c"], ["y"], alpha=0.5, beta=-1.5, **attributes)
     computed = node("Gemm", ["t", "u", "x"], ["y"], transB=1, **attributes)
     cases = [
-        Case([node("Gemm", ["x", "w", "c"], ["y"], transB=1, **attributes)], {"w": weights(1, 3, 4), "c": weights(2, 3)}),
+        Case(
+            [node("Gemm", ["x", "w", "c"], ["y"], transB=1, **attributes)],
+            {"w": weights(1, 3, 4), "c": weights(2, 3)},
+        ),
         Case([scaled], {"w": weights(1, 4, 3), "c": weights(2, 1, 3)}, name="alpha and beta"),
         Case(
             [node("Gemm", ["x", "w", "c"], ["y"], transA=1, **attributes)],
@@ -193,7 +207,10 @@ def gemm(operator: str, version: int) -> list[Case]:
 
 @case("Cast")
 def cast(operator: str, version: int) -> list[Case]:
-    wide = [node("Cast", ["x"], ["d"], to=onnx.TensorProto.DOUBLE), node("Cast", ["d"], ["y"], to=onnx.TensorProto.FLOAT)]
+    wide = [
+        node("Cast", ["x"], ["d"], to=onnx.TensorProto.DOUBLE),
+        node("Cast", ["d"], ["y"], to=onnx.TensorProto.FLOAT),
+    ]
     narrow = [
         node("Cast", ["x"], ["d"], to=onnx.TensorProto.FLOAT16),
         node("Cast", ["d"], ["y"], to=onnx.TensorProto.FLOAT),
@@ -315,7 +332,10 @@ def transpose(operator: str, version: int) -> list[Case]:
 
 @case("Trilu")
 def trilu(operator: str, version: int) -> list[Case]:
-    return [Case([node("Trilu", ["x", "k"], ["y"], upper=upper)], {"k": np.int64(0)}, shape=(3, 3)) for upper in (0, 1)]
+    return [
+        Case([node("Trilu", ["x", "k"], ["y"], upper=upper)], {"k": np.int64(0)}, shape=(3, 3))
+        for upper in (0, 1)
+    ]
 
 
 @case("Dropout")
@@ -333,7 +353,11 @@ def where(operator: str, version: int) -> list[Case]:
 def comparison(operator: str, version: int) -> list[Case]:
     above = operator.startswith("Greater")
     if version < 9:  # without Where nothing can be made of a comparison of computed values
-        nodes = [node(operator, ["a", "z"], ["c"]), node("Cast", ["c"], ["f"], to=1), node("Add", ["x", "f"], ["y"])]
+        nodes = [
+            node(operator, ["a", "z"], ["c"]),
+            node("Cast", ["c"], ["f"], to=1),
+            node("Add", ["x", "f"], ["y"]),
+        ]
         return [Case(nodes, {"a": np.float32(0.2), "z": np.float32(0.0)}, name="of constants")]
     slow = node("Mul", ["x", "a"], ["s"])
     branches = ["x", "s"] if above else ["s", "x"]
@@ -363,7 +387,12 @@ def batch_normalization(operator: str, version: int) -> list[Case]:
     attributes = {"is_test": 1} if version == 6 else {}
 
     def statistics(channels: int) -> dict[str, Any]:
-        return {"s": weights(1, channels), "b": weights(2, channels), "m": weights(3, channels), "v": positive(channels)}
+        return {
+            "s": weights(1, channels),
+            "b": weights(2, channels),
+            "m": weights(3, channels),
+            "v": positive(channels),
+        }
 
     call = [node(operator, names, ["y"], epsilon=1e-3, **attributes)]
     return [Case(call, statistics(4)), Case(call, statistics(3), shape=(1, 3, 2), name="of images")]
@@ -379,7 +408,13 @@ def layer_normalization(operator: str, version: int) -> list[Case]:
 
 @case("InstanceNormalization")
 def instance_normalization(operator: str, version: int) -> list[Case]:
-    return [Case([node(operator, ["x", "s", "b"], ["y"])], {"s": weights(1, 2), "b": weights(2, 2)}, shape=(1, 2, 3))]
+    return [
+        Case(
+            [node(operator, ["x", "s", "b"], ["y"])],
+            {"s": weights(1, 2), "b": weights(2, 2)},
+            shape=(1, 2, 3),
+        )
+    ]
 
 
 @case("GroupNormalization")
@@ -393,8 +428,15 @@ def convolution(operator: str, version: int) -> list[Case]:
     plain = {"w": weights(1, 3, 2, 3), "b": weights(2, 3)}
     return [
         Case([node("Conv", ["x", "w", "b"], ["y"])], plain, shape=(1, 2, 6), name="1d"),
-        Case([node("Conv", ["x", "w"], ["y"], pads=[2, 1], strides=[2], dilations=[2])], plain, shape=(1, 2, 6)),
-        Case([node("Conv", ["x", "w"], ["y"], auto_pad="SAME_UPPER", strides=[2])], plain, shape=(1, 2, 6), name="same"),
+        Case(
+            [node("Conv", ["x", "w"], ["y"], pads=[2, 1], strides=[2], dilations=[2])], plain, shape=(1, 2, 6)
+        ),
+        Case(
+            [node("Conv", ["x", "w"], ["y"], auto_pad="SAME_UPPER", strides=[2])],
+            plain,
+            shape=(1, 2, 6),
+            name="same",
+        ),
         Case([node("Conv", ["x", "w"], ["y"], auto_pad="SAME_LOWER", strides=[2])], plain, shape=(1, 2, 6)),
         Case([node("Conv", ["x", "w"], ["y"], auto_pad="VALID")], plain, shape=(1, 2, 6)),
         Case(
@@ -403,13 +445,15 @@ def convolution(operator: str, version: int) -> list[Case]:
             shape=(1, 2, 4, 3),
             name="2d in groups",
         ),
-        Case([node("Conv", ["x", "w"], ["y"])], {"w": weights(1, 3, 4, 1, 1)}, shape=(1, 4, 1, 1), name="1x1"),
+        Case(
+            [node("Conv", ["x", "w"], ["y"])], {"w": weights(1, 3, 4, 1, 1)}, shape=(1, 4, 1, 1), name="1x1"
+        ),
     ]
 
 
 @case("AveragePool")
 def average_pool(operator: str, version: int) -> list[Case]:
-    call = dict(kernel_shape=[3], strides=[2], pads=[1, 1])
+    call = {"kernel_shape": [3], "strides": [2], "pads": [1, 1]}
     return [
         Case([node(operator, ["x"], ["y"], **call)], shape=(1, 2, 6)),
         Case([node(operator, ["x"], ["y"], count_include_pad=1, **call)], shape=(1, 2, 6)),

@@ -23,9 +23,14 @@ def all_cases() -> list[tuple[str, int, Case]]:
 
 @pytest.mark.parametrize(
     ("operator", "version", "case"),
-    [pytest.param(*entry, id=f"{entry[0]}-{entry[1]}-{entry[2].name or i}") for i, entry in enumerate(all_cases())],
+    [
+        pytest.param(*entry, id=f"{entry[0]}-{entry[1]}-{entry[2].name or i}")
+        for i, entry in enumerate(all_cases())
+    ],
 )
-def test_operator_means_what_onnxruntime_computes(operator: str, version: int, case: Case, tmp_path: Path) -> None:
+def test_operator_means_what_onnxruntime_computes(
+    operator: str, version: int, case: Case, tmp_path: Path
+) -> None:
     policy = load_policy(save(case.model(max(version, 6)), tmp_path))
 
     observations = np.random.default_rng(3).normal(size=(50, policy.input_size)).astype(np.float32)
@@ -61,7 +66,11 @@ def test_reachable_sets_of_an_operator_contain_what_onnxruntime_computes(
     sets = reach(policy, centres, 0.02, refine="none")
 
     for _ in range(50):
-        deviations = 0.02 * np.where(generator.random(centres.shape) < 0.5, 1, -1) * generator.random(centres.shape)
-        actions = policy.run(np.clip((centres + deviations).astype(np.float32), centres - 0.02, centres + 0.02))
+        deviations = (
+            0.02 * np.where(generator.random(centres.shape) < 0.5, 1, -1) * generator.random(centres.shape)
+        )
+        actions = policy.run(
+            np.clip((centres + deviations).astype(np.float32), centres - 0.02, centres + 0.02)
+        )
         assert (sets.lower <= actions).all()
         assert (actions <= sets.upper).all()

@@ -47,12 +47,12 @@ def _size(node: GraphNode, inputs: Values, attributes: Mapping[str, Any]) -> Con
     return Constant(np.asarray(math.prod(inputs[0].shape), dtype=np.int64), "int64")
 
 
-_SHAPE_ONLY: dict[str, Maker] = {"Shape": _shape, "Size": _size}
+SHAPE_ONLY: dict[str, Maker] = {"Shape": _shape, "Size": _size}
 
 
 def fold_shape(node: GraphNode, inputs: Sequence[object], attributes: Mapping[str, Any]) -> Constant | None:
     """Return the value of an operator that only asks for the shape of its input, None for any other."""
-    maker = _SHAPE_ONLY.get(node.operator)
+    maker = SHAPE_ONLY.get(node.operator)
     value = inputs[0] if inputs else None
     if maker is None or not isinstance(value, Computed):
         return None
@@ -167,7 +167,7 @@ _SPECIAL: dict[str, Maker] = {
     "Constant": _constant,
     "ConstantOfShape": _constant_of_shape,
     "Identity": _identity,
-    **_SHAPE_ONLY,
+    **SHAPE_ONLY,
 }
 
 

@@ -11,12 +11,12 @@ import onnx
 
 from viatool.errors import PolicyError
 from viatool.policy.assembly import Assembly, Computed, Refusal
-from viatool.policy.folding import FOLDED_ONLY, fold, fold_shape
+from viatool.policy.folding import FOLDED_ONLY, SHAPE_ONLY, fold, fold_shape
 from viatool.policy.graph import Graph, GraphNode
 from viatool.policy.network import Network, Precision
 from viatool.policy.operators import Call, Comparison, Result, entry_of
 from viatool.policy.refusals import reason_for
-from viatool.policy.tensors import read_tensor
+from viatool.policy.tensors import Constant, read_tensor
 
 _MALFORMED = (
     ValueError,
@@ -62,11 +62,11 @@ class Reading:
     findings: tuple[Finding, ...]
 
 
+@dataclass(frozen=True)
 class _Unreadable:
-    """Stands for a value that a refused node should have made."""
+    """Stands for a value that a refused node should have made; whether it would depend on the observation."""
 
-
-_UNREADABLE = _Unreadable()
+    computed: bool
 
 
 def read_network(
@@ -106,9 +106,9 @@ def read_network(
         except Refusal as refusal:
             findings.append(Finding(node.name, _operator(node), refusal.reason, refusal.hint))
             results = []
-        values.update((name, _UNREADABLE) for name in node.outputs if name)
-        if results is not None:
-            values.update((name, value) for name, value in zip(node.outputs, results, strict=False) if name)
+        missing = _Unreadable(_is_computed(node, values))
+        values.update((name, missing) for name in node.outputs if name)
+        values.update((name, value) for name, value in zip(node.outputs, results, strict=False) if name)
     if findings:
         return Reading(None, tuple(findings))
     output = values[graph.outputs[0]]
@@ -120,14 +120,23 @@ def read_network(
     return Reading(assembly.network(output), ())
 
 
+def _is_computed(node: GraphNode, values: Mapping[str, Result | _Unreadable]) -> bool:
+    """Whether what a node makes depends on more than constants."""
+    if node.operator in SHAPE_ONLY:
+        return False
+    given = [values[name] for name in node.inputs if name]
+    constant = [isinstance(v, Constant) or (isinstance(v, _Unreadable) and not v.computed) for v in given]
+    return not given or not all(constant)
+
+
 def _operator(node: GraphNode) -> str:
     return f"{node.domain}.{node.operator}" if node.domain else node.operator
 
 
 def _read_node(
     node: GraphNode, values: Mapping[str, Result | _Unreadable], assembly: Assembly
-) -> list[Result] | None:
-    """Return the values that a node makes; None where its inputs are unreadable and it says nothing new."""
+) -> list[Result]:
+    """Return the values that a node makes; none where its inputs are unreadable and it says nothing new."""
     version, schema = _schema(node)
     entry = entry_of(node.operator, version)
     if entry is None and node.operator not in FOLDED_ONLY:
@@ -137,7 +146,9 @@ def _read_node(
     inputs: list[Result | None] = []
     for value in given:
         if isinstance(value, _Unreadable):
-            return None
+            if entry is None and value.computed and node.operator not in SHAPE_ONLY:
+                raise reason_for(node, version)
+            return []
         inputs.append(value)
     try:
         constants = [value for value in inputs if not isinstance(value, Computed | Comparison)]

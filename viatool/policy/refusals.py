@@ -13,7 +13,7 @@ _STEPS = frozenset((
 ))
 # fmt: on
 
-_FAMILIES: tuple[tuple[str, str, frozenset[str]], ...] = (
+FAMILIES: tuple[tuple[str, str, frozenset[str]], ...] = (
     (
         "is recurrent: its result depends on earlier observations",
         "export the actor without its memory, or with the memory as part of the observation",
@@ -51,6 +51,7 @@ _FAMILIES: tuple[tuple[str, str, frozenset[str]], ...] = (
         _STEPS,
     ),
 )
+"""Reason, hint and operators of each family that is refused when it meets computed values."""
 
 
 def reason_for(node: GraphNode, version: int) -> Refusal:
@@ -60,7 +61,7 @@ def reason_for(node: GraphNode, version: int) -> Refusal:
             f"is from the domain '{node.domain}', which is not ONNX",
             "export the policy with standard operators, before any runtime's own optimisation",
         )
-    for reason, hint, operators in _FAMILIES:
+    for reason, hint, operators in FAMILIES:
         if node.operator in operators:
             return Refusal(reason, hint)
     return Refusal(

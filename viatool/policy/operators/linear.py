@@ -31,7 +31,9 @@ def operands(call: Call) -> tuple[Value, Value]:
         raise Refusal(f"combines the shapes {list(left.shape)} and {list(right.shape)} without broadcasting")
     trailing = len(left.shape) - len(right.shape)
     if call.attributes.get("axis", trailing) not in (trailing, -len(right.shape)):
-        raise Refusal("broadcasts along an axis, as only opset 6 does", "export with opset_version 7 or newer")
+        raise Refusal(
+            "broadcasts along an axis, as only opset 6 does", "export with opset_version 7 or newer"
+        )
     return left, right
 
 

@@ -1,0 +1,103 @@
+"""What is done with each operator of the ONNX standard, as a table for the documentation."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from viatool.policy.folding import FOLDED_ONLY
+from viatool.policy.operators.registry import Entry, registered
+from viatool.policy.refusals import FAMILIES
+
+Verdict = Literal["exact", "enclosed", "folded", "refused"]
+
+_HEAD = """\
+# Operators
+
+<!-- Written by `python -m viatool.policy.operators.table`, checked by tests/policy/test_standard.py. -->
+
+Every operator of the ONNX standard is treated in exactly one of four ways:
+
+- **exact**: linear in its computed input, or a selection of its elements. It becomes weights, and its bounds lose
+  nothing but rounding.
+- **enclosed**: it bends. The engine replaces it by a polynomial with a guaranteed error.
+- **folded**: read where it does not depend on the observation (it is evaluated once, in the element types of the
+  model); refused where it does.
+- **refused**: by name, with every other unsupported node of the graph, before anything is computed.
+
+An operator is read in the opset versions that are listed and in no other: a newer version is refused until its
+meaning is known. All of them are compared with onnxruntime in the tests, and every loaded policy again before its
+first verdict.
+
+## Exact and enclosed
+
+| operator | versions | treatment | limits |
+|---|---|---|---|
+"""
+
+_NOTES = """\
+## How the float32 contract reads a graph
+
+- Each operator of the graph is one step of the network, so its rounding is counted where the program rounds.
+  Moving elements about is exact.
+- Division by a constant, batch normalisation and means carry the extra roundings of the program on each term.
+- Layer normalisation is taken to compute its variance from deviations, as onnxruntime does.
+- Activations that exporters write as several operators (`x * Sigmoid(x)`, `x * (1 + Erf(x / 1.4142135))`,
+  `Where(x > 20, x, Softplus(x))`, ...) are recognised where they are equal to one function in real arithmetic.
+- Constants are folded in the element types of the model, as a runtime folds them.
+"""
+
+
+def treatment_of(operator: str) -> Verdict:
+    """Return how an operator of the default domain is treated."""
+    entries = [entry for (name, _), entry in registered().items() if name == operator]
+    if entries:
+        return entries[0].treatment
+    return "folded" if operator in FOLDED_ONLY else "refused"
+
+
+def operator_table() -> str:
+    """Return docs/operators.md."""
+    entries = {entry.operator: entry for entry in registered().values()}
+    bent = [entry for entry in entries.values() if entry.treatment != "folded"]
+    lines = [_row(entry) for entry in sorted(bent, key=lambda entry: entry.operator)]
+    conditions = [entry for entry in entries.values() if entry.treatment == "folded"]
+    compared = ", ".join(f"`{entry.operator}`" for entry in sorted(conditions, key=lambda e: e.operator))
+    folded = ", ".join(f"`{name}`" for name in sorted(FOLDED_ONLY))
+    refused = [
+        f"- {', '.join(f'`{name}`' for name in chosen)}: {reason}; {hint}."
+        for reason, hint, names in FAMILIES
+        if (chosen := sorted(name for name in names if treatment_of(name) == "refused"))
+    ]
+    return "\n".join(
+        [
+            _HEAD + "\n".join(lines),
+            "",
+            "## Folded",
+            "",
+            f"{folded}.",
+            "",
+            f"{compared}: also {conditions[0].note}.",
+            "",
+            "## Refused",
+            "",
+            *refused,
+            "- every other operator, and every operator of another domain.",
+            "",
+            _NOTES.rstrip(),
+            "",
+        ]
+    )
+
+
+def _row(entry: Entry) -> str:
+    versions = sorted(v for (name, v) in registered() if name == entry.operator)
+    return f"| {entry.operator} | {', '.join(map(str, versions))} | {entry.treatment} | {entry.note} |"
+
+
+if __name__ == "__main__":
+    import sys
+
+    import viatool.policy.operators
+
+    assert viatool.policy.operators.registered()
+    sys.stdout.write(operator_table())
