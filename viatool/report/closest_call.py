@@ -9,8 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from viatool.report.drawing import FLOOR, HALO, INK, WALL, Floats, draw_region, swept_regions, unicycle_points
+from viatool.report.drawing import FLOOR, HALO, INK, WALL, Floats, draw_region, swept_regions
 from viatool.report.palette import COLOUR
+from viatool.simulate.motion import advance
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -109,7 +110,7 @@ def _nine_arcs(pose: Floats, lower: Floats, upper: Floats, interval: float) -> F
     """Return the paths of the lower, middle and upper value of both commands, (9, T, 2) metres."""
     shares = np.array([(v, omega) for v in (0.0, 0.5, 1.0) for omega in (0.0, 0.5, 1.0)])
     actions = lower + shares * (upper - lower)
-    return unicycle_points(pose[None, None], actions[:, None], np.linspace(0.0, interval, 12)[None])
+    return advance(pose[None, None], actions[:, None], np.linspace(0.0, interval, 12))[..., :2]
 
 
 def _draw_robot(axes: Axes, pose: Floats) -> None:

@@ -13,6 +13,7 @@ from matplotlib.path import Path as Outline
 from numpy.typing import NDArray
 
 from viatool.report.palette import COLOUR, VERDICTS
+from viatool.simulate.motion import advance
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -156,16 +157,6 @@ def swept_regions(poses: Floats, lower: Floats, upper: Floats, interval: float) 
         [lower, upper, np.stack([lower[:, 0], upper[:, 1]], 1), np.stack([upper[:, 0], lower[:, 1]], 1)], 1
     )
     times = np.linspace(0.0, interval, 4)
-    points = unicycle_points(poses[:, None, None], corners[:, :, None], times[None, None])
+    points = advance(poses[:, None, None], corners[:, :, None], times)[..., :2]
     batch = points.reshape(len(poses), points.shape[1] * points.shape[2], 2)
     return list(shapely.convex_hull(shapely.multipoints(batch)))
-
-
-def unicycle_points(poses: Floats, actions: Floats, times: Floats) -> Floats:
-    """Return positions on exact unicycle arcs; (..., 3), (..., 2) and (...) broadcast to (..., 2) metres."""
-    half_turn = 0.5 * actions[..., 1] * times
-    distance = actions[..., 0] * times * np.sinc(half_turn / np.pi)
-    direction = poses[..., 2] + half_turn
-    return np.stack(
-        [poses[..., 0] + distance * np.cos(direction), poses[..., 1] + distance * np.sin(direction)], axis=-1
-    )

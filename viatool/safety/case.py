@@ -107,8 +107,10 @@ class Case:
             Clearance (B, A) in metres, seconds since the observation (B, A), and pose (B, A, 3) at that
             instant.
 
-        Notes ----- Sound: as an upper bound of the least clearance, under rounding only; the instant is
-        found by sampling.
+        Notes
+        -----
+        Sound: as an upper bound of the least clearance, under rounding only; the instant is found by
+        sampling.
         """
         paths = self.paths(actions, DENSE_FRACTIONS)
         clearances = self.clearance(paths)

@@ -140,8 +140,10 @@ def settle(case: Case, threshold: float) -> Booleans:
     ndarray
         (B,) bool. The others are contested; what lies within 0.1 mm of the line counts as contested.
 
-    Notes ----- Sound: yes. Clearance changes by at most the way that is driven, which settles most states
-    with one distance; the rest get the proof of `prove_clearance` over the full range of commands.
+    Notes
+    -----
+    Sound: yes. Clearance changes by at most the way that is driven, which settles most states with one
+    distance; the rest get the proof of `prove_clearance` over the full range of commands.
     """
     rules, here = case.rules, case.acting
     lower, upper = (np.broadcast_to(end, (len(case), 2)) for end in (rules.lower, rules.upper))

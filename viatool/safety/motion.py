@@ -33,11 +33,13 @@ class Manoeuvre:
         Distance from the robot's origin to the outermost point whose deceleration counts, in metres; 0 when
         the footprint looks the same in every heading.
 
-    Notes ----- The brakes act along the commanded curvature: v and omega fall in proportion and linearly to
-    0, as fast as no point within `rim` decelerates harder than `deceleration`. That takes ``(|v| + rim
-    |omega|) / deceleration`` seconds and covers the arc that the full command would cover in half of that
-    time. The whole path is hence the arc of the constant command over `seconds`, which makes braking a
-    longer interval and nothing else.
+    Notes
+    -----
+    The brakes act along the commanded curvature: v and omega fall in proportion and linearly to 0, as fast as
+    no point within `rim` decelerates harder than `deceleration`. That takes ``(|v| + rim |omega|) /
+    deceleration`` seconds and covers the arc that the full command would cover in half of that time. The
+    whole path is hence the arc of the constant command over `seconds`, which makes braking a longer interval
+    and nothing else.
     """
 
     interval: float

@@ -82,10 +82,12 @@ def prove_clearance(
     Proof
         Of B states.
 
-    Notes ----- Sound: yes, `proved` by the enclosure of every piece; `refuted` likewise, by a command that
-    fails for certain. The pieces of one state cover its box at every level: a piece leaves only when it is
-    proved. Cost: one distance query per state that the first test decides, and a few per level for one that
-    lies on the edge.
+    Notes
+    -----
+    Sound: yes, `proved` by the enclosure of every piece; `refuted` likewise, by a command that fails for
+    certain. The pieces of one state cover its box at every level: a piece leaves only when it is proved.
+    Cost: one distance query per state that the first test decides, and a few per level for one that lies on
+    the edge.
     """
     effort = effort or Effort()
     proved, refuted = np.ones(len(lower), dtype=bool), np.zeros(len(lower), dtype=bool)
