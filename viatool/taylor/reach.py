@@ -15,7 +15,7 @@ from viatool.taylor.approximation import Approximation
 from viatool.taylor.attained import climb
 from viatool.taylor.head import split_head, values_through
 from viatool.taylor.propagation import Box, hulls_through, propagate
-from viatool.taylor.refinement import extrema_of, refine_monotone, unfold
+from viatool.taylor.refinement import extrema_of, refine_by_pieces, refine_monotone, unfold
 from viatool.taylor.rounding import runtime_deviation
 from viatool.taylor.splitting import refine_by_splitting
 
@@ -25,6 +25,9 @@ Arithmetic = Literal["float32", "real"]
 
 _CHUNK_FLOATS = 400_000
 """Floats in the largest array of a chunk: small enough to stay in the cache."""
+
+_WIDE = 128
+"""Neurons of a layer from which on the dual bound costs little beside the pass itself, even without refinement."""
 
 
 @dataclass(frozen=True)
@@ -211,7 +214,9 @@ def _reach_chunk(network: Network, box: Box, settings: _Settings) -> ReachableSe
     passes = propagate(trunk, box, order=settings.order, rule=settings.rule)
     hulls = [enclosure.hull for enclosure in passes]
     extrema = extrema_of(box, *hulls[-1])
-    if settings.refine != "none":
+    if settings.refine == "none" and max(node.size for node in trunk.nodes) >= _WIDE:
+        extrema = refine_by_pieces(trunk, extrema, passes)
+    elif settings.refine != "none":
         extrema = refine_monotone(trunk, extrema, passes, order=settings.order, rule=settings.rule)
     found = climb(trunk, box, extrema)
     if settings.refine == "split":
