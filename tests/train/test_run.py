@@ -264,3 +264,6 @@ def test_every_method_trains_and_exports(method: str, tmp_path: Path) -> None:
     budget = spec.channel("budget").value
     assert budget is not None
     assert (budget == 0.0) or method == "cvar-cpo"
+    with (result.run_directory / "metrics.csv").open(newline="") as stream:
+        (row,) = csv.DictReader(stream)
+    assert (float(row["multiplier"]) == 0.0) == (method in ("td3", "td7"))

@@ -112,7 +112,7 @@ def begin_run(configuration: TrainingConfiguration) -> TrainingRun:
     var = np.zeros(configuration.seeds)
     if method.budgeted and configuration.warmup_episodes:
         var = _warm_up(configuration, world_map, scaling, agent.actor.weights)
-    multiplier = np.full(configuration.seeds, configuration.multiplier_initial)
+    multiplier = np.full(configuration.seeds, configuration.multiplier_initial if method.constrained else 0.0)
     return TrainingRun(configuration, world_map, scaling, learner, var, multiplier)
 
 

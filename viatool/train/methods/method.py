@@ -49,6 +49,8 @@ class Method(ABC):
     budgeted: bool = False
     """The budget channel follows the cost of the episode; without it, it stays 0."""
 
+    constrained: bool = True
+    """There is a multiplier; without one lambda is 0."""
     embedded: bool = False
     """The learner is that of TD7."""
 

@@ -8,6 +8,8 @@ from viatool.train.methods.method import EpochCosts, Method
 class Td3(Method):
     """Maximises the reward; costs are recorded and ignored."""
 
+    constrained = False
+
     def slack(self, costs: EpochCosts) -> None:
         """Return None: there is no multiplier."""
         return
