@@ -182,13 +182,15 @@ class TaylorModel:
         return self.constant - reach, self.constant + reach
 
 
-def affine_image(models: Sequence[TaylorModel], weights: Sequence[Floats], bias: Floats) -> TaylorModel:
+def affine_image(
+    models: Sequence[TaylorModel], weights: Sequence[Floats], bias: Floats, roundings: int = 0
+) -> TaylorModel:
     """Map models through ``sum_k weights[k] @ models[k] + bias``.
 
     Notes
     -----
     **Sound:** yes; the float64 rounding of all products joins the remainder through the L1 norm of the coefficients:
-    ``gamma_n (|W| magnitude + |b|)``.
+    ``gamma_n (|W| magnitude + |b|)``. Weights that are themselves rounded add their `roundings` to n.
     """
     first = models[0]
     constant = np.broadcast_to(bias, (first.constant.shape[0], bias.shape[0]))
@@ -197,7 +199,7 @@ def affine_image(models: Sequence[TaylorModel], weights: Sequence[Floats], bias:
     linear: Form | None = None
     higher: Floats | None = None
     symbols: dict[int, Form] = {}
-    terms = 2 + len(models)
+    terms = 2 + len(models) + roundings
     for model, weight in zip(models, weights, strict=True):
         absolute = np.abs(weight).T
         terms += weight.shape[1]

@@ -191,7 +191,7 @@ def _enclose_affine(node: Affine, known: list[Enclosure]) -> Enclosure:
         higher = None if higher is None else np.zeros((batch, higher.shape[1], node.size))
         return Enclosure(TaylorModel(value, form, higher, {}, zero, zero, known[0].model.basis), value, value)
     sources = [known[source] for source in node.sources]
-    model = affine_image([source.model for source in sources], node.weights, node.bias)
+    model = affine_image([source.model for source in sources], node.weights, node.bias, node.roundings)
     return _intersected(model, _interval_image([source.hull for source in sources], node))
 
 
@@ -207,7 +207,7 @@ def _interval_image(sources: Sequence[Hull], node: Affine) -> Hull:
         spread = radius @ absolute
         reach = reach + spread
         size = size + np.abs(middle) @ absolute + spread
-    terms = 4 + sum(weight.shape[1] for weight in node.weights)
+    terms = 4 + node.roundings + sum(weight.shape[1] for weight in node.weights)
     reach = (reach + 2 * gamma(terms, ENGINE_ROUNDOFF) * size) * SLIGHTLY_MORE + 1e-300
     return centre - reach, centre + reach
 

@@ -74,7 +74,7 @@ def gamma(terms: int | Floats, unit: float) -> Floats:
 def affine_rounding(node: Affine, unit: float) -> tuple[Floats, Floats]:
     """Return the relative error factor of each row ``(N,)`` and its number of rounded terms ``(N,)``.
 
-    A row that copies or negates one value is exact.
+    A row that copies or negates one value is exact, unless its weights stand for several operations.
     """
     terms = np.zeros(node.size)
     copies = np.ones(node.size, dtype=bool)
@@ -82,8 +82,8 @@ def affine_rounding(node: Affine, unit: float) -> tuple[Floats, Floats]:
         terms += np.count_nonzero(weight, axis=1)
         copies &= np.isin(weight, (-1.0, 0.0, 1.0)).all(axis=1)
     has_bias = node.bias != 0
-    exact = (copies & (terms <= 1) & ~has_bias) | (terms == 0)
-    rounded = np.where(exact, 0.0, terms + has_bias + 1)
+    exact = (copies & (terms <= 1) & ~has_bias & (node.roundings == 0)) | (terms == 0)
+    rounded = np.where(exact, 0.0, terms + has_bias + 1 + node.roundings)
     return gamma(rounded, unit), rounded
 
 
