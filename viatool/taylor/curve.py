@@ -169,6 +169,11 @@ class Curve:
         slopes, bends = self._pieces_and_bends
         return (slopes[first], slopes[last]), bends[first, last]
 
+    @property
+    def overall_bend(self) -> int:
+        """Return 1 if a piecewise linear curve is convex on the whole line, -1 if concave, else 0."""
+        return int(self._pieces_and_bends[1][0, -1])
+
     @cached_property
     def _pieces_and_bends(self) -> tuple[Floats, Integers]:
         """Slopes (K,) of a piecewise linear curve, and its shape (K, K) from cell to cell."""

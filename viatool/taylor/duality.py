@@ -170,7 +170,8 @@ def relaxation_conditions(
     """Return conditions that hold everywhere: a convex piecewise linear activation lies above its pieces.
 
     For each layer the neurons whose symbols weigh most in the action are taken, and of each the pieces at both ends of
-    its argument's range: ``sign (y - slope x - intercept) >= 0``, sign -1 where the activation is concave.
+    its argument's range: ``sign (y - slope x - intercept) >= 0``, sign -1 where the activation is concave. A convex
+    activation that raises the action is left out: its chord, which the symbol already attains, is the better bound.
 
     Returns
     -------
@@ -178,14 +179,15 @@ def relaxation_conditions(
         Forms (K, D, S) and largest constants (K, D).
     """
     action = np.abs(seed).argmax(axis=1)[:, None]
-    objective, _, _ = layout.columns(passes[-1].model, action)
+    objective = layout.columns(passes[-1].model, action)[0][:, 0] * np.take_along_axis(seed, action, axis=1)
     forms, slack = [np.zeros((seed.shape[0], 0, layout.size))], [np.zeros((seed.shape[0], 0))]
     for key, place in layout.slices.items():
         node = network.nodes[key]
         if not isinstance(node, Activation) or not curve_of(node.function).cells(1).is_stepwise:
             continue
         fresh = passes[key].model.symbols[key]
-        weight = np.abs(objective[:, 0, place])
+        bend = curve_of(node.function).overall_bend
+        weight = np.abs(objective[:, place]) if bend == 0 else np.maximum(-bend * objective[:, place], 0.0)
         count = min(_MOST_NEURONS, int((weight > 0).sum(axis=1).max(initial=0)))
         slots = np.argsort(-weight, axis=1)[:, :count]
         neurons = np.take_along_axis(fresh.moved_neurons(), slots, axis=1)
