@@ -13,7 +13,7 @@ import click
 from viatool import __version__
 from viatool.cli.failures import explain
 
-COMMANDS = ("verify", "gate", "compare", "train", "export", "bounds", "simulate", "inspect", "map")
+COMMANDS = ("verify", "replay", "gate", "compare", "train", "export", "bounds", "simulate", "inspect", "map")
 
 
 class CommandGroup(click.Group):

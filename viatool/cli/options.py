@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
+
+from viatool.cli.numbers import finite
+from viatool.cli.shapes import FootprintType
 
 if TYPE_CHECKING:
     from viatool.world import Scenario, WorldMap
@@ -60,15 +62,6 @@ class QuantityType(click.ParamType):  # type: ignore[type-arg]  # generic only i
                 f"'{value}' is not a finite number {'of at least' if self.zero else 'above'} 0", param, ctx
             )
         return number
-
-
-def finite(text: str) -> float | None:
-    """Read a finite number; None if the text is not one."""
-    try:
-        number = float(text)
-    except ValueError:
-        return None
-    return number if math.isfinite(number) else None
 
 
 def collect_eps(ctx: click.Context, param: click.Parameter, values: tuple[Eps, ...]) -> dict[str, float]:
@@ -232,8 +225,9 @@ def clearance_options(command: Command) -> Command:
             ),
             click.option(
                 "--footprint",
-                metavar="point|RADIUS",
-                help="Footprint instead of the robot's: 'point' (the LiDAR origin) or a disc's radius in m.",
+                type=FootprintType(),
+                help="Footprint instead of the robot's: 'point' (the LiDAR origin), a disc's radius in m, the "
+                "corners 'x,y x,y x,y ...' of a polygon in m, or a YAML file with them.",
             ),
             click.option(
                 "--delay",

@@ -65,7 +65,8 @@ _PASSED_ON = (
     "-o",
     multiple=True,
     metavar="FORMAT:PATH",
-    help="Write a report: json, states (npz), csv, figure (png, svg, pdf), markdown, junit, sarif or github; "
+    help="Write a report: json, states (npz), witnesses (json, for viatool replay), csv, figure (png, svg, "
+    "pdf), markdown, junit, sarif or github; "
     "PATH - is stdout. Repeatable.",
 )
 @gate_options

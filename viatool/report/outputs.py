@@ -20,6 +20,7 @@ REPORTERS = {
     "json": "viatool.report.json_report",
     "states": "viatool.report.states_report",
     "csv": "viatool.report.csv_report",
+    "witnesses": "viatool.report.witnesses_report",
     "figure": "viatool.report.figure_report",
     "markdown": "viatool.report.markdown_report",
     "junit": "viatool.report.junit_report",

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.errors import ConfigurationError
+from viatool.errors import ConfigurationError, InputError
 from viatool.policy import Policy
 from viatool.safety.case import Case
 from viatool.safety.nearest import describe_nearest
 from viatool.safety.result import Result
-from viatool.safety.rules import Rules
+from viatool.safety.rules import CRITERIA, Rules
 from viatool.safety.situations import Situations
 from viatool.trajectory import read_scenario, whole_file, write_scenario
 from viatool.world import Clearance, Footprint, Scenario, WorldMap
@@ -56,6 +56,15 @@ class WitnessFile:
     previous: Floats
     observations: Floats
     scenarios: tuple[Scenario | None, ...]
+
+    def __len__(self) -> int:
+        """Return the number of counterexamples."""
+        return len(self.entries)
+
+    def case(self, world_map: WorldMap) -> Case:
+        """Return the states of the counterexamples within a map, under the rules of the file."""
+        situations = Situations.of(world_map, self.scenarios, self.poses, np.arange(len(self)))
+        return Case(self.rules, situations, self.previous)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +151,7 @@ def load_witnesses(path: str | os.PathLike[str]) -> WitnessFile:
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not a text file"
         raise ConfigurationError(f"cannot read the witnesses '{path}': {reason}", "check the path") from error
-    except (ValueError, KeyError, TypeError, IndexError) as error:
+    except (ValueError, KeyError, TypeError, IndexError, AttributeError, StopIteration, InputError) as error:
         raise ConfigurationError(
             f"'{path}' is not a witness file ({error!r})",
             "write one with viatool verify ... --output witnesses:PATH",
@@ -166,18 +175,23 @@ def replay(policy: Policy, world_map: WorldMap, file: WitnessFile) -> Replay:
     Replay
         Of W counterexamples.
     """
-    count, size = len(file.entries), file.observations.shape[1]
+    count, size = len(file), file.observations.shape[1]
     if count and size != policy.input_size:
         raise ConfigurationError(
             f"the witnesses have {size} observation entries, the policy takes {policy.input_size}",
             "replay them with the policy that they were found for",
         )
     columns = list(file.columns)
+    if not all(0 <= column < policy.output_size for column in columns):
+        raise ConfigurationError(
+            f"the witnesses name the actions {columns}, the policy has {policy.output_size}",
+            "replay them with the policy that they were found for",
+        )
     raw = [policy.run(row[None])[0, columns] for row in file.observations]
     actions = file.rules.clip(np.array(raw, dtype=np.float64).reshape(count, 2))
-    situations = Situations.of(world_map, file.scenarios, file.poses, np.arange(count))
-    case = Case(file.rules, situations, file.previous)
-    clearance, seconds, poses = (found[:, 0] for found in case.closest_approach(actions[:, None]))
+    clearance, seconds, poses = (
+        found[:, 0] for found in file.case(world_map).closest_approach(actions[:, None])
+    )
     nearest = tuple(
         describe_nearest(world_map, scenario, pose, file.rules.footprint)
         for scenario, pose in zip(file.scenarios, poses, strict=True)
@@ -207,7 +221,7 @@ def _rules_document(rules: Rules) -> dict[str, Any]:
 def _read_rules(document: Mapping[str, Any]) -> Rules:
     outline = document["footprint"]
     return Rules(
-        criterion=document["criterion"],
+        criterion=next(name for name in CRITERIA if name == document["criterion"]),
         clearance=Clearance(float(document["collision"]), float(document["danger"])),
         footprint=Footprint(
             outline["kind"],
@@ -230,18 +244,22 @@ def _read(document: Mapping[str, Any]) -> WitnessFile:
     )
     none = [0.0, 0.0]
     return WitnessFile(
-        policy=document["policy"],
-        world_map=document["map"],
+        policy={name: str(document["policy"][name]) for name in ("path", "sha256")},
+        world_map={name: str(document["map"][name]) for name in ("path", "sha256")},
         rules=_read_rules(document["rules"]),
         columns=(int(linear), int(angular)),
         entries=entries,
-        poses=np.array([entry["pose"] for entry in entries], dtype=np.float64).reshape(-1, 3),
-        previous=np.array([e["previous"] or none for e in entries], dtype=np.float64).reshape(-1, 2),
+        poses=_stacked([entry["pose"] for entry in entries], 3),
+        previous=_stacked([entry["previous"] or none for entry in entries], 2),
         observations=_stacked([entry["observation"] for entry in entries]),
         scenarios=scenarios,
     )
 
 
-def _stacked(rows: list[list[float]]) -> Floats:
-    """Return rows of one length as (W, n), (0, 0) without any."""
-    return np.array(rows, dtype=np.float64).reshape(len(rows), len(rows[0]) if rows else 0)
+def _stacked(rows: list[list[float]], size: int | None = None) -> Floats:
+    """Return rows of one length as (W, size), (0, 0) without any."""
+    size = size if size is not None else len(rows[0]) if rows else 0
+    array = np.array(rows, dtype=np.float64).reshape(len(rows), size)
+    if not np.isfinite(array).all():
+        raise ValueError("a number is not finite")
+    return array

@@ -1,0 +1,100 @@
+"""Counterexamples that were run again, as a picture: one panel for each of the closest."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from viatool.errors import ConfigurationError
+from viatool.report.drawing import FLOOR, INK, WALL, Floats, draw_region
+from viatool.report.files import replacing
+from viatool.report.foreign import one_line
+from viatool.report.palette import COLOUR
+
+if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
+
+    from viatool.safety import Replay, WitnessFile
+    from viatool.world import WorldMap
+
+SUFFIXES = (".png", ".svg", ".pdf")
+PANELS, COLUMNS = 12, 4
+_ARC = 64  # segments of a quarter of a circle
+
+
+def check_replay_figure(path: Path) -> None:
+    """Refuse a path that does not end in the suffix of a picture."""
+    if path.suffix.lower() not in SUFFIXES:
+        raise ConfigurationError(f"'{path}' ends in '{path.suffix}'", f"end it in {' or '.join(SUFFIXES)}")
+
+
+def write_replay_figure(path: Path, world_map: WorldMap, file: WitnessFile, found: Replay) -> None:
+    """Write the picture of a replay as png, svg or pdf."""
+    check_replay_figure(path)
+    with replacing(path) as draft:
+        draw_replay(world_map, file, found).savefig(draft, dpi=160)
+
+
+def draw_replay(world_map: WorldMap, file: WitnessFile, found: Replay) -> Figure:
+    """Draw the counterexamples with the smallest clearance, at most `PANELS`."""
+    chosen = np.argsort(found.clearance, kind="stable")[:PANELS]
+    rows = max(-(-len(chosen) // COLUMNS), 1)
+    figure = Figure(figsize=(3.4 * COLUMNS, 3.5 * rows + 0.6), layout="constrained")
+    grid = figure.add_gridspec(rows, COLUMNS)
+    case = file.case(world_map)
+    paths = case.paths(found.actions[:, None], np.linspace(0.0, 1.0, 17))[:, 0]
+    for place, row in enumerate(chosen.tolist()):
+        axes = figure.add_subplot(grid[divmod(place, COLUMNS)])
+        _draw_one(axes, case.situations.scenes.shapely(row), paths[row], file, found, row)
+    figure.legend(handles=_legend(), loc="outside lower center", ncols=4, fontsize=9, frameon=False)
+    return figure
+
+
+def _draw_one(
+    axes: Axes, blocked: BaseGeometry, path: Floats, file: WitnessFile, found: Replay, row: int
+) -> None:
+    """Draw one path, and what has to be free where it comes nearest."""
+    collision, pose = file.rules.clearance.collision, found.poses[row]
+    verdict = "unsafe" if found.violates[row] else "safe"
+    needed = _outline(file, pose).buffer(collision / np.cos(np.pi / (4 * _ARC)), quad_segs=_ARC)
+    draw_region(axes, blocked, facecolor=WALL, edgecolor=INK, alpha=1.0, zorder=1)
+    draw_region(axes, needed, facecolor=COLOUR[verdict], edgecolor=COLOUR[verdict], alpha=0.3, zorder=2)
+    draw_region(axes, needed.intersection(blocked), facecolor=INK, alpha=0.6, zorder=3)
+    axes.plot(*path[:, :2].T, color=INK, lw=1.2, zorder=4)
+    x, y, heading = file.poses[row]
+    marker = (3, 0, float(np.degrees(heading)) - 90.0)
+    axes.plot(x, y, marker=marker, ms=8, mfc="white", mec=INK, mew=1.0, ls="", zorder=6)
+    axes.plot(*pose[:2], marker="x", ms=6, color=COLOUR[verdict], ls="", zorder=7)
+    half = 1.6 * (collision + file.rules.footprint.reach) + float(np.abs(path[:, :2] - pose[:2]).max())
+    axes.set(xlim=(pose[0] - half, pose[0] + half), ylim=(pose[1] - half, pose[1] + half), aspect="equal")
+    axes.set(facecolor=FLOOR, xticks=[], yticks=[])
+    state = one_line(str(file.entries[row].get("state", row)))
+    title = f"state {state}: {found.clearance[row]:.4f} m left after {found.seconds[row]:.3f} s"
+    axes.set_title(f"{title}\n{found.nearest[row]}".replace("$", r"\$"), fontsize=7, color=INK)
+
+
+def _outline(file: WitnessFile, pose: Floats) -> BaseGeometry:
+    """Return the footprint at a pose; a disc circumscribed."""
+    import shapely
+
+    footprint = file.rules.footprint
+    if footprint.kind != "polygon":
+        centre = shapely.Point(pose[0], pose[1])
+        return centre.buffer(footprint.radius / np.cos(np.pi / (4 * _ARC)), quad_segs=_ARC)
+    cosine, sine = np.cos(pose[2]), np.sin(pose[2])
+    return shapely.Polygon(footprint.polygon @ np.array([[cosine, sine], [-sine, cosine]]) + pose[:2])
+
+
+def _legend() -> list[Line2D | Patch]:
+    return [
+        Line2D([], [], marker="^", mfc="white", mec=INK, color=INK, label="pose of the state and path"),
+        Line2D([], [], marker="x", color=COLOUR["unsafe"], ls="", label="closest approach"),
+        Patch(facecolor=COLOUR["unsafe"], alpha=0.3, label="must be free there"),
+        Patch(facecolor=INK, alpha=0.6, label="is not"),
+    ]

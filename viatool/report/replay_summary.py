@@ -1,0 +1,43 @@
+"""What became of counterexamples that were run again, for the console."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from viatool.report.foreign import shown
+from viatool.report.numbers import count
+from viatool.report.palette import COLOUR
+
+if TYPE_CHECKING:
+    from viatool.safety import Replay, WitnessFile
+
+
+def print_replay(file: WitnessFile, found: Replay, console: Console) -> None:
+    """Print one line for each counterexample, and how many still violate."""
+    limit = file.rules.clearance.collision
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False)
+    for name in ("state", "violates", "clearance [m]", "after [s]", "v [m/s]", "omega [rad/s]"):
+        table.add_column(name, justify="right")
+    table.add_column("nearest obstacle")
+    for row, entry in enumerate(file.entries):
+        violates = bool(found.violates[row])
+        table.add_row(
+            shown(str(entry.get("state", row))),
+            Text("yes" if violates else "NO", style=COLOUR["unsafe" if violates else "safe"]),
+            f"{found.clearance[row]:.6f}",
+            f"{found.seconds[row]:.3f}",
+            *(f"{value:.6f}" for value in found.actions[row]),
+            Text(shown(found.nearest[row])),
+        )
+    if len(file):
+        console.print(table)
+    still = int(found.violates.sum())
+    console.print(
+        f"{count(still)} of {count(len(file))} witnesses violate the clearance of {limit:g} m "
+        f"(criterion {file.rules.criterion}) when they are run again through onnxruntime"
+    )
