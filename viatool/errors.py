@@ -35,6 +35,10 @@ class MapError(InputError):
     """A map file is unreadable or describes an impossible world."""
 
 
+class MapWarning(UserWarning):
+    """A map can be read, but may not mean what its author thinks."""
+
+
 class TrajectoryError(InputError):
     """A trajectory file is unreadable or does not fit the policy."""
 

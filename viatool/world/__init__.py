@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from viatool.world.generator import ScenarioBatch, ScenarioGenerator
 from viatool.world.map_file import MapFile
+from viatool.world.map_server import MapServerFile
+from viatool.world.occupancy import Cell, OccupancyGrid
 from viatool.world.reading import load_map
 from viatool.world.robot import ROBOTS, Footprint, Lidar, Robot, bin_ranges
 from viatool.world.scenario import Scenario
@@ -13,11 +15,14 @@ from viatool.world.world_map import Clearance, WorldMap
 
 __all__ = [
     "ROBOTS",
+    "Cell",
     "Clearance",
     "Footprint",
     "Lidar",
     "MapFile",
+    "MapServerFile",
     "Obstacles",
+    "OccupancyGrid",
     "Robot",
     "Scenario",
     "ScenarioBatch",

@@ -35,6 +35,7 @@ NotNegative = Annotated[Number, Field(ge=0.0)]
 Point = tuple[Number, Number]
 Pose = tuple[Number, Number, Number]
 Size = tuple[Positive, Positive]
+Unknown = Literal["free", "obstacle"]  # what cells are of which a map does not know
 
 
 class Strict(BaseModel):
@@ -199,7 +200,13 @@ class MapFile(Strict):
     schema_version: Literal[1] = 1
     name: str = Field(default="", description="the file's name if left out")
     description: str = ""
-    arena: Arena
+    arena: Arena | None = Field(default=None, description="may be left out if there is an occupancy map")
+    occupancy: str | None = Field(
+        default=None,
+        min_length=1,
+        description="YAML file of a map_server map, relative to this file, whose cells are obstacles as well",
+    )
+    unknown: Unknown = Field(default="obstacle", description="what unknown cells of the occupancy map are")
     obstacles: list[Obstacle] = []
     robot: KnownOrChangedRobot = RobotFile()
     clearance: ClearanceFile = ClearanceFile()

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Sequence
+import warnings
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from pydantic import ValidationError
 
-from viatool.errors import MapError, ViatoolError
+from viatool.errors import MapError, MapWarning
 from viatool.world import map_file as file
+from viatool.world.complaints import located, shortened, validated, wrong
 from viatool.world.generator import ScenarioGenerator
+from viatool.world.map_file import Unknown
+from viatool.world.map_server import ServedMap, is_map_server_file, read_map_server
 from viatool.world.robot import ROBOTS, Footprint, Lidar, Robot
 from viatool.world.scenario import Scenario
 from viatool.world.scenes import Scenes
@@ -21,16 +23,22 @@ from viatool.world.shapes import Floats, Obstacles, box_polygon, simple_polygon,
 from viatool.world.world_map import Clearance, WorldMap
 from viatool.world.yaml_text import YamlDocument, read_yaml
 
-_SHOWN = 8  # errors that are listed; the rest is counted
+# Of a map_server map alone: starts and goals apart, wherever there is room.
+_DEFAULT_GENERATOR = file.GeneratorFile(area=None, goal_clearance=0.4, goal_distance=(1.0, 1e6))
 
 
-def load_map(path: str | Path) -> WorldMap:
-    """Read a native map (YAML), check it and return the world it describes.
+def load_map(path: str | Path, *, unknown: Unknown | None = None) -> WorldMap:
+    """Read a map (YAML), check it and return the world it describes.
 
     Parameters
     ----------
     path : str or Path
-        The file; `docs/` holds the JSON Schema of its content.
+        A native map, of which `docs/` holds the JSON Schema, or a ROS 2 map_server map, which is told by its
+        keys. The latter knows no robot and no scenarios: it gets the default robot and clearances and a
+        generator of random starts and goals. A native map gives it others by naming it as its `occupancy`.
+    unknown : str, optional
+        What unknown cells of a map_server map are, "obstacle" or "free"; by default what the native map
+        says, else obstacles.
 
     Returns
     -------
@@ -42,123 +50,130 @@ def load_map(path: str | Path) -> WorldMap:
     MapError
         If the file cannot be read, has an unknown, missing or impossible value (the message names file, line
         and field), or puts a start or a goal into an obstacle.
+
+    Warns
+    -----
+    MapWarning
+        If the map may not mean what its author thinks; also in `WorldMap.warnings`.
     """
-    place = Path(path)
+    document, text = _read_document(Path(path))
+    if is_map_server_file(document):
+        world = _served_world(document, text, unknown or "obstacle")
+    else:
+        world = _native_world(document, text, unknown)
+    for warning in world.warnings:
+        warnings.warn(warning, MapWarning, stacklevel=2)
+    return world
+
+
+def _read_document(path: Path) -> tuple[YamlDocument, bytes]:
+    """Return a YAML file, parsed and as it is."""
     try:
-        text = place.read_bytes()
+        text = path.read_bytes()
     except OSError as error:
         raise MapError(
-            f"map '{place}' cannot be read: {error.strerror or error}", "give the path of a map file"
+            f"map '{path}' cannot be read: {error.strerror or error}", "give the path of a map file"
         ) from error
-    document = read_yaml(place, text)
-    content = _validate(document)
-    world = _build(document, content, hashlib.sha256(text).hexdigest())
+    return read_yaml(path, text), text
+
+
+def _served_world(document: YamlDocument, text: bytes, unknown: Unknown) -> WorldMap:
+    """Return the world of a map_server map alone."""
+    served = read_map_server(document, unknown)
+    obstacles = Obstacles(grid=served.grid)
+    world = WorldMap(
+        document.path.stem,
+        document.path,
+        _digest(text, served.content),
+        served.grid.outline,
+        obstacles,
+        warnings=served.warnings,
+    )
+    if served.grid.free_area is None:
+        return world
+    return replace(world, generator=_generator(document, _DEFAULT_GENERATOR, world, np.zeros((0, 2))))
+
+
+def _native_world(document: YamlDocument, text: bytes, unknown: Unknown | None) -> WorldMap:
+    """Return the world of a native map."""
+    if not isinstance(document.content, dict):
+        raise MapError(
+            f"{document.path}: is not a map: expected a mapping with 'arena', got {shortened(document.content)}",
+            "give a native map such as maps/lab.yaml, or the YAML file of a map_server map",
+        )
+    content = validated(document, file.MapFile)
+    served, parts = None, [text]
+    if content.occupancy is not None:
+        served, parts = _occupancy(document, content, unknown or content.unknown, text)
+    elif content.arena is None:
+        raise wrong(document, ("arena",), "field required", "give the arena, or an occupancy map")
+    world = _build(document, content, _digest(*parts), served)
     _check_free_space(document, world)
     return world
 
 
-def _validate(document: YamlDocument) -> file.MapFile:
-    """Return the file as a typed model."""
-    if not isinstance(document.content, dict):
-        raise MapError(
-            f"{document.path}: is not a map: expected a mapping with 'arena', got {_show(document.content)}",
-            "give a native map such as maps/lab.yaml",
-        )
-    if "image" in document.content and "arena" not in document.content:
-        raise MapError(
-            f"{document.path}: is a ROS map_server file, which this version does not read",
-            "describe the map natively, as maps/lab.yaml does",
-        )
+def _occupancy(
+    document: YamlDocument, content: file.MapFile, unknown: Unknown, text: bytes
+) -> tuple[ServedMap, list[bytes]]:
+    """Return the map_server map that a native map names, and everything that was read."""
+    path = document.path.parent / str(content.occupancy)
     try:
-        return file.MapFile.model_validate(document.content)
-    except ValidationError as error:
-        problems = error.errors(include_url=False)
-        lines = [_explain(document, problem) for problem in problems[:_SHOWN]]
-        if len(problems) > _SHOWN:
-            lines.append(f"and {len(problems) - _SHOWN} more")
-        raise MapError(
-            "\n".join(lines), "correct the named fields; lengths are metres, angles radians"
-        ) from error
+        inner, inner_text = _read_document(path)
+    except MapError as error:
+        raise wrong(document, ("occupancy",), error.message, "give the path of a map_server file") from error
+    if not is_map_server_file(inner):
+        raise wrong(
+            document,
+            ("occupancy",),
+            f"'{path}' is not a map_server file: it names no image",
+            "give the YAML file that map_saver writes",
+        )
+    served = read_map_server(inner, unknown)
+    return served, [text, inner_text, served.content]
 
 
-def _explain(document: YamlDocument, problem: Any) -> str:
-    """Return one line for one problem that pydantic found."""
-    location = [step for step in problem["loc"] if step not in _VARIANTS]
-    message = problem["msg"]
-    what = _PLAINER.get(problem["type"], message[0].lower() + message[1:])
-    given = problem["input"]
-    if problem["type"] not in ("missing", "extra_forbidden") and not isinstance(given, dict | list):
-        what += f", got {_show(given)}"
-    return f"{document.place(location)}: {_field(location)}: {what}"
+def _digest(*parts: bytes) -> str:
+    """Return the digest of a file, or of the digests of several."""
+    digests = [hashlib.sha256(part) for part in parts]
+    if len(digests) == 1:
+        return digests[0].hexdigest()
+    return hashlib.sha256(b"".join(digest.digest() for digest in digests)).hexdigest()
 
 
-# Steps in pydantic's locations that name a variant of a union instead of a key of the file.
-_VARIANTS = ("circle", "box", "polygon", "wall", "point", "str", "RobotFile")
-
-
-# What pydantic says in terms of Python, in terms of the file.
-_PLAINER = {
-    "union_tag_not_found": "has no 'shape'",
-    "model_type": "expected a mapping",
-    "model_attributes_type": "expected a mapping",
-    "list_type": "expected a list",
-    "tuple_type": "expected a list",
-    "extra_forbidden": "is not a known field",
-}
-
-
-def _show(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
-
-
-def _field(location: Iterable[str | int]) -> str:
-    """Return "obstacles[2].radius" for ("obstacles", 2, "radius")."""
-    text = ""
-    for step in location:
-        text += f"[{step}]" if isinstance(step, int) else f".{step}" if text else step
-    return text or "map"
-
-
-def _build(document: YamlDocument, content: file.MapFile, digest: str) -> WorldMap:
+def _build(document: YamlDocument, content: file.MapFile, digest: str, served: ServedMap | None) -> WorldMap:
     """Return the world; errors of its parts are told with their place in the file."""
-    arena = _polygon(document, content.arena, ("arena",))
     obstacles, centres = _obstacles(document, content.obstacles, ("obstacles",))
-    robot = _located(document, ("robot",), lambda: _robot(content.robot))
-    clearance = _located(
+    obstacles = obstacles + Obstacles(grid=served.grid if served else None)
+    robot = located(document, ("robot",), lambda: _robot(content.robot))
+    clearance = located(
         document,
         ("clearance",),
         lambda: Clearance(content.clearance.collision, content.clearance.danger),
     )
-    scenarios = _scenarios(document, content.scenarios)
     world = WorldMap(
         content.name or document.path.stem,
         document.path,
         digest,
-        arena,
+        _arena(document, content.arena, served),
         obstacles,
         robot,
         clearance,
-        scenarios,
+        _scenarios(document, content.scenarios),
+        warnings=served.warnings if served else (),
     )
     if content.generator is None:
         return world
     generator = _generator(document, content.generator, world, centres)
-    _located(document, ("generator",), lambda: generator.draw(1, seed=0))
+    located(document, ("generator",), lambda: generator.draw(1, seed=0))
     return replace(world, generator=generator)
 
 
-def _wrong(document: YamlDocument, location: Sequence[str | int], what: str, hint: str) -> MapError:
-    """Return an error that names file, line and field."""
-    return MapError(f"{document.place(location)}: {_field(location)}: {what}", hint)
-
-
-def _located(document: YamlDocument, location: Sequence[str | int], build: Any) -> Any:
-    """Return what `build` builds; its errors become map errors with a place."""
-    try:
-        return build()
-    except ViatoolError as error:
-        raise _wrong(document, location, error.message, error.hint) from error
+def _arena(document: YamlDocument, arena: file.Box | file.Polygon | None, served: ServedMap | None) -> Floats:
+    """Return the arena that is given, or else the outline of the occupancy map."""
+    if arena is None:
+        assert served is not None  # one of them is required
+        return served.grid.outline
+    return _polygon(document, arena, ("arena",))
 
 
 def _polygon(document: YamlDocument, shape: file.Box | file.Polygon, location: Sequence[str | int]) -> Floats:
@@ -166,8 +181,7 @@ def _polygon(document: YamlDocument, shape: file.Box | file.Polygon, location: S
     if isinstance(shape, file.Box):
         return box_polygon(shape.center, shape.size, shape.yaw)
     points = np.array(shape.points)
-    ring: Floats = _located(document, location, lambda: simple_polygon(points, shape.name or "polygon"))
-    return ring
+    return located(document, location, lambda: simple_polygon(points, shape.name or "polygon"))
 
 
 def _obstacles(
@@ -194,7 +208,7 @@ def _scenarios(document: YamlDocument, given: Sequence[file.ScenarioFile]) -> tu
     for index, scenario in enumerate(given):
         name = scenario.name or f"scenario-{index}"
         if any(name == other.name for other in scenarios):
-            raise _wrong(
+            raise wrong(
                 document,
                 ("scenarios", index, "name"),
                 f"'{name}' is taken",
@@ -237,9 +251,11 @@ def _generator(
     document: YamlDocument, content: file.GeneratorFile, world: WorldMap, centres: Floats
 ) -> ScenarioGenerator:
     """Return the generator of a world, with the world's values where the file is silent."""
-    x_min, y_min, x_max, y_max = content.area or world.bounds
+    grid = world.obstacles.grid
+    room = world.bounds if grid is None else grid.free_area or world.bounds
+    x_min, y_min, x_max, y_max = content.area or room
     if not (x_min < x_max and y_min < y_max):
-        raise _wrong(
+        raise wrong(
             document,
             ("generator", "area"),
             f"has no inside, got {list(content.area or ())}",
@@ -247,7 +263,7 @@ def _generator(
         )
     least, largest = content.goal_distance or (0.0, float("inf"))
     if least > largest:
-        raise _wrong(
+        raise wrong(
             document,
             ("generator", "goal_distance"),
             f"{least} m is more than {largest} m",
@@ -284,7 +300,7 @@ def _check_free_space(document: YamlDocument, world: WorldMap) -> None:
     least = world.clearance.collision
     for number, scenario in enumerate(world.scenarios):
         if free[number] < least or free[number] <= 0.0:
-            raise _wrong(
+            raise wrong(
                 document,
                 ("scenarios", number, "start"),
                 f"the robot is {free[number]:.3f} m from the nearest obstacle, expected at least {least} m "
@@ -292,7 +308,7 @@ def _check_free_space(document: YamlDocument, world: WorldMap) -> None:
                 "move the start into free space",
             )
         if blocked[number]:
-            raise _wrong(
+            raise wrong(
                 document,
                 ("scenarios", number, "goal"),
                 f"lies in an obstacle or outside the arena (scenario '{scenario.name}')",

@@ -12,12 +12,20 @@ from viatool.world.shapes import Floats
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
+    from viatool.world.occupancy import OccupancyGrid
+
 # Corners in a quarter of the polygon around a circle: it is at most 8e-5 of the radius farther out.
 _QUARTER = 64
 
 
 def blocked_region(
-    arena: Plane, centres: Plane, radii: Floats, first: Plane, second: Plane, margin: float
+    arena: Plane,
+    centres: Plane,
+    radii: Floats,
+    first: Plane,
+    second: Plane,
+    margin: float,
+    grid: OccupancyGrid | None = None,
 ) -> BaseGeometry:
     """Return obstacles and the outside of an arena; points are complex numbers in metres.
 
@@ -31,6 +39,8 @@ def blocked_region(
         (M,) ends of the edges of polygons, one polygon after the other; equal ends stand for no polygon.
     margin : float
         How far the outside of the arena extends beyond the arena's bounds, in metres.
+    grid : OccupancyGrid, optional
+        Its cells that are not free.
 
     Returns
     -------
@@ -46,6 +56,8 @@ def blocked_region(
     points = shapely.points(centres.real[there], centres.imag[there])
     circles = shapely.buffer(points, outer, quad_segs=_QUARTER)
     polygons = [shapely.Polygon(_pairs(ring)) for ring in _rings(first, second)]
+    if grid is not None:
+        polygons += list(grid.polygons().geoms)
     return shapely.union_all([frame.difference(inside), *circles, *polygons])
 
 

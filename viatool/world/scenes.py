@@ -56,7 +56,8 @@ class Scenes:
     Notes
     -----
     Methods take B points with the index of the situation that each belongs to. Costs grow with B times the
-    number of shapes, which suits maps of up to some hundred edges.
+    number of shapes, which suits up to some hundred edges; a grid of cells is its own index, so its size does
+    not matter.
     """
 
     def __init__(self, arena: Floats, shared: Obstacles, circles: Floats, edges: Floats) -> None:
@@ -74,6 +75,7 @@ class Scenes:
         self._first: Plane = sides[0] + 1j * sides[1]  # (M, S)
         self._second: Plane = sides[2] + 1j * sides[3]
         self._own = len(shared.circles), shared.edges().shape[0]
+        self._grid = shared.grid
 
     @classmethod
     def of(cls, world_map: WorldMap, scenarios: Sequence[Scenario | None]) -> Scenes:
@@ -145,6 +147,9 @@ class Scenes:
                 ranges[winding_number(place, around.second[:count], around.first[:count]) > 0] = 0.0
             if not self._convex:
                 ranges[winding_number(place, *self._arena) == 0] = 0.0
+            if self._grid is not None:
+                met = self._grid.cast(place, heading, rays, lidar.maximum_range)
+                np.minimum(ranges, met.astype(ranges.dtype), out=ranges)
             return ranges
 
         places = as_plane(poses)
@@ -255,7 +260,7 @@ class Scenes:
         corners = self._arena[0][:, 0]
         centres, radii = self._centres[:, scene_index], self._radii[:, scene_index]
         first, second = self._first[:, scene_index], self._second[:, scene_index]
-        return blocked_region(corners, centres, radii, first, second, margin)
+        return blocked_region(corners, centres, radii, first, second, margin, self._grid)
 
     def _in_chunks(
         self, measure: Callable[..., Any], scene: Indices, *arrays: NDArray[Any], rays: int = 1
@@ -282,6 +287,8 @@ class Scenes:
             away = np.sqrt(point_edge_squared(points, *edges).min(axis=0))
             away[winding_number(points, *edges) > 0] = 0.0
             nearest = np.minimum(nearest, away)
+        if self._grid is not None:
+            nearest = np.minimum(nearest, self._grid.clearance(points))
         return np.maximum(nearest, 0.0)
 
     def _arena_clearance(self, points: Plane) -> Floats:
@@ -306,6 +313,8 @@ class Scenes:
             away = np.sqrt(segment_edge_squared(starts, ends, *edges).min(axis=0))
             away[winding_number(starts, *edges) > 0] = 0.0
             nearest = np.minimum(nearest, away)
+        if self._grid is not None:
+            nearest = np.minimum(nearest, self._grid.segment_clearance(starts, ends))
         return np.maximum(nearest, 0.0)
 
     def _polygon_clearance(self, poses: Floats, polygon: Floats, scene: Indices) -> Floats:
@@ -317,6 +326,8 @@ class Scenes:
         # An obstacle may lie wholly within the outline: then its centre, or a corner of it, does.
         for obstacle in (*self._centres, *self._first):
             nearest[winding_number(obstacle[scene], corners, following) > 0] = 0.0
+        if self._grid is not None:
+            nearest[self._grid.encloses(corners)] = 0.0
         return nearest
 
 

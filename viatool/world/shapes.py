@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from viatool.errors import MapError
+
+if TYPE_CHECKING:
+    from viatool.world.occupancy import OccupancyGrid
 
 Floats = NDArray[np.float64]
 
@@ -28,10 +32,13 @@ class Obstacles:
         (K, 3) x, y, radius in metres.
     polygons : tuple of ndarray
         (n, 2) corners of simple polygons, counter-clockwise, the first corner not repeated.
+    grid : OccupancyGrid, optional
+        Square cells, of which those that are not free are obstacles.
     """
 
     circles: Floats = field(default_factory=_no_circles)
     polygons: tuple[Floats, ...] = ()
+    grid: OccupancyGrid | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "circles", np.asarray(self.circles, dtype=np.float64).reshape(-1, 3))
@@ -39,12 +46,15 @@ class Obstacles:
         object.__setattr__(self, "polygons", polygons)
 
     def __len__(self) -> int:
-        """Return the number of shapes."""
+        """Return the number of shapes, without the cells of a grid."""
         return len(self.circles) + len(self.polygons)
 
     def __add__(self, other: Obstacles) -> Obstacles:
-        """Return both sets together."""
-        return Obstacles(np.concatenate([self.circles, other.circles]), self.polygons + other.polygons)
+        """Return both sets together; only one of them may have a grid."""
+        if self.grid is not None and other.grid is not None:
+            raise ValueError("both sets of obstacles have a grid")
+        circles = np.concatenate([self.circles, other.circles])
+        return Obstacles(circles, self.polygons + other.polygons, self.grid or other.grid)
 
     def edges(self) -> Floats:
         """Return the edges of all polygons.

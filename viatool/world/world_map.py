@@ -72,6 +72,8 @@ class WorldMap:
         Fixed scenarios for evaluation; may be empty.
     generator : ScenarioGenerator, optional
         Draws any number of further scenarios.
+    warnings : tuple of str
+        What a user should know about the file.
     """
 
     name: str
@@ -83,6 +85,7 @@ class WorldMap:
     clearance: Clearance = field(default_factory=Clearance)
     scenarios: tuple[Scenario, ...] = ()
     generator: ScenarioGenerator | None = None
+    warnings: tuple[str, ...] = ()
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
