@@ -9,7 +9,7 @@ from typing import Any, Literal, Protocol, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from viatool.errors import ConfigurationError
+from viatool.errors import ConfigurationError, EnclosureError
 from viatool.policy.network import Network
 from viatool.taylor.approximation import Approximation
 from viatool.taylor.attained import climb
@@ -17,7 +17,7 @@ from viatool.taylor.head import split_head, values_through
 from viatool.taylor.propagation import Box, hulls_through, propagate
 from viatool.taylor.refinement import extrema_of, refine_by_pieces, refine_monotone, unfold
 from viatool.taylor.rounding import runtime_deviation
-from viatool.taylor.splitting import refine_by_splitting
+from viatool.taylor.splitting import Effort, refine_by_splitting
 
 Floats = NDArray[np.float64]
 Refinement = Literal["none", "monotone", "split"]
@@ -30,14 +30,17 @@ _WIDE = 128
 """Neurons of a layer from which on the dual bound costs little beside the pass itself, even without refinement."""
 
 
+_LIGHT_EFFORT = Effort(tolerance=0.03, parts=3)
+"""After a monotone collapse the few bounds that stay loose are split once."""
+
+
 @dataclass(frozen=True)
 class _Settings:
     order: int
     rule: Approximation
     refine: Refinement
     arithmetic: Arithmetic
-    tolerance: float
-    most_parts: int
+    effort: Effort
 
     def __post_init__(self) -> None:
         if self.order < 1:
@@ -127,8 +130,8 @@ def reach(
     approximation : str
         ``chebyshev``, ``bernstein`` or ``taylor`` polynomials for the activations.
     refine : str
-        ``none``: one pass; ``monotone``: inputs in which an action is monotone are fixed at their ends, repeatedly;
-        ``split``: the boxes that stay loose are split.
+        ``none``: one pass; ``monotone``: inputs in which an action is monotone are fixed at their ends, repeatedly, and
+        bounds that stay loose are split once; ``split``: they are split until tight or until the effort is spent.
     arithmetic : str
         ``real``: bounds of the exact network; ``float32``: also of the deployed program in its own precision, whatever
         its order of summation.
@@ -157,10 +160,17 @@ def reach(
     """
     network = policy.network
     box = observation_box(policy, observations, eps)
-    settings = _Settings(order, approximation, refine, arithmetic, tolerance, most_parts)
+    settings = _Settings(
+        order,
+        approximation,
+        refine,
+        arithmetic,
+        Effort(tolerance, most_parts) if refine == "split" else _LIGHT_EFFORT,
+    )
     parts = []
     for rows in _chunks(network, box.lower.shape[0], order):
-        parts.append(_reach_chunk(network, box.rows(rows), settings))
+        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):  # unbounded slopes, overflows
+            parts.append(_reach_chunk(network, box.rows(rows), settings))
         if progress is not None:
             progress(parts[-1].lower.shape[0])
     if not parts:
@@ -219,14 +229,9 @@ def _reach_chunk(network: Network, box: Box, settings: _Settings) -> ReachableSe
     elif settings.refine != "none":
         extrema = refine_monotone(trunk, extrema, passes, order=settings.order, rule=settings.rule)
     found = climb(trunk, box, extrema)
-    if settings.refine == "split":
+    if settings.refine != "none":
         extrema, found = refine_by_splitting(
-            trunk,
-            extrema,
-            found,
-            rule=settings.rule,
-            tolerance=settings.tolerance,
-            most_parts=settings.most_parts,
+            trunk, extrema, found, rule=settings.rule, effort=settings.effort
         )
     actions = network.output_size
     lower, upper = hulls_through(head, [*hulls[:-1], unfold(extrema.bound, actions)])[-1]
@@ -234,6 +239,11 @@ def _reach_chunk(network: Network, box: Box, settings: _Settings) -> ReachableSe
     deviation = np.zeros_like(lower)
     if settings.arithmetic == "float32":
         deviation = runtime_deviation(network, hulls_through(head, hulls))
+    if not np.isfinite(upper - lower).all():
+        raise EnclosureError(
+            "an action has no finite bounds on some box",
+            "make eps smaller, or check the weights and the units of the observation",
+        )
     return ReachableSet(
         np.nextafter(lower - deviation, -np.inf),
         np.nextafter(upper + deviation, np.inf),

@@ -7,6 +7,8 @@ other above. In each part the activation is closer to its line, and `duality` us
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,6 +23,23 @@ Indices = NDArray[np.intp]
 
 _AT_ONCE = 8
 """Parts of one question that are split in one round."""
+_NEGLIGIBLE = 1e-12
+
+
+@dataclass(frozen=True)
+class Effort:
+    """When to stop splitting.
+
+    Parameters
+    ----------
+    tolerance : float
+        A question is answered when its bound is within this fraction of the attained width of its action.
+    parts : int
+        Parts that are examined for one question before its best bound so far is returned.
+    """
+
+    tolerance: float
+    parts: int
 
 
 def refine_by_splitting(
@@ -29,8 +48,7 @@ def refine_by_splitting(
     found: Floats,
     *,
     rule: Approximation,
-    tolerance: float,
-    most_parts: int,
+    effort: Effort,
 ) -> tuple[Extrema, Floats]:
     """Tighten one-sided bounds by branch and bound.
 
@@ -44,10 +62,8 @@ def refine_by_splitting(
         ``(P,)``: values that are attained.
     rule : str
         How activations are approximated.
-    tolerance : float
-        A question is answered when its bound is within this fraction of the attained width of its action.
-    most_parts : int
-        Parts that are examined for one question before its best bound so far is returned.
+    effort : Effort
+        When to stop.
 
     Returns
     -------
@@ -61,7 +77,7 @@ def refine_by_splitting(
     **Sound:** yes. The parts cover the box, and the bound of a question is the largest of its parts.
     """
     found = found.copy()
-    margin = tolerance * _attained_widths(found, extrema.seed.shape[1])
+    margin = effort.tolerance * _attained_widths(found, extrema.seed.shape[1]) + _NEGLIGIBLE * np.abs(found)
     closed = np.full(found.shape, -np.inf)  # largest bound among the parts that are done with
     spent = np.zeros(found.shape, dtype=np.intp)
     questions = np.flatnonzero(extrema.bound > found + margin)
@@ -76,7 +92,7 @@ def refine_by_splitting(
         np.add.at(spent, fresh.owner, 1)
         parts = waiting.joined(fresh)
         done = (parts.bound <= (found + margin)[parts.owner]) | (parts.next_node == 0)
-        done |= (spent >= most_parts)[parts.owner]
+        done |= (spent >= effort.parts)[parts.owner]
         np.maximum.at(closed, parts.owner[done], parts.bound[done])
         parts = parts.rows(np.flatnonzero(~done))
         chosen = _largest_of_each(parts, _AT_ONCE)
