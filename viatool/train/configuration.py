@@ -168,7 +168,7 @@ _PAPER: dict[str, Any] = {
     "epoch_steps": None,
     "epoch_episodes": 70,
     "robots": 14,
-    "updates_per_step": 10,
+    "updates_per_step": 7,
     "warmup_episodes": 70,
     "learning_starts": 1000,
     "critic_hidden": (26, 26),
