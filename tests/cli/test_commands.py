@@ -22,7 +22,14 @@ from viatool.report import REPORTERS
 ROOT = Path(__file__).resolve().parents[2]
 Run = Callable[..., Result]
 VERIFY = ("verify", "policy.onnx", "--map", "map.yaml", "--eps", "0.01")
-SUFFIX = {"states": "npz", "csv": "csv", "figure": "png", "junit": "xml", "sarif": "sarif"}
+SUFFIX = {
+    "states": "npz",
+    "csv": "csv",
+    "figure": "png",
+    "junit": "xml",
+    "sarif": "sarif",
+    "witnesses": "json",
+}
 
 
 def arrays_of(path: Path) -> dict[str, np.ndarray]:

@@ -54,7 +54,7 @@ def test_every_command_and_option_is_in_the_reference(name: str) -> None:
             assert all(spelling in section for spelling in parameter.opts), (name, parameter.opts)
 
 
-@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", "docs/ci.md"])
+@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", "docs/ci.md", "docs/report.md"])
 def test_the_commands_of_the_readme_parse(page: str) -> None:
     for line in documented_lines(ROOT / page):
         _, name, *arguments = shlex.split(line.replace("...", ""))
