@@ -194,7 +194,7 @@ def _external_bytes(tensor: onnx.TensorProto, expected: int, folder: Path | None
         )
     try:
         with path.open("rb") as file:
-            file.seek(offset)
+            file.seek(min(offset, 2**62))
             content = file.read(expected)
     except OSError as error:
         raise PolicyError(

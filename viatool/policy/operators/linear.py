@@ -51,6 +51,7 @@ def weighted_sum(
     """Add ``sum_k factor_k * value_k`` with broadcasting, as one affine node."""
     shape: Shape = np.broadcast_shapes(*(value.shape for value in values))
     size = math.prod(shape)
+    call.assembly.reserve(size, min(value.size for value in values if isinstance(value, Computed)))
     bias = np.zeros(size)
     terms = []
     for value, factor in zip(values, factors, strict=True):
@@ -117,6 +118,7 @@ def read_mul(call: Call) -> Sequence[Value]:
 def scaled_by(call: Call, x: Computed, factors: Floats, roundings: int = 0) -> Computed:
     """Add the elementwise product of x and an array, with broadcasting."""
     shape = np.broadcast_shapes(x.shape, factors.shape)
+    call.assembly.reserve(math.prod(shape), x.size)
     weight = scattered(call, x, shape, np.broadcast_to(factors, shape).ravel())
     return call.assembly.affine([(x, weight)], np.zeros(math.prod(shape)), shape, x.precision, roundings)
 
@@ -209,6 +211,7 @@ def _extreme(
     values = [call.value(index) for index in range(len(call.inputs))]
     shape: Shape = np.broadcast_shapes(*(value.shape for value in values))
     computed = [value for value in values if isinstance(value, Computed)]
+    call.assembly.reserve(math.prod(shape), computed[0].size)
     result = computed[0]
     for other in computed[1:]:
         result = combine(result, other)

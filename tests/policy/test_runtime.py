@@ -1,0 +1,84 @@
+"""The deployed program: single rows exactly, batches where the model allows them."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import numpy as np
+import onnx
+import onnxruntime
+import pytest
+
+from tests.policy.models import model_of, node, save, two_layers, weights
+from viatool.policy import load_policy
+
+OBSERVATIONS = np.random.default_rng(0).normal(size=(200, 4)).astype(np.float32)
+
+
+@pytest.mark.parametrize("shape", [("batch", 4), (1, 4)])
+def test_single_rows_are_bit_for_bit_what_onnxruntime_gives(
+    shape: tuple[int | str, ...], tmp_path: Path
+) -> None:
+    model = two_layers()
+    del model.graph.input[0].type.tensor_type.shape.dim[0]
+    model.graph.input[0].CopyFrom(model_of([node("Relu", ["x"], ["y"])], shape=shape).graph.input[0])
+    path = save(model, tmp_path)
+    session = onnxruntime.InferenceSession(str(path))
+    policy = load_policy(path)
+    for row in OBSERVATIONS[:20]:
+        expected = session.run(None, {"x": row[None]})[0]
+        np.testing.assert_array_equal(policy.run(row[None]), expected)
+
+
+def test_a_model_for_one_observation_runs_batches(tmp_path: Path) -> None:
+    nodes = [node("Gemm", ["x", "w"], ["g"], transB=1), node("Tanh", ["g"], ["y"])]
+    policy = load_policy(save(model_of(nodes, {"w": weights(1, 2, 4)}, shape=(1, 4)), tmp_path))
+    assert policy.runtime.batches
+    one_by_one = np.concatenate([policy.run(row[None]) for row in OBSERVATIONS])
+    np.testing.assert_allclose(policy.run(OBSERVATIONS), one_by_one, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "nodes",
+    [
+        [node("Reshape", ["x", "flat"], ["f"]), node("MatMul", ["f", "w"], ["y"])],
+        [
+            node("ReduceMean", ["x"], ["m"], axes=[0], keepdims=1),
+            node("Sub", ["x", "m"], ["d"]),
+            node("Add", ["d", "x"], ["y"]),
+        ],
+        [node("Softmax", ["x"], ["s"], axis=0), node("Add", ["s", "x"], ["y"])],
+    ],
+    ids=["static reshape", "mean over the batch", "softmax over the batch"],
+)
+@pytest.mark.parametrize("shape", [("batch", 4), (1, 4)])
+def test_a_model_that_mixes_a_batch_runs_one_by_one(
+    nodes: list[onnx.NodeProto], shape: tuple[int | str, ...], tmp_path: Path
+) -> None:
+    constants = {"flat": np.array([1, -1]), "w": weights(1, 4, 2)}
+    policy = load_policy(save(model_of(nodes, constants, shape=shape), tmp_path))
+    assert not policy.runtime.batches
+    np.testing.assert_allclose(policy.run(OBSERVATIONS), policy(OBSERVATIONS), rtol=1e-5, atol=1e-6)
+
+
+def test_without_self_check_nothing_is_batched_and_the_actions_are_the_same(tmp_path: Path) -> None:
+    path = save(two_layers(), tmp_path)
+    checked, unchecked = load_policy(path), load_policy(path, self_check=False)
+    assert unchecked.self_check is None
+    assert not unchecked.runtime.batches
+    np.testing.assert_allclose(checked.run(OBSERVATIONS), unchecked.run(OBSERVATIONS), rtol=1e-6, atol=1e-6)
+
+
+def test_a_policy_travels_to_another_process(tmp_path: Path) -> None:
+    policy = load_policy(save(two_layers(), tmp_path))
+    copy = pickle.loads(pickle.dumps(policy))
+    np.testing.assert_array_equal(copy.run(OBSERVATIONS), policy.run(OBSERVATIONS))
+    np.testing.assert_array_equal(copy(OBSERVATIONS), policy(OBSERVATIONS))
+
+
+def test_the_hash_is_that_of_the_file(tmp_path: Path) -> None:
+    import hashlib
+
+    path = save(two_layers(), tmp_path)
+    assert load_policy(path).sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
