@@ -231,6 +231,16 @@ def test_inspect_tells_what_a_policy_is(run: Run, policy: str) -> None:
     assert "Tanh" in result.stdout
 
 
+def test_a_template_of_a_specification_can_be_filled_in(run: Run, tmp_path: Path) -> None:
+    assert run("inspect", "foreign.onnx", "--write-spec", tmp_path / "template.yaml").exit_code == 0
+    spec = viatool.load_policy("foreign.onnx", tmp_path / "template.yaml").spec
+    assert spec is not None
+    assert (spec.observation_size, spec.action_size) == (26, 2)
+    assert run("inspect", "policy.onnx", "--write-spec", tmp_path / "own.yaml").exit_code == 0
+    arguments = ("--map", "map.yaml", "--eps", "0.01", "--spec", tmp_path / "own.yaml")
+    assert run("verify", "foreign.onnx", *arguments).exit_code == 0
+
+
 def test_a_map_is_summarised_and_drawn(run: Run, tmp_path: Path) -> None:
     result = run("map", "map.yaml", "-o", tmp_path / "map.svg")
     assert result.exit_code == 0

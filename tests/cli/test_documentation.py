@@ -15,6 +15,7 @@ import yaml
 
 from viatool.cli import main
 from viatool.cli.group import COMMANDS
+from viatool.policy import load_specification
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -54,7 +55,9 @@ def test_every_command_and_option_is_in_the_reference(name: str) -> None:
             assert all(spelling in section for spelling in parameter.opts), (name, parameter.opts)
 
 
-@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", "docs/ci.md", "docs/report.md"])
+@pytest.mark.parametrize(
+    "page", ["README.md", "CONTRIBUTING.md", "docs/ci.md", "docs/report.md", "docs/specification.md"]
+)
 def test_the_commands_of_the_readme_parse(page: str) -> None:
     for line in documented_lines(ROOT / page):
         _, name, *arguments = shlex.split(line.replace("...", ""))
@@ -76,3 +79,20 @@ def test_every_exit_code_of_the_reference_is_in_the_readme() -> None:
     tables = [re.findall(r"^\| (\d+) \| (.*) \|$", page, re.MULTILINE) for page in pages]
     assert tables[0] == tables[1]
     assert [code for code, _ in tables[0]] == ["0", "1", "2", "3", "5", "130"]
+
+
+def test_every_page_that_a_message_or_a_page_names_exists() -> None:
+    sources = [*(ROOT / "viatool").rglob("*.py"), *(ROOT / "docs").glob("*.md"), *ROOT.glob("*.md")]
+    for source in sources:
+        text = source.read_text(encoding="utf-8")
+        for name in re.findall(r"\bdocs/[a-z_-]+\.(?:md|json)", text):
+            assert (ROOT / name).is_file(), f"{source} names {name}"
+        if source.suffix == ".md":
+            for name in re.findall(r"\]\(([^)#:]+)\)", text):
+                assert (source.parent / name).exists(), f"{source} links to {name}"
+
+
+def test_the_example_specification_is_one(tmp_path: Path) -> None:
+    text = (ROOT / "docs" / "specification.md").read_text(encoding="utf-8")
+    (tmp_path / "robot.yaml").write_text(text.partition("```yaml\n")[2].partition("```")[0], encoding="utf-8")
+    assert load_specification(tmp_path / "robot.yaml").observation_size == 26
