@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from viatool.cli import options
 from viatool.cli.terminal import open_console
+
+if TYPE_CHECKING:
+    from viatool.world.map_file import Unknown
 
 
 @click.command()
@@ -19,15 +23,15 @@ from viatool.cli.terminal import open_console
     metavar="FILE",
     help="Draw the one map and its scenarios (png, svg, pdf).",
 )
-def command(maps: tuple[Path, ...], output: Path | None) -> None:
-    """Summarise each MAP, and draw it."""
+@options.unknown_option
+def command(maps: tuple[Path, ...], output: Path | None, unknown: Unknown | None) -> None:
+    """Check and summarise each MAP (native or of a ROS 2 map_server), and draw it."""
     from viatool.report import print_map
-    from viatool.world import load_map
 
     if output is not None and len(maps) > 1:
         raise click.UsageError("--output draws one map, and several were given")
     for path in maps:
-        world_map = load_map(path)
+        world_map = options.open_map(path, unknown)
         if output is not None:
             from viatool.report.map_figure import write_map_figure
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import click
 
@@ -105,6 +105,11 @@ map_option = click.option(
     metavar="FILE",
     help="The map: native YAML or a ROS 2 map_server YAML.",
 )
+unknown_option = click.option(
+    "--unknown",
+    type=click.Choice(["free", "obstacle"]),
+    help="What unknown cells of a map_server map are; by default what the map says, else obstacles.",
+)
 spec_option = click.option(
     "--spec",
     "spec_path",
@@ -148,6 +153,22 @@ threads_option = click.option(
     help="Threads of the numeric libraries; by default 1, or what OMP_NUM_THREADS says.",
 )
 quiet_option = click.option("--quiet", "-q", is_flag=True, help="Print no report and no progress.")
+
+
+def open_map(path: Path, unknown: Literal["free", "obstacle"] | None = None) -> WorldMap:
+    """Load a map; what a user should know about it goes to stderr."""
+    import warnings
+
+    from viatool.cli.failures import compose
+    from viatool.errors import MapWarning
+    from viatool.world import load_map
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MapWarning)
+        world_map = load_map(path, unknown=unknown)
+    for text in world_map.warnings:
+        click.echo(compose(text).replace("error: ", "warning: ", 1), err=True)
+    return world_map
 
 
 def draw_scenarios(world_map: WorldMap, scenarios: int | None, seed: int) -> tuple[Scenario, ...]:

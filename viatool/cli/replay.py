@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 @click.option(
     "--map", "map_path", type=options.READABLE, metavar="FILE", help="Another map than the file names."
 )
+@options.unknown_option
 @options.spec_option
 @click.option(
     "--output",
@@ -42,7 +43,6 @@ def command(ctx: click.Context, /, **given: Any) -> None:
     from viatool.report.files import check_writable
     from viatool.report.replay_summary import print_replay
     from viatool.safety import load_witnesses, replay
-    from viatool.world import load_map
 
     if given["output"] is not None:
         from viatool.report.replay_figure import check_replay_figure
@@ -51,7 +51,7 @@ def command(ctx: click.Context, /, **given: Any) -> None:
         check_writable(given["output"])
     file = load_witnesses(given["witnesses"])
     policy = load_policy(given["policy"] or _named(file.policy["path"], given), given["spec_path"])
-    world_map = load_map(given["map_path"] or _named(file.world_map["path"], given))
+    world_map = options.open_map(given["map_path"] or _named(file.world_map["path"], given), given["unknown"])
     _tell_changes(file, policy.sha256, world_map.sha256)
     found = replay(policy, world_map, file)
     if given["output"] is not None:

@@ -13,6 +13,7 @@ from viatool.cli.terminal import open_console
 @click.command()
 @options.policy_argument
 @options.map_option
+@options.unknown_option
 @options.spec_option
 @options.scenarios_option
 @options.seed_option
@@ -39,12 +40,11 @@ def command(**given: Any) -> None:
     from viatool.report.files import check_writable
     from viatool.simulate import roll_out
     from viatool.trajectory import write_trajectory
-    from viatool.world import load_map
 
     if given["output"] is not None:
         check_writable(given["output"])
     policy = load_policy(given["policy"], given["spec_path"])
-    world_map = load_map(given["map_path"])
+    world_map = options.open_map(given["map_path"], given["unknown"])
     scenarios = options.draw_scenarios(world_map, given["scenarios"], given["seed"])
     trajectory = roll_out(
         policy, world_map, scenarios, noise=given["noise"], horizon=given["horizon"], seed=given["seed"]

@@ -9,6 +9,7 @@ import click
 
 from viatool.cli import options
 from viatool.cli.gating import build_gate, gate_options, leave_by_gate
+from viatool.cli.states import bag_settings, state_options
 from viatool.cli.terminal import Progress, open_console, show_progress
 
 if TYPE_CHECKING:
@@ -35,6 +36,7 @@ _PASSED_ON = (
 @click.command()
 @options.policy_argument
 @options.map_option
+@options.unknown_option
 @options.eps_option
 @options.spec_option
 @click.option(
@@ -44,12 +46,7 @@ _PASSED_ON = (
     show_default=True,
     help="What a state has to fulfil to be safe.",
 )
-@click.option(
-    "--trajectory",
-    type=options.READABLE,
-    metavar="FILE",
-    help="Recorded states (npz or csv) instead of simulated ones.",
-)
+@state_options
 @options.scenarios_option
 @options.seed_option
 @options.noise_option
@@ -105,9 +102,8 @@ def command(ctx: click.Context, /, **given: Any) -> None:
 
 def _verify(given: Mapping[str, Any], progress: Progress) -> Result:
     from viatool.verification import verify
-    from viatool.world import load_map
 
-    world_map = load_map(given["map_path"])
+    world_map = options.open_map(given["map_path"], given["unknown"])
     recorded = given["trajectory"] is not None
     return verify(
         given["policy"],
@@ -115,6 +111,7 @@ def _verify(given: Mapping[str, Any], progress: Progress) -> Result:
         spec=given["spec_path"],
         eps=options.plain_eps(given["eps"]),
         scenarios=None if recorded else options.draw_scenarios(world_map, given["scenarios"], given["seed"]),
+        bag=bag,
         progress=progress,
         **{name: given[name] for name in _PASSED_ON},
     )

@@ -12,6 +12,7 @@ from matplotlib.patches import Circle, PathPatch, Polygon
 from matplotlib.path import Path as Outline
 from numpy.typing import NDArray
 
+from viatool.report.cells import draw_cells
 from viatool.report.palette import COLOUR, VERDICTS
 from viatool.simulate.motion import advance
 
@@ -41,7 +42,9 @@ def draw_floor(axes: Axes, world_map: WorldMap) -> None:
 
 
 def draw_obstacles(axes: Axes, obstacles: Obstacles, *, facecolor: str, edgecolor: str) -> None:
-    """Draw circles and polygons."""
+    """Draw circles, polygons and the cells of a grid."""
+    if obstacles.grid is not None:
+        draw_cells(axes, obstacles.grid, colour=edgecolor)
     patches = [Circle((x, y), radius) for x, y, radius in obstacles.circles]
     polygons = [Polygon(corners, closed=True) for corners in obstacles.polygons]
     axes.add_collection(

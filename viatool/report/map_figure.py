@@ -11,6 +11,7 @@ from viatool.errors import ConfigurationError
 from viatool.report.drawing import FAINT, INK, draw_floor, draw_obstacles, draw_task
 from viatool.report.files import replacing
 from viatool.report.foreign import one_line
+from viatool.report.numbers import counted
 
 if TYPE_CHECKING:
     from viatool.world import WorldMap
@@ -28,7 +29,11 @@ def draw_map(world_map: WorldMap) -> Figure:
         start, goal = scenario.start[:2], scenario.goal
         axes.plot(*zip(start, goal, strict=True), color=INK, lw=0.6, ls=(0, (1, 3)), zorder=3)
         draw_task(axes, scenario)
-    title = f"{world_map.name}: {len(world_map.obstacles)} obstacles, {len(world_map.scenarios)} scenarios"
+    grid = world_map.obstacles.grid
+    what = [counted(len(world_map.obstacles), "obstacle")] if len(world_map.obstacles) or grid is None else []
+    if grid is not None:
+        what.append(f"{grid.cells.shape[1]} x {grid.cells.shape[0]} cells")
+    title = f"{world_map.name}: {', '.join([*what, counted(len(world_map.scenarios), 'scenario')])}"
     axes.set_title(one_line(title).replace("$", r"\$"), fontsize=10, color=INK)
     axes.set(xlabel="x [m]", ylabel="y [m]")
     return figure

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from viatool.world import WorldMap
 
 ROWS_SHOWN = 20
+_KINDS = ("free", "occupied", "unknown")  # in the order of `viatool.world.Cell`
 
 
 def print_facts(title: str, facts: Iterable[tuple[str, str]], console: Console) -> None:
@@ -50,6 +51,7 @@ def print_map(world_map: WorldMap, console: Console) -> None:
             "obstacles",
             f"{counted(len(obstacles.circles), 'circle')}, {counted(len(obstacles.polygons), 'polygon')}",
         ),
+        *_occupancy_facts(world_map),
         (
             "clearance",
             f"collision {world_map.clearance.collision:g} m, danger {world_map.clearance.danger:g} m",
@@ -65,11 +67,47 @@ def print_map(world_map: WorldMap, console: Console) -> None:
             f"{lidar.rays} rays in {lidar.bins} bins over {np.degrees(lidar.field_of_view):g} degrees, "
             f"{lidar.minimum_range:g} to {lidar.maximum_range:g} m, noise {lidar.noise:g} m",
         ),
-        ("scenarios", f"{count(len(world_map.scenarios))} fixed"),
+        ("scenarios", f"{count(len(world_map.scenarios))} fixed{_freedom(world_map)}"),
         ("generator", generator),
         ("sha256", world_map.sha256),
     ]
     print_facts(f"{world_map.name} ({world_map.path})", facts, console)
+
+
+def _occupancy_facts(world_map: WorldMap) -> list[tuple[str, str]]:
+    """Return what the cells of an occupancy map hold; nothing for a map without one."""
+    grid = world_map.obstacles.grid
+    if grid is None:
+        return []
+    rows, columns = grid.cells.shape
+    x, y, yaw = grid.origin
+    numbers = np.bincount(grid.cells.ravel(), minlength=3).tolist()
+    shares = [
+        f"{100.0 * number / grid.cells.size:.1f} % {kind}"
+        for kind, number in zip(_KINDS, numbers, strict=True)
+    ]
+    taken = "free" if grid.unknown_is_free else "obstacles"
+    return [
+        (
+            "cells",
+            f"{count(columns)} x {count(rows)} of {grid.resolution:g} m, lower left at {x:g}, {y:g}, {yaw:g} rad",
+        ),
+        ("", f"{', '.join(shares)}; unknown cells count as {taken}"),
+    ]
+
+
+def _freedom(world_map: WorldMap) -> str:
+    """Say how near starts and goals are to what is not free."""
+    from viatool.world import Scenes
+
+    if not world_map.scenarios:
+        return ""
+    scenes, index = Scenes.of(world_map, world_map.scenarios), np.arange(len(world_map.scenarios))
+    starts = np.array([scenario.start for scenario in world_map.scenarios])
+    goals = np.array([scenario.goal for scenario in world_map.scenarios])
+    start = scenes.footprint_clearance(starts, world_map.robot.footprint, index).min()
+    goal = scenes.clearance(goals, index).min()
+    return f"; starts at least {start:.2f} m and goals at least {goal:.2f} m from obstacles"
 
 
 def print_policy(policy: Policy, console: Console) -> None:

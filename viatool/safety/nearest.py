@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.world import Footprint, Obstacles, Scenario, WorldMap
+from viatool.world import Footprint, Obstacles, Scenario, Scenes, WorldMap
 
 Floats = NDArray[np.float64]
 
@@ -47,6 +49,11 @@ def describe_nearest(
         middle = shapely.centroid(shape)
         name = f"polygon of {len(polygon)} corners around ({middle.x:.2f}, {middle.y:.2f})"
         candidates.append((shapely.distance(outline, shape), name))
+    if obstacles.grid is not None:
+        only = replace(world_map, obstacles=Obstacles(grid=obstacles.grid))
+        disc = footprint if footprint.kind == "polygon" else Footprint()
+        away = Scenes.of(only, [None]).footprint_clearance(pose[None], disc, np.zeros(1, np.int64))[0]
+        candidates.append((np.nextafter(away, -np.inf), "cell of the occupancy map"))
     if not shapely.Polygon(world_map.arena).contains(shapely.Point(x, y)):
         return "outside of the arena"
     return min(candidates, key=lambda candidate: float(candidate[0]))[1]

@@ -64,4 +64,6 @@ class Situations:
 def _extent(obstacles: Obstacles) -> float:
     """Return a bound of the coordinates and radii of obstacles, in metres."""
     shapes = [obstacles.circles, *obstacles.polygons]
+    if obstacles.grid is not None:
+        shapes.append(obstacles.grid.outline)
     return max((float(np.abs(shape).max()) for shape in shapes if shape.size), default=0.0)
