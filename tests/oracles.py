@@ -144,12 +144,12 @@ def derivative(function: ActivationFunction, x: Any, order: int) -> Any:
 # --- whole networks --------------------------------------------------------------------------------------
 
 
-def precise(network: Network, point: Sequence[float]) -> list[Any]:
+def precise(network: Network, point: Sequence[Any]) -> list[Any]:
     """Return the actions at one point in high precision."""
     return precise_values(network, point)[-1]
 
 
-def precise_values(network: Network, point: Sequence[float]) -> list[list[Any]]:
+def precise_values(network: Network, point: Sequence[Any]) -> list[list[Any]]:
     """Return the values of every node at one point in high precision."""
     return _values(network, point, MP.mpf, activate)
 
@@ -171,15 +171,15 @@ def _exactly(function: ActivationFunction, x: Fraction) -> Fraction:
 
 def _values(
     network: Network,
-    point: Sequence[float],
-    number: Callable[[float], Any],
+    point: Sequence[Any],
+    number: Callable[[Any], Any],
     activated: Callable[[ActivationFunction, Any], Any],
 ) -> list[list[Any]]:
     values: list[list[Any]] = []
     for node in network.nodes:
         match node:
             case Input():
-                values.append([number(float(x)) for x in point])
+                values.append([number(x) for x in point])
             case Affine():
                 values.append(_affine(node, values, number))
             case Activation():
