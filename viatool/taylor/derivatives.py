@@ -46,7 +46,7 @@ def gradient_bounds(network: Network, hulls: Sequence[Hull], seed: Floats) -> Hu
         centre, radius = adjoints.pop(index)
         if isinstance(node, Affine):
             for source, weight in zip(node.sources, node.weights, strict=True):
-                _accumulate(adjoints, source, _mapped(centre, radius, weight))
+                _accumulate(adjoints, source, _mapped(centre, radius, weight, node.roundings))
         elif isinstance(node, Activation):
             slopes = curve_of(node.function).range(*hulls[node.source], 1)
             _accumulate(adjoints, node.source, _scaled(centre, radius, slopes.lower, slopes.upper))
@@ -109,9 +109,9 @@ def _accumulate(adjoints: dict[int, Hull], node: int, contribution: Hull) -> Non
     adjoints[node] = (centre, radius)
 
 
-def _mapped(centre: Floats, radius: Floats, weight: Floats) -> Hull:
+def _mapped(centre: Floats, radius: Floats, weight: Floats, roundings: int) -> Hull:
     absolute = np.abs(weight)
-    rounding = gamma(weight.shape[0] + 2, ENGINE_ROUNDOFF)
+    rounding = gamma(weight.shape[0] + 2 + roundings, ENGINE_ROUNDOFF)
     spread = radius @ absolute + rounding * (np.abs(centre) @ absolute)
     return centre @ weight, spread * SLIGHTLY_MORE + 1e-300
 
