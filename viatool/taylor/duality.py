@@ -79,73 +79,120 @@ def _forms(model: TaylorModel) -> dict[int, Form]:
     return {0: model.linear, **model.symbols}
 
 
-def dual_bound(
-    model: TaylorModel, seed: Floats, layout: SymbolLayout, conditions: Sequence[tuple[Floats, Floats]]
-) -> tuple[Floats, Floats]:
-    """Bound ``seed . actions`` from above under conditions.
+@dataclass(frozen=True, eq=False)
+class DualProblem:
+    """K maxima of ``constant + objective . e`` over symbols e in [-1, 1]^S with ``conditions . e + slack >= 0``.
 
     Parameters
     ----------
-    model : TaylorModel
-        Of the actions, (K, A), at order 1.
-    seed : ndarray
-        ``(K, A)``: +1 or -1 at one action.
-    layout : SymbolLayout
-        Of the symbols of the model.
-    conditions : sequence of (forms, slack)
-        Forms (K, D, S) with their largest constants (K, D).
-
-    Returns
-    -------
-    tuple of ndarray
-        The form (K, S) whose L1 norm gave the bound, and the bound (K,).
-
-    Notes
-    -----
-    **Sound:** yes; weak duality holds for any multipliers, and the rounding of the norm is counted.
+    objective, constant : ndarray
+        ``(K, S)`` and ``(K,)``.
+    conditions, slack : ndarray
+        ``(K, D, S)`` and ``(K, D)``, the slack with all that the condition may gain from remainders.
     """
-    action = np.abs(seed).argmax(axis=1)[:, None]
-    sign = np.take_along_axis(seed, action, axis=1)
-    forms, constant, spare = layout.columns(model, action)
-    objective = forms[:, 0] * sign
-    known = np.concatenate([forms for forms, _ in conditions], axis=1)
-    slack = np.concatenate([slack for _, slack in conditions], axis=1)
-    return minimise_dual(objective, (constant * sign + spare)[:, 0], known, slack)
+
+    objective: Floats
+    constant: Floats
+    conditions: Floats
+    slack: Floats
+
+    @classmethod
+    def of(
+        cls,
+        model: TaylorModel,
+        seed: Floats,
+        layout: SymbolLayout,
+        conditions: Sequence[tuple[Floats, Floats]],
+    ) -> DualProblem:
+        """Ask for the largest ``seed . actions`` of a model (K, A) of order 1 under conditions.
+
+        Parameters
+        ----------
+        model : TaylorModel
+            Of the actions.
+        seed : ndarray
+            ``(K, A)``: +1 or -1 at one action.
+        layout : SymbolLayout
+            Of the symbols of the model.
+        conditions : sequence of (forms, slack)
+            Forms (K, D, S) with their largest constants (K, D).
+        """
+        action = np.abs(seed).argmax(axis=1)[:, None]
+        sign = np.take_along_axis(seed, action, axis=1)
+        forms, constant, spare = layout.columns(model, action)
+        known = np.concatenate([forms for forms, _ in conditions], axis=1)
+        slack = np.concatenate([slack for _, slack in conditions], axis=1)
+        return cls(forms[:, 0] * sign, (constant * sign + spare)[:, 0], known, slack)
+
+    def rows(self, which: Indices) -> DualProblem:
+        """Return some of the problems."""
+        return DualProblem(
+            self.objective[which], self.constant[which], self.conditions[which], self.slack[which]
+        )
+
+    def value(self, beta: Floats) -> tuple[Floats, Floats]:
+        """Return the tilted forms ``objective + beta . conditions`` (K, S) and the bounds (K,) of multipliers (K, D).
+
+        **Sound:** yes, for any ``beta >= 0`` (weak duality); the rounding of the norm is counted.
+        """
+        tilted = self.objective + np.einsum("kd,kds->ks", beta, self.conditions)
+        size = np.abs(self.objective).sum(axis=1) + np.einsum("kd,kds->k", beta, np.abs(self.conditions))
+        size = size + np.abs(self.constant) + (beta * np.abs(self.slack)).sum(axis=1)
+        terms = 2 * (self.objective.shape[1] + self.slack.shape[1]) + 8
+        rounding = gamma(terms, ENGINE_ROUNDOFF) * size * SLIGHTLY_MORE
+        return tilted, self.constant + (beta * self.slack).sum(axis=1) + np.abs(tilted).sum(axis=1) + rounding
 
 
-def minimise_dual(
-    objective: Floats, constant: Floats, conditions: Floats, slack: Floats
-) -> tuple[Floats, Floats]:
-    """Minimise ``constant + slack . beta + |objective + beta . conditions|_1`` over ``beta >= 0``.
+def descend(problem: DualProblem) -> Floats:
+    """Find good multipliers (K, D), one after the other: each minimises the bound given the others."""
+    beta, tilted = np.zeros(problem.slack.shape), problem.objective
+    count = problem.slack.shape[1]
+    for _ in range(_SWEEPS if count > 1 else 1):
+        for d in range(count):
+            direction = problem.conditions[:, d]
+            without = tilted - beta[:, d, None] * direction
+            beta[:, d] = _weighted_median(without, direction, problem.slack[:, d])
+            tilted = without + beta[:, d, None] * direction
+    return beta
 
-    Parameters
-    ----------
-    objective : ndarray
-        ``(K, S)``.
-    constant : ndarray
-        ``(K,)``.
-    conditions : ndarray
-        ``(K, D, S)``.
-    slack : ndarray
-        ``(K, D)``: largest value of the constant part of each condition.
 
-    Returns
-    -------
-    tuple of ndarray
-        The tilted form ``objective + beta . conditions`` (K, S), and the value reached (K,), rounded up.
+def solve_exactly(problem: DualProblem) -> tuple[Floats, Floats]:
+    """Find the best multipliers (K, D) and maximising symbols (K, S) by linear programming, one problem at a time.
+
+    Where no symbols meet the conditions, the multipliers prove that by a bound far below every value of the problem.
+    The solver's answer is only a proposal: `DualProblem.value` turns any multipliers into a proved bound.
     """
-    tilted = objective
-    beta = np.zeros(slack.shape)
-    for _ in range(_SWEEPS if slack.shape[1] > 1 else 1):
-        for d in range(slack.shape[1]):
-            without = tilted - beta[:, d, None] * conditions[:, d]
-            beta[:, d] = _weighted_median(without, conditions[:, d], slack[:, d])
-            tilted = without + beta[:, d, None] * conditions[:, d]
-    tilted = objective + np.einsum("kd,kds->ks", beta, conditions)
-    size = np.abs(objective).sum(axis=1) + np.einsum("kd,kds->k", beta, np.abs(conditions))
-    size = size + np.abs(constant) + (beta * np.abs(slack)).sum(axis=1)
-    rounding = gamma(2 * (objective.shape[1] + slack.shape[1]) + 8, ENGINE_ROUNDOFF) * size * SLIGHTLY_MORE
-    return tilted, constant + (beta * slack).sum(axis=1) + np.abs(tilted).sum(axis=1) + rounding
+    beta, symbols = np.zeros(problem.slack.shape), np.sign(problem.objective)
+    for k in range(problem.constant.size):
+        objective, conditions, slack = problem.objective[k], problem.conditions[k], problem.slack[k]
+        best = _linear_program(objective, conditions, slack)
+        if best is not None:
+            beta[k], symbols[k] = best
+            continue
+        violation = np.append(
+            np.zeros_like(objective), -1.0
+        )  # add the same t to all conditions, make it small
+        relaxed = np.column_stack([conditions, np.ones_like(slack)])
+        least = _linear_program(
+            violation, relaxed, slack, top=float(np.abs(slack).max() + np.abs(conditions).sum())
+        )
+        if least is not None and least[1][-1] > 0.0:
+            size = np.abs(problem.constant[k]) + np.abs(objective).sum()
+            beta[k] = least[0] * (4.0 * size / least[1][-1])
+    return beta, symbols
+
+
+def _linear_program(
+    objective: Floats, conditions: Floats, slack: Floats, top: float = 1.0
+) -> tuple[Floats, Floats] | None:
+    """Return multipliers (D,) and symbols (S,) of one maximum, the last symbol up to `top`; None if there is none."""
+    from scipy.optimize import linprog
+
+    bounds = [(-1.0, 1.0)] * (objective.size - 1) + [(-1.0, top)]
+    solved = linprog(-objective, A_ub=-conditions, b_ub=slack, bounds=bounds, method="highs")
+    if not solved.success:
+        return None
+    return np.maximum(-np.asarray(solved.ineqlin.marginals), 0.0), np.asarray(solved.x)
 
 
 def _weighted_median(form: Floats, direction: Floats, slope: Floats) -> Floats:

@@ -6,7 +6,7 @@ their activation is approximated, and it is used a second time as a condition in
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -16,13 +16,23 @@ from viatool.policy.network import Activation, Network
 from viatool.taylor.approximation import Approximation
 from viatool.taylor.curve import curve_of
 from viatool.taylor.derivatives import Hull
-from viatool.taylor.duality import SymbolLayout, dual_bound, relaxation_conditions, source_of
-from viatool.taylor.model import Diagonal
-from viatool.taylor.propagation import Enclosure, propagate
+from viatool.taylor.duality import (
+    DualProblem,
+    SymbolLayout,
+    descend,
+    relaxation_conditions,
+    solve_exactly,
+    source_of,
+)
+from viatool.taylor.model import Diagonal, Form
+from viatool.taylor.propagation import Box, Enclosure, propagate
 from viatool.taylor.refinement import Extrema, seeded_upper
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
+
+_RESERVE, _LAST_RESERVE = 1e-3, 1e-9
+"""Weights of symbols that the multipliers have cancelled: they are split when nothing else is left."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +112,9 @@ def whole_boxes(extrema: Extrema, questions: Indices) -> Parts:
     )
 
 
-def examine(network: Network, extrema: Extrema, parts: Parts, rule: Approximation) -> tuple[Parts, Floats]:
+def examine(
+    network: Network, extrema: Extrema, parts: Parts, target: Floats, rule: Approximation
+) -> tuple[Parts, Floats]:
     """Bound parts, and find where to split each next.
 
     Parameters
@@ -113,6 +125,8 @@ def examine(network: Network, extrema: Extrema, parts: Parts, rule: Approximatio
         P questions.
     parts : Parts
         K parts of their boxes.
+    target : ndarray
+        ``(P,)``: a part whose bound is not above this is done with.
     rule : str
         How activations are approximated.
 
@@ -125,7 +139,8 @@ def examine(network: Network, extrema: Extrema, parts: Parts, rule: Approximatio
 
     Notes
     -----
-    **Sound:** yes; weak duality holds for any multipliers, and the rounding of the norm is counted.
+    **Sound:** yes, by weak duality. Where nothing is left to split the relaxation is the network itself, and linear
+    programming finds multipliers that make the bound exact.
     """
     box, seed = extrema.box.rows(parts.owner), extrema.seed[parts.owner]
     passes = propagate(network, box, rule=rule, limits=_limits(network, parts))
@@ -134,19 +149,28 @@ def examine(network: Network, extrema: Extrema, parts: Parts, rule: Approximatio
         _conditions(network, passes, parts, layout),
         relaxation_conditions(network, passes, seed, layout),
     ]
-    tilted, dual = dual_bound(passes[-1].model, seed, layout, known)
+    problem = DualProblem.of(passes[-1].model, seed, layout, known)
+    tilted, dual = problem.value(descend(problem))
+    symbols = np.sign(tilted)
+    weights = np.abs(tilted) + _RESERVE * np.abs(problem.objective)
+    node, neuron, threshold = _next_split(network, passes, weights, layout)
+    last = np.flatnonzero((node == 0) & (dual > target[parts.owner]))
+    if last.size and problem.slack.shape[1]:
+        beta, symbols[last] = solve_exactly(problem.rows(last))
+        dual[last] = np.minimum(dual[last], problem.rows(last).value(beta)[1])
     bound = np.minimum(parts.bound, np.minimum(dual, seeded_upper(passes[-1].hull, seed)))
     bound = np.where(_is_empty(network, passes, parts), -np.inf, bound)
-    node, neuron, threshold = _next_split(network, passes, tilted, layout)
-    linear = passes[0].model.linear
-    assert isinstance(linear, Diagonal)
-    moved = linear.radius * np.sign(tilted[:, : linear.index.shape[1]])
+    examined = replace(parts, bound=bound, next_node=node, next_neuron=neuron, next_threshold=threshold)
+    return examined, _points(box, passes[0].model.linear, symbols)
+
+
+def _points(box: Box, inputs: Form, symbols: Floats) -> Floats:
+    """Return the points (K, n) of the boxes that some symbols (K, S), inputs first, stand for."""
+    assert isinstance(inputs, Diagonal)
     points = box.centre
-    np.put_along_axis(points, linear.index, np.take_along_axis(points, linear.index, axis=1) + moved, axis=1)
-    examined = Parts(
-        parts.owner, parts.node, parts.neuron, parts.side, parts.threshold, bound, node, neuron, threshold
-    )
-    return examined, np.clip(points, box.lower, box.upper)
+    moved = inputs.radius * symbols[:, : inputs.symbols]
+    np.put_along_axis(points, inputs.index, np.take_along_axis(points, inputs.index, axis=1) + moved, axis=1)
+    return np.clip(points, box.lower, box.upper)
 
 
 def _limits(network: Network, parts: Parts) -> dict[int, Hull]:
@@ -191,18 +215,21 @@ def _is_empty(network: Network, passes: list[Enclosure], parts: Parts) -> NDArra
 
 
 def _next_split(
-    network: Network, passes: list[Enclosure], tilted: Floats, layout: SymbolLayout
+    network: Network, passes: list[Enclosure], weights: Floats, layout: SymbolLayout
 ) -> tuple[Indices, Indices, Floats]:
-    """Pick, for each part, the neuron whose symbolic remainder weighs most in the bound, and its threshold."""
-    count = tilted.shape[0]
+    """Pick, for each part, the neuron whose symbolic remainder weighs most in the bound, and its threshold.
+
+    Node 0 is returned only where no activation has an approximation error left.
+    """
+    count = weights.shape[0]
     best, node = np.zeros(count), np.zeros(count, dtype=np.intp)
     neuron, threshold = np.zeros(count, dtype=np.intp), np.zeros(count)
     for key, columns in layout.slices.items():
         if key == 0 or not isinstance(network.nodes[key], Activation):
             continue
-        weight = np.abs(tilted[:, columns])
         fresh = passes[key].model.symbols[key]
         assert isinstance(fresh, Diagonal)
+        weight = weights[:, columns] + _LAST_RESERVE * fresh.radius
         slot = weight.argmax(axis=1)[:, None]
         share = np.take_along_axis(weight, slot, axis=1)[:, 0]
         chosen = np.take_along_axis(fresh.index, slot, axis=1)[:, 0]

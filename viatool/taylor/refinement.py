@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from viatool.policy.network import Network
 from viatool.taylor.approximation import Approximation
 from viatool.taylor.derivatives import Hull, gradient_bounds
-from viatool.taylor.duality import SymbolLayout, dual_bound, relaxation_conditions
+from viatool.taylor.duality import DualProblem, SymbolLayout, descend, relaxation_conditions
 from viatool.taylor.propagation import Box, Enclosure, propagate
 from viatool.taylor.rounding import runtime_deviation
 
@@ -199,7 +199,8 @@ def bound_by_pieces(network: Network, passes: Sequence[Enclosure], seed: Floats)
     forms, slack = relaxation_conditions(network, passes, seed, layout)
     if not slack.shape[1]:
         return np.full(seed.shape[0], np.inf)
-    return dual_bound(model, seed, layout, [(forms, slack)])[1]
+    problem = DualProblem.of(model, seed, layout, [(forms, slack)])
+    return problem.value(descend(problem))[1]
 
 
 def bound_at_points(network: Network, points: Floats, seed: Floats) -> Floats:

@@ -86,7 +86,7 @@ def refine_by_splitting(
         questions = np.flatnonzero(extrema.bound > found + margin)
     fresh, waiting = whole_boxes(extrema, questions), whole_boxes(extrema, questions[:0])
     while fresh.owner.size:
-        fresh, points = examine(network, extrema, fresh, rule)
+        fresh, points = examine(network, extrema, fresh, found + margin, rule)
         reached = (network(points) * extrema.seed[fresh.owner]).sum(axis=1)
         np.maximum.at(found, fresh.owner, reached)
         np.add.at(spent, fresh.owner, 1)
