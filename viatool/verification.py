@@ -19,10 +19,10 @@ import viatool
 from viatool.errors import ConfigurationError
 from viatool.policy import Policy, PolicySpecification, load_policy
 from viatool.safety import Layout, Result, Rules, case_of, find_contested, judge, search_witnesses
-from viatool.simulate import roll_out
+from viatool.simulate import Places, observe_places, roll_out
 from viatool.taylor import Arithmetic, ReachableSet, Refinement, reach
 from viatool.taylor.approximation import Approximation
-from viatool.trajectory import Trajectory, load_trajectory
+from viatool.trajectory import BagSettings, Trajectory, load_trajectory
 from viatool.world import Footprint, Scenario, WorldMap, load_map
 
 Floats = NDArray[np.float64]
@@ -43,6 +43,8 @@ def verify(
     *,
     eps: float | Mapping[str, float],
     trajectory: Trajectory | StrPath | None = None,
+    bag: BagSettings | None = None,
+    places: Places | None = None,
     scenarios: Sequence[Scenario] | None = None,
     spec: PolicySpecification | StrPath | None = None,
     criterion: str = "swept",
@@ -72,6 +74,10 @@ def verify(
         Sensor error: one radius for every observation channel, or radii by channel (``""``: all others).
     trajectory : Trajectory or path, optional
         Recorded states; by default the policy is driven through `scenarios`.
+    bag : BagSettings, optional
+        Goal, topics and frame when `trajectory` is the path of a ROS bag.
+    places : Places, optional
+        Verify poses spread over the free space, with the goals of `scenarios`, instead of driven states.
     scenarios : sequence of Scenario, optional
         What to drive; by default the map's fixed scenarios.
     spec : PolicySpecification or path, optional
@@ -115,7 +121,7 @@ def verify(
     -----
     Sound: every state called safe is safe under the assumptions that `Result.assumptions` lists.
     """
-    origin = _origin_of(trajectory, noise, seed)
+    origin = _origin_of(trajectory, places, noise, seed)
     stages = _Stages(progress)
     with stages.timed("load"):
         policy = policy if isinstance(policy, Policy) else load_policy(policy, spec)
@@ -125,10 +131,15 @@ def verify(
         layout = Layout.of(policy, eps)
         _check_interval(layout.spec, world_map, interval)
     with stages.timed("trajectory"):
-        if trajectory is None:
+        if places is not None:
+            goals = world_map.scenarios if scenarios is None else scenarios
+            trajectory = observe_places(
+                policy, world_map, goals, places, footprint=rules.footprint, seed=seed
+            )
+        elif trajectory is None:
             trajectory = roll_out(policy, world_map, scenarios, noise=noise, seed=seed)
         elif not isinstance(trajectory, Trajectory):
-            trajectory = load_trajectory(trajectory, layout.spec)
+            trajectory = load_trajectory(trajectory, layout.spec, bag)
         trajectory = layout.as_received(trajectory)
         case = case_of(trajectory, world_map, rules, layout)
     with stages.timed("geometry"):
@@ -219,8 +230,16 @@ class _Stages:
         return lambda done, total: self.progress(stage, done, total) if self.progress else None
 
 
-def _origin_of(trajectory: Trajectory | StrPath | None, noise: float | None, seed: int) -> str:
+def _origin_of(
+    trajectory: Trajectory | StrPath | None, places: Places | None, noise: float | None, seed: int
+) -> str:
     """Return in words where the states come from, and the seed."""
+    if places is not None:
+        if trajectory is not None:
+            raise ConfigurationError("states are given and poses are to be sampled", "leave one of them out")
+        if places.count is not None:
+            return f"{places.count:,} random poses, seed {seed}"
+        return f"a grid of {places.spacing:g} m with {places.headings} headings, seed {seed} of the search"
     if trajectory is None:
         sensor = "the map's sensor noise" if noise is None else f"sensor noise {noise:g} m"
         return f"simulated, {sensor}, seed {seed}"

@@ -9,7 +9,7 @@ import click
 
 from viatool.cli import options
 from viatool.cli.gating import build_gate, gate_options, leave_by_gate
-from viatool.cli.states import bag_settings, state_options
+from viatool.cli.states import bag_settings, choose_scenarios, sampled_places, state_options
 from viatool.cli.terminal import Progress, open_console, show_progress
 
 if TYPE_CHECKING:
@@ -103,15 +103,16 @@ def command(ctx: click.Context, /, **given: Any) -> None:
 def _verify(given: Mapping[str, Any], progress: Progress) -> Result:
     from viatool.verification import verify
 
+    bag, places = bag_settings(given), sampled_places(given)
     world_map = options.open_map(given["map_path"], given["unknown"])
-    recorded = given["trajectory"] is not None
     return verify(
         given["policy"],
         world_map,
         spec=given["spec_path"],
         eps=options.plain_eps(given["eps"]),
-        scenarios=None if recorded else options.draw_scenarios(world_map, given["scenarios"], given["seed"]),
+        scenarios=choose_scenarios(given, world_map),
         bag=bag,
+        places=places,
         progress=progress,
         **{name: given[name] for name in _PASSED_ON},
     )

@@ -32,6 +32,7 @@ from viatool.report.drawing import (
 from viatool.report.foreign import one_line
 from viatool.report.numbers import count, percentage
 from viatool.report.palette import COLOUR, VERDICTS
+from viatool.report.places_figure import draw_places
 from viatool.report.wording import describe_eps
 
 if TYPE_CHECKING:
@@ -60,8 +61,10 @@ def draw_result(result: Result) -> Figure:
     -------
     matplotlib.figure.Figure
         The overview on the left, up to `PANELS` episodes on the right (if there are more, those with the most
-        states that are not safe), the closest call last.
+        states that are not safe), the closest call last. Sampled poses are drawn as a map of places.
     """
+    if not result.trajectory.connected:
+        return draw_places(result)
     episodes = choose_episodes(result)
     figure = Figure(figsize=(15.5, 7.4), layout="constrained", facecolor="white")
     halves = figure.add_gridspec(1, 2, width_ratios=(1.0, 1.3))

@@ -243,7 +243,7 @@ class Result:
             "polygon": f"polygon of {len(footprint.polygon)} corners",
         }[footprint.kind]
         return {
-            "states": self.origin or "of unknown origin",
+            "states": "; ".join([self.origin or "of unknown origin", *self.trajectory.notes]),
             "footprint": outline,
             "clearance": f"more than {rules.clearance.collision:g} m (danger: {rules.clearance.danger:g} m)",
             "commands": (

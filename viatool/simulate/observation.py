@@ -1,7 +1,6 @@
 """What a robot observes: the columns of an observation, assembled by the kinds of their channels.
 
-This is the only place that turns a pose and a goal into an observation vector; training, roll-outs and checks
-of sampled poses share it.
+Training, roll-outs and checks of sampled poses share it; recordings share the columns, `assemble`.
 """
 
 from __future__ import annotations
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 from viatool.errors import ConfigurationError, PolicyError
 from viatool.policy.specification import LidarSpecification, ObservationChannel
 from viatool.simulate.noise import draw_normal
+from viatool.trajectory import assemble, polar_goals
 from viatool.world import Lidar, Robot, Scenes
 
 Floats = NDArray[np.float64]
@@ -162,32 +162,15 @@ class Observer:
         ndarray
             (B, size) float64 holding float32 numbers: the very values that a float32 policy receives.
         """
-        count = len(next(iter(measured.values())))
-        columns = np.empty((count, self.size), np.float32)
-        first = 0
-        for channel in self.channels:
-            last = first + channel.size
-            if channel.value is not None:
-                columns[:, first:last] = channel.value
-            else:
-                columns[:, first:last] = measured[channel.kind].reshape(count, -1)
-            first = last
-        return columns.astype(np.float64)
+        return assemble(self.channels, measured)
 
 
 def measure_goals(situation: Situation) -> dict[str, Floats]:
     """Return the values of the channels that need no LiDAR, by kind, (B,) each."""
-    poses, previous = situation.poses, situation.previous
-    dx, dy = (situation.goals - poses[:, :2]).T
-    distance = np.sqrt(dx * dx + dy * dy)
-    inverse = 1.0 / np.maximum(distance, 1e-12)
-    cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])
     return {
-        "goal_distance": distance,
-        "goal_cosine": (dx * cosine + dy * sine) * inverse,
-        "goal_sine": (dy * cosine - dx * sine) * inverse,
-        "previous_linear": previous[:, 0],
-        "previous_angular": previous[:, 1],
+        **polar_goals(situation.poses, situation.goals),
+        "previous_linear": situation.previous[:, 0],
+        "previous_angular": situation.previous[:, 1],
     }
 
 

@@ -74,7 +74,7 @@ def roll_out(
     ConfigurationError
         If there is no scenario, or the policy expects another control interval than the map's robot has.
     """
-    spec = _specification(policy, world_map)
+    spec = _fitting_specification(policy, world_map)
     chosen = tuple(world_map.scenarios if scenarios is None else scenarios)
     simulator = NavigationSimulator(
         world_map,
@@ -86,7 +86,7 @@ def roll_out(
         task=task,
         channels=spec.observation,
     )
-    columns = _command_columns(spec)
+    columns = command_columns(spec)
     recording = _Recording(len(chosen), world_map.robot.control_interval)
     active = np.arange(len(chosen))
     observations = simulator.reset()
@@ -138,14 +138,20 @@ class _Recording:
         )
 
 
-def _specification(policy: RunnablePolicy, world_map: WorldMap) -> PolicySpecification:
-    """Return the policy's specification if it fits the map's robot."""
+def specification_of(policy: RunnablePolicy) -> PolicySpecification:
+    """Return the policy's specification, refusing a policy without one."""
     spec = policy.spec
     if spec is None:
         raise PolicyError(
             "the policy has no specification, so its observation cannot be simulated",
             "give one with --spec robot.yaml",
         )
+    return spec
+
+
+def _fitting_specification(policy: RunnablePolicy, world_map: WorldMap) -> PolicySpecification:
+    """Return the policy's specification if it fits the map's robot."""
+    spec = specification_of(policy)
     interval = world_map.robot.control_interval
     if abs(spec.control_interval - interval) > 1e-9:
         raise ConfigurationError(
@@ -156,7 +162,7 @@ def _specification(policy: RunnablePolicy, world_map: WorldMap) -> PolicySpecifi
     return spec
 
 
-def _command_columns(spec: PolicySpecification) -> list[int]:
+def command_columns(spec: PolicySpecification) -> list[int]:
     """Return which actions are v and omega."""
     kinds = [channel.kind for channel in spec.action]
     missing = [kind for kind in ("linear", "angular") if kind not in kinds]

@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+from viatool.trajectory.assembly import assemble, polar_goals
+from viatool.trajectory.bag import Topics, is_bag
 from viatool.trajectory.columns import action_columns, observation_columns
 from viatool.trajectory.files import load_trajectory, write_trajectory
+from viatool.trajectory.recording import BagSettings
 from viatool.trajectory.scenario_text import read_scenario, write_scenario
 from viatool.trajectory.trajectory import OUTCOMES, Trajectory
 from viatool.trajectory.whole_file import whole_file
 
 __all__ = [
     "OUTCOMES",
+    "BagSettings",
+    "Topics",
     "Trajectory",
     "action_columns",
+    "assemble",
+    "is_bag",
     "load_trajectory",
     "observation_columns",
+    "polar_goals",
     "read_scenario",
     "whole_file",
     "write_scenario",

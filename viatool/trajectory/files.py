@@ -1,15 +1,19 @@
-"""Trajectory files: npz, which keeps everything, and csv, which a spreadsheet opens."""
+"""Trajectory files: npz, which keeps everything, csv, which a spreadsheet opens, and bags, to be read only."""
 
 from __future__ import annotations
 
 import os
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from viatool.errors import TrajectoryError
+from viatool.trajectory.bag import SUFFIXES as BAGS
+from viatool.trajectory.bag import is_bag
+from viatool.trajectory.recording import BagSettings, load_bag
 from viatool.trajectory.scenario_text import read_scenario, write_scenario
 from viatool.trajectory.table import load_table, write_table
 from viatool.trajectory.trajectory import Trajectory
@@ -20,16 +24,21 @@ if TYPE_CHECKING:
 
 
 def load_trajectory(
-    path: str | os.PathLike[str], specification: PolicySpecification | None = None
+    path: str | os.PathLike[str],
+    specification: PolicySpecification | None = None,
+    bag: BagSettings | None = None,
 ) -> Trajectory:
-    """Read a trajectory from an npz or csv file.
+    """Read a trajectory from an npz or csv file, or from a ROS 1 or ROS 2 bag.
 
     Parameters
     ----------
     path : path
-        Ends in .npz or .csv.
+        Ends in .npz or .csv; a bag ends in .bag, .mcap or .db3, or is the folder of a ROS 2 bag.
     specification : PolicySpecification, optional
         Names the observation and action columns of a csv; without it they are observation_0, action_0, ...
+        A bag cannot be read without it.
+    bag : BagSettings, optional
+        The goal, and names of topics and frames, for a bag.
 
     Returns
     -------
@@ -39,7 +48,9 @@ def load_trajectory(
     Raises
     ------
     TrajectoryError
-        If the file is missing, cut off, not of its format, lacks a column or holds a NaN or infinity.
+        If the file is missing, cut off, not of its format, lacks a column or topic or holds a NaN or infinity.
+    EmptyEvaluationError
+        If a bag holds nothing that can be evaluated.
 
     Notes
     -----
@@ -47,16 +58,23 @@ def load_trajectory(
     (JSON); only the first two are needed, so the state table of a verification is a trajectory as well.
     """
     path = Path(path)
+    if is_bag(path) and path.exists():
+        return _named(path, lambda: load_bag(path, specification, bag or BagSettings()))
     if not path.is_file():
         raise TrajectoryError(f"trajectory '{path}' is not a file", "check the path")
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
         raise TrajectoryError(
-            f"trajectory '{path}' ends in '{path.suffix}', expected {' or '.join(_READERS)}",
+            f"trajectory '{path}' ends in '{path.suffix}', expected {', '.join((*_READERS, *BAGS))}",
             "convert it to npz or csv",
         )
+    return _named(path, lambda: reader(path, specification))
+
+
+def _named(path: Path, read: Callable[[], Trajectory]) -> Trajectory:
+    """Read, with the path before every complaint about the file."""
     try:
-        return reader(path, specification)
+        return read()
     except TrajectoryError as error:
         raise TrajectoryError(f"{path}: {error.message}", error.hint) from error
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -40,6 +40,10 @@ class Trajectory:
         (E,) steps that the episode spent within the danger distance, NaN when it was not recorded.
     scenarios : tuple
         E entries: what the episode added to the map (start, goal, obstacles of its own), or None.
+    notes : tuple of str
+        What was assumed or left out when the states were made, in words, for the report.
+    connected : bool
+        Whether the states of an episode follow one another; False for poses that were picked.
 
     Raises
     ------
@@ -56,6 +60,8 @@ class Trajectory:
     outcomes: NDArray[np.str_]
     costs: Floats
     scenarios: tuple[Scenario | None, ...]
+    notes: tuple[str, ...] = ()
+    connected: bool = True
 
     def __post_init__(self) -> None:
         for name, kind in _KINDS.items():
@@ -83,18 +89,11 @@ class Trajectory:
         states : ndarray
             (N,) bool, or indices in increasing order.
         """
-        return Trajectory(
-            poses=self.poses[states],
-            observations=self.observations[states],
-            actions=self.actions[states],
-            episode=self.episode[states],
-            time=self.time[states],
-            outcomes=self.outcomes,
-            costs=self.costs,
-            scenarios=self.scenarios,
-        )
+        chosen = {name: getattr(self, name)[states] for name in _BY_STATE}
+        return replace(self, **chosen)
 
 
+_BY_STATE = ("poses", "observations", "actions", "episode", "time")
 _KINDS: dict[str, type] = {
     "poses": np.float64,
     "observations": np.float64,

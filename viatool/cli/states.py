@@ -1,0 +1,135 @@
+"""Options that say which states are verified: recorded ones, or poses all over the map."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from viatool.cli.numbers import finite
+from viatool.cli.options import READABLE, draw_scenarios
+from viatool.cli.shapes import PointType
+
+if TYPE_CHECKING:
+    from viatool.simulate import Places
+    from viatool.trajectory import BagSettings
+    from viatool.world import Scenario, WorldMap
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+DEFAULT_SPACING = 0.5  # metres
+
+
+class PosesType(click.ParamType):  # type: ignore[type-arg]  # generic only in newer click
+    """``grid``, ``grid:SPACING`` in metres, or ``random:N``; converted to (spacing, count)."""
+
+    name = "poses"
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
+        """Show what may be written."""
+        return "grid[:SPACING]|random:N"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float | None, int | None]:
+        """Read one of the three."""
+        if isinstance(value, tuple):
+            return value
+        kind, colon, text = str(value).partition(":")
+        spacing = finite(text) if colon else DEFAULT_SPACING
+        if kind == "grid" and spacing is not None and spacing > 0.0:
+            return spacing, None
+        if kind == "random" and text.isdecimal() and int(text) > 0:
+            return None, int(text)
+        return self.fail(f"'{value}' is not grid, grid:SPACING in m, or random:N", param, ctx)
+
+
+def state_options(command: Command) -> Command:
+    """Add the options of recorded states."""
+    for option in reversed(
+        (
+            click.option(
+                "--trajectory",
+                type=READABLE,
+                metavar="FILE",
+                help="Recorded states instead of simulated ones: npz, csv, or a ROS 1 or 2 bag (.bag, .mcap, .db3, "
+                "or the folder of a ROS 2 bag).",
+            ),
+            click.option(
+                "--poses",
+                "places",
+                type=PosesType(),
+                help="Verify poses all over the free space instead of driven states: a grid (0.5 m, 8 headings "
+                "each) or N random ones, with the goals of the map's scenarios, or --goal.",
+            ),
+            click.option(
+                "--goal",
+                "goals",
+                type=PointType(),
+                multiple=True,
+                help="Where the robot was heading in a bag, or heads from --poses (repeatable); m in the map frame.",
+            ),
+            click.option("--scan-topic", metavar="NAME", help="Topic of the LaserScan in a bag."),
+            click.option("--odom-topic", metavar="NAME", help="Topic of the Odometry in a bag."),
+            click.option(
+                "--cmd-topic",
+                metavar="NAME",
+                help="Topic of the commands in a bag: Twist, TwistStamped, or Odometry for the measured velocity.",
+            ),
+            click.option(
+                "--frame",
+                metavar="NAME",
+                default="map",
+                show_default=True,
+                help="Frame of a bag that is the map's; 'odom' is the word that the odometry has not drifted.",
+            ),
+        )
+    ):
+        command = option(command)
+    return command
+
+
+def sampled_places(given: Mapping[str, Any]) -> Places | None:
+    """Return which poses are asked for, if any."""
+    if given["places"] is None:
+        return None
+    if given["trajectory"] is not None or (given["scenarios"] is not None and given["goals"]):
+        raise click.UsageError("--poses goes with --goal or --scenarios, and without --trajectory")
+    from viatool.simulate import Places
+
+    spacing, count = given["places"]
+    return Places(spacing=spacing, count=count)
+
+
+def choose_scenarios(given: Mapping[str, Any], world_map: WorldMap) -> tuple[Scenario, ...] | None:
+    """Return what is driven or where sampled poses lead; None for recorded states."""
+    if given["trajectory"] is not None:
+        return None
+    if given["places"] is not None and given["goals"]:
+        from viatool.world import Scenario
+
+        return tuple(Scenario(f"goal {x:g},{y:g}", (x, y, 0.0), (x, y)) for x, y in given["goals"])
+    return draw_scenarios(world_map, given["scenarios"], given["seed"])
+
+
+def bag_settings(given: Mapping[str, Any]) -> BagSettings | None:
+    """Return what the options tell about a bag; None if the states come from elsewhere.
+
+    Raises
+    ------
+    UsageError
+        If the options contradict each other.
+    """
+    from viatool.trajectory import BagSettings, Topics, is_bag
+
+    topics = Topics(given["scan_topic"], given["odom_topic"], given["cmd_topic"])
+    if given["trajectory"] is None or not is_bag(given["trajectory"]):
+        if topics != Topics() or given["frame"] != "map":
+            raise click.UsageError("topics and --frame are for a bag that is given with --trajectory")
+        if given["goals"] and given["places"] is None:
+            raise click.UsageError("--goal is for a bag that is given with --trajectory, or for --poses")
+        return None
+    if len(given["goals"]) > 1:
+        raise click.UsageError("a bag has one --goal, and several were given")
+    return BagSettings(next(iter(given["goals"]), None), topics, given["frame"])

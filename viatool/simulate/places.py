@@ -1,0 +1,188 @@
+"""States beyond the driven ones: poses all over the free space, with what the policy would see there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.errors import ConfigurationError, EmptyEvaluationError
+from viatool.simulate.observation import Observer, Situation
+from viatool.simulate.roll_out import RunnablePolicy, command_columns, specification_of
+from viatool.trajectory import Trajectory
+from viatool.world import Footprint, Scenario, Scenes, WorldMap
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+_MOST = 5_000_000  # poses; more is a slip of the keyboard
+_BATCH = 4096  # poses drawn together; part of what a seed means
+_BARREN = 50  # batches without a free place after which a map counts as full
+
+
+@dataclass(frozen=True)
+class Places:
+    """Which poses are looked at; either a grid or a number of random ones.
+
+    Parameters
+    ----------
+    spacing : float, optional
+        Of a grid, in metres.
+    count : int, optional
+        Number of random poses, shared evenly among the scenarios.
+    headings : int
+        Evenly spread headings at each place of a grid.
+    """
+
+    spacing: float | None = None
+    count: int | None = None
+    headings: int = 8
+
+    def __post_init__(self) -> None:
+        if (self.spacing is None) == (self.count is None):
+            raise ConfigurationError("places are a grid or random ones", "give either a spacing or a count")
+        if self.spacing is not None and not 0.0 < self.spacing < np.inf:
+            raise ConfigurationError(f"the grid's spacing is {self.spacing} m", "give a positive distance")
+        if self.count is not None and not 0 < self.count <= _MOST:
+            raise ConfigurationError(f"{self.count} random poses", f"ask for 1 to {_MOST:,}")
+        if self.headings < 1:
+            raise ConfigurationError(f"{self.headings} headings", "ask for at least one")
+
+
+def observe_places(
+    policy: RunnablePolicy,
+    world_map: WorldMap,
+    scenarios: Sequence[Scenario],
+    places: Places,
+    *,
+    footprint: Footprint | None = None,
+    seed: int = 0,
+) -> Trajectory:
+    """Return states at poses spread over the free space, one episode for each scenario.
+
+    Parameters
+    ----------
+    policy : Policy
+        Its specification names what is observed; its `run` gives the previous commands.
+    world_map : WorldMap
+        Where; a place is free when the footprint keeps the map's collision distance.
+    scenarios : sequence of Scenario
+        Goals, and the obstacles that stand there besides the map's.
+    places : Places
+        Which poses.
+    footprint : Footprint, optional
+        Instead of the robot's.
+    seed : int
+        Of random poses.
+
+    Returns
+    -------
+    Trajectory
+        N states that do not follow one another. Observations have no sensor noise, and the previous command is
+        what the policy commands at the same pose after standing still.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no scenario, a goal is not free, or the grid is too fine.
+    EmptyEvaluationError
+        If there is no free place.
+    """
+    if not scenarios:
+        raise ConfigurationError(f"map '{world_map.path}' has no scenarios", "give a goal with --goal X,Y")
+    scenes = Scenes.of(world_map, scenarios)
+    _check_goals(scenes, scenarios)
+    outline = world_map.robot.footprint if footprint is None else footprint
+    poses, scene = _grid(world_map, len(scenarios), places) if places.count is None else (None, None)
+    if poses is None or scene is None:
+        poses, scene = _random(world_map, scenes, places, outline, seed)
+    else:
+        free = scenes.footprint_clearance(poses, outline, scene) > world_map.clearance.collision
+        poses, scene = poses[free], scene[free]
+    if not len(poses):
+        raise EmptyEvaluationError("there is no free place", "lower the clearance or the grid's spacing")
+    goals = np.array([scenario.goal for scenario in scenarios])[scene]
+    observations = _observe(
+        policy, world_map, scenes, Situation(poses, scene, goals, np.zeros((len(poses), 2)))
+    )
+    return Trajectory(
+        poses=poses,
+        observations=observations,
+        actions=np.zeros((len(poses), 0)),
+        episode=scene,
+        time=np.zeros(len(poses)),
+        outcomes=np.full(len(scenarios), "unknown"),
+        costs=np.full(len(scenarios), np.nan),
+        scenarios=tuple(scenarios),
+        notes=(
+            "only poses that keep the collision distance",
+            "previous command: the policy's own at the same pose after standing still",
+            "no sensor noise",
+        ),
+        connected=False,
+    )
+
+
+def _check_goals(scenes: Scenes, scenarios: Sequence[Scenario]) -> None:
+    """Refuse a goal within an obstacle or outside of the arena."""
+    goals = np.array([scenario.goal for scenario in scenarios])
+    blocked = np.flatnonzero(scenes.blocked(goals, np.arange(len(scenarios))))
+    if blocked.size:
+        x, y = goals[blocked[0]]
+        raise ConfigurationError(f"the goal ({x:g}, {y:g}) lies in an obstacle or off the map", "move it")
+
+
+def _grid(world_map: WorldMap, scenarios: int, places: Places) -> tuple[Floats, Indices]:
+    """Return all poses of a grid, the centres of its cells, for every scenario."""
+    spacing = float(places.spacing or 0.0)
+    x_min, y_min, x_max, y_max = world_map.bounds
+    cells = (x_max - x_min) / spacing * (y_max - y_min) / spacing
+    if cells * places.headings * scenarios > _MOST:
+        raise ConfigurationError(
+            f"a grid of {spacing:g} m has {cells * places.headings * scenarios:,.0f} poses in {scenarios} "
+            f"scenarios, more than {_MOST:,}",
+            "widen the spacing",
+        )
+    x = np.arange(x_min + 0.5 * spacing, x_max, spacing)
+    y = np.arange(y_min + 0.5 * spacing, y_max, spacing)
+    theta = 2.0 * np.pi * np.arange(places.headings) / places.headings
+    poses = np.stack(np.meshgrid(x, y, theta, indexing="ij"), axis=-1).reshape(-1, 3)
+    return np.tile(poses, (scenarios, 1)), np.repeat(np.arange(scenarios), len(poses))
+
+
+def _random(
+    world_map: WorldMap, scenes: Scenes, places: Places, footprint: Footprint, seed: int
+) -> tuple[Floats, Indices]:
+    """Return free poses at random, evenly shared among the scenarios."""
+    share = np.bincount(np.arange(int(places.count or 0)) % len(scenes), minlength=len(scenes))
+    found = []
+    for scene, wanted in enumerate(share.tolist()):
+        rng = np.random.default_rng([seed, scene])
+        kept, barren = np.zeros((0, 3)), 0
+        while len(kept) < wanted:
+            x_min, y_min, x_max, y_max = world_map.bounds
+            drawn = rng.uniform((x_min, y_min, -np.pi), (x_max, y_max, np.pi), (_BATCH, 3))
+            clearance = scenes.footprint_clearance(drawn, footprint, np.full(_BATCH, scene))
+            free = drawn[clearance > world_map.clearance.collision]
+            barren = 0 if len(free) else barren + 1
+            if barren >= _BARREN:
+                raise EmptyEvaluationError(
+                    "there is no free place", "lower the clearance or give another map"
+                )
+            kept = np.concatenate([kept, free])
+        found.append(kept[:wanted])
+    return np.concatenate(found), np.repeat(np.arange(len(scenes)), share)
+
+
+def _observe(policy: RunnablePolicy, world_map: WorldMap, scenes: Scenes, situation: Situation) -> Floats:
+    """Return what the policy observes: first after standing still, then after its own command."""
+    spec = specification_of(policy)
+    observer = Observer(spec.observation, world_map.robot, noise=0.0)
+    measured = observer.measure(scenes, situation, np.random.default_rng(0))
+    actions = np.asarray(policy.run(observer.assemble(measured)), dtype=np.float64)
+    previous = world_map.robot.clip(actions[:, command_columns(spec)])
+    return observer.assemble(
+        {**measured, "previous_linear": previous[:, 0], "previous_angular": previous[:, 1]}
+    )

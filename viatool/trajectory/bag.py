@@ -1,0 +1,271 @@
+"""ROS 1 and ROS 2 bags to arrays: odometry, laser scans, commands and transforms, as they were recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.errors import TrajectoryError, ViatoolError
+from viatool.trajectory.scans import Scans
+from viatool.trajectory.transforms import Transforms, heading_of
+
+if TYPE_CHECKING:
+    from rosbags.highlevel import AnyReader
+    from rosbags.interfaces import Connection
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+SUFFIXES = (".bag", ".mcap", ".db3")
+ODOMETRY = "nav_msgs/msg/Odometry"
+SCAN = "sensor_msgs/msg/LaserScan"
+STAMPED = ("geometry_msgs/msg/TwistStamped", ODOMETRY)
+COMMANDS = ("geometry_msgs/msg/Twist", *STAMPED)
+TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+
+
+@dataclass(frozen=True, eq=False)
+class Odometry:
+    """M poses of a frame of the robot: stamps (M,) in nanoseconds, poses (M, 3) in `frame`."""
+
+    stamps: Indices
+    poses: Floats
+    frame: str
+    child: str
+
+
+@dataclass(frozen=True, eq=False)
+class Commands:
+    """C commands: stamps (C,) in nanoseconds, values (C, 2) v and omega; by the recorder's clock if `received`."""
+
+    stamps: Indices
+    values: Floats
+    received: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Bag:
+    """What a bag holds; `commands` is None when they were not asked for."""
+
+    odometry: Odometry
+    scans: Scans
+    commands: Commands | None
+    transforms: Transforms
+
+
+@dataclass(frozen=True)
+class Topics:
+    """Names of topics; None takes the usual name, or the only topic of the type."""
+
+    scan: str | None = None
+    odometry: str | None = None
+    command: str | None = None
+
+
+def is_bag(path: Path) -> bool:
+    """Tell whether a path is a bag: a .bag, .mcap or .db3 file, or the folder of a ROS 2 bag."""
+    return path.suffix.lower() in SUFFIXES or (path / "metadata.yaml").is_file()
+
+
+def read_bag(path: Path, topics: Topics, *, commands: bool) -> Bag:
+    """Read the topics of a bag.
+
+    Parameters
+    ----------
+    path : Path
+        A ROS 1 bag, a ROS 2 folder, or a single mcap or sqlite3 file.
+    topics : Topics
+        Which topics.
+    commands : bool
+        Whether the commands are needed.
+
+    Returns
+    -------
+    Bag
+        In the order of recording.
+
+    Raises
+    ------
+    TrajectoryError
+        If the bag is cut off or unreadable, lacks a topic, or holds a clock that goes back, poses that are
+        not finite, or frames that change.
+    """
+    with _opened(path) as reader:
+        scan = _choose(reader, "scan", topics.scan, (SCAN,), "/scan", "--scan-topic")
+        odom = _choose(reader, "odometry", topics.odometry, (ODOMETRY,), "/odom", "--odom-topic")
+        drive = None
+        if commands:
+            usual = COMMANDS if topics.command else COMMANDS[:2]
+            drive = _choose(reader, "command", topics.command, usual, "/cmd_vel", "--cmd-topic")
+        return Bag(
+            odometry=_read_odometry(reader, odom),
+            scans=_read_scans(reader, scan),
+            commands=None if drive is None else _read_commands(reader, drive),
+            transforms=_read_transforms(reader),
+        )
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[AnyReader]:
+    """Open a bag; whatever its parsers raise becomes one kind of error."""
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
+    try:
+        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+            yield reader
+    except (ViatoolError, ModuleNotFoundError):
+        raise
+    except Exception as error:  # a damaged file can fail anywhere in the parsers of four formats
+        raise TrajectoryError(
+            f"not a readable bag ({type(error).__name__}: {error})",
+            "check that the recording was closed properly; 'ros2 bag reindex' or 'rosbag reindex' mend some",
+        ) from error
+
+
+def _choose(
+    reader: AnyReader, what: str, asked: str | None, types: Sequence[str], usual: str, option: str
+) -> list[Connection]:
+    """Return the connections of one topic: the one asked for, the usual one, or the only one of its type."""
+    fitting = sorted({c.topic for c in reader.connections if c.msgtype in types})
+    name = asked or (usual if usual in fitting else fitting[0] if len(fitting) == 1 else None)
+    listed = ", ".join(sorted(f"{c.topic} ({c.msgtype})" for c in reader.connections)) or "none"
+    if name is None and fitting:
+        raise TrajectoryError(
+            f"the bag has several {what} topics: {', '.join(fitting)}", f"name one with {option}"
+        )
+    if name not in fitting:
+        wanted = f"'{name}' of type {' or '.join(types)}" if name else f"of type {' or '.join(types)}"
+        raise TrajectoryError(
+            f"the bag has no {what} topic {wanted}; its topics: {listed}",
+            f"record it, or name it with {option}",
+        )
+    return [c for c in reader.connections if c.topic == name]
+
+
+def _messages(reader: AnyReader, connections: list[Connection]) -> Iterator[tuple[int, Any]]:
+    """Yield when a message was recorded, in nanoseconds, and the message."""
+    if connections:  # rosbags reads none as all
+        for connection, received, raw in reader.messages(connections=connections):
+            yield received, reader.deserialize(raw, connection.msgtype)
+
+
+def _stamp(header: Any) -> int:
+    return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
+
+
+def _frame(name: str) -> str:
+    return name.removeprefix("/")  # ROS 1 names
+
+
+def _quaternion(rotation: Any) -> tuple[float, float, float, float]:
+    return float(rotation.x), float(rotation.y), float(rotation.z), float(rotation.w)
+
+
+def _read_odometry(reader: AnyReader, connections: list[Connection]) -> Odometry:
+    stamps, poses, frames = [], [], set()
+    for _, message in _messages(reader, connections):
+        pose = message.pose.pose
+        stamps.append(_stamp(message.header))
+        poses.append((pose.position.x, pose.position.y, heading_of(_quaternion(pose.orientation))))
+        frames.add((_frame(message.header.frame_id), _frame(message.child_frame_id)))
+    array = np.array(poses, dtype=np.float64).reshape(-1, 3)
+    bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
+    if bad.size:
+        raise TrajectoryError(
+            f"odometry message {bad[0]} has the pose {array[bad[0]].tolist()} (a heading that is nan stands for "
+            "a quaternion that is no rotation)",
+            "check the node that published it, or cut the recording",
+        )
+    if len(frames) > 1:
+        raise TrajectoryError(
+            f"the odometry changes its frames: {sorted(frames)}", "record one odometry, or name its topic"
+        )
+    frame, child = frames.pop() if frames else ("", "")
+    return Odometry(_ordered(stamps, "odometry"), array, frame, child)
+
+
+def _read_scans(reader: AnyReader, connections: list[Connection]) -> Scans:
+    stamps, received, ranges, geometry, frames = [], [], [], [], set()
+    for recorded, message in _messages(reader, connections):
+        stamps.append(_stamp(message.header))
+        received.append(recorded)
+        ranges.append(np.asarray(message.ranges, dtype=np.float64))
+        geometry.append((message.angle_min, message.angle_increment, message.range_min, message.range_max))
+        frames.add(_frame(message.header.frame_id))
+    described = np.array(geometry, dtype=np.float64).reshape(-1, 4)
+    bad = np.flatnonzero(np.isnan(described).any(axis=1) | ~np.isfinite(described[:, :2]).all(axis=1))
+    if bad.size:
+        raise TrajectoryError(
+            f"scan {bad[0]} has the angles and ranges {described[bad[0]].tolist()}",
+            "check the LiDAR's driver",
+        )
+    if len(frames) > 1:
+        raise TrajectoryError(
+            f"the scans come from several frames: {', '.join(sorted(frames))}",
+            "record one LiDAR on one topic",
+        )
+    return Scans(
+        _ordered(stamps, "scan"),
+        np.array(received, dtype=np.int64),
+        tuple(ranges),
+        described,
+        frames.pop() if frames else "",
+    )
+
+
+def _read_commands(reader: AnyReader, connections: list[Connection]) -> Commands:
+    stamped = connections[0].msgtype in STAMPED
+    stamps, values = [], []
+    for recorded, message in _messages(reader, connections):
+        twist = message.twist if stamped else message
+        twist = twist.twist if connections[0].msgtype == ODOMETRY else twist
+        stamps.append(_stamp(message.header) if stamped else recorded)
+        values.append((twist.linear.x, twist.angular.z))
+    array = np.array(values, dtype=np.float64).reshape(-1, 2)
+    bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
+    if bad.size:
+        raise TrajectoryError(
+            f"command {bad[0]} is {array[bad[0]].tolist()}, which is not finite",
+            "cut the recording before it",
+        )
+    return Commands(_ordered(stamps, "command"), array, received=not stamped)
+
+
+def _read_transforms(reader: AnyReader) -> Transforms:
+    found = Transforms()
+    connections = [c for c in reader.connections if c.msgtype in TRANSFORMS]
+    for connection in connections:
+        static = connection.topic.endswith("tf_static")
+        for _, message in _messages(reader, [connection]):
+            for part in message.transforms:
+                shift = part.transform.translation
+                found.add(
+                    _frame(part.child_frame_id),
+                    _frame(part.header.frame_id),
+                    _stamp(part.header),
+                    (float(shift.x), float(shift.y)),
+                    _quaternion(part.transform.rotation),
+                    static=static,
+                )
+    return found
+
+
+def _ordered(stamps: list[int], what: str) -> Indices:
+    """Return stamps as an array, refusing a clock that goes back."""
+    array = np.array(stamps, dtype=np.int64)
+    back = np.flatnonzero(np.diff(array) < 0)
+    if back.size:
+        row = int(back[0]) + 1
+        raise TrajectoryError(
+            f"the clock of the {what} messages goes back by {(array[row - 1] - array[row]) * 1e-9:g} s in "
+            f"message {row}",
+            "record one run without restarting the simulation or setting the clock",
+        )
+    return array

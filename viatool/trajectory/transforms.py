@@ -1,0 +1,197 @@
+"""Transforms between the frames of a recording, seen from above."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.errors import TrajectoryError
+
+Floats = NDArray[np.float64]
+Booleans = NDArray[np.bool_]
+
+_TILT = 0.02  # how far from upright a frame may be, as the sine of the angle
+
+
+@dataclass
+class _Edge:
+    """How one frame lies in its parent, over time."""
+
+    parent: str
+    stamps: list[int] = field(default_factory=list)
+    poses: list[tuple[float, float, float]] = field(default_factory=list)
+    static: bool = False
+    upright: bool = True
+
+
+class Transforms:
+    """The tree of frames, each planar in its parent; stamps in nanoseconds."""
+
+    def __init__(self) -> None:
+        self._edges: dict[str, _Edge] = {}
+
+    def add(
+        self,
+        child: str,
+        parent: str,
+        stamp: int,
+        translation: tuple[float, float],
+        quaternion: tuple[float, float, float, float],
+        *,
+        static: bool,
+    ) -> None:
+        """Add one observed transform."""
+        edge = self._edges.setdefault(child, _Edge(parent))
+        if edge.parent != parent:
+            raise TrajectoryError(
+                f"frame '{child}' lies in '{edge.parent}' and in '{parent}'", "record one tree of transforms"
+            )
+        x, y, z, w = quaternion
+        yaw = heading_of(quaternion)
+        if not np.isfinite([*translation, yaw]).all():
+            raise TrajectoryError(
+                f"a transform from '{parent}' to '{child}' is not finite", "check the node that published it"
+            )
+        if static and edge.static:
+            edge.stamps.clear()
+            edge.poses.clear()
+        edge.stamps.append(stamp)
+        edge.poses.append((*translation, yaw))
+        edge.static |= static
+        edge.upright &= 2.0 * np.hypot(w * x + y * z, w * y - x * z) <= _TILT and x * x + y * y < 0.5
+
+    def locate(
+        self, child: str, parent: str, stamps: NDArray[np.int64], gap: float
+    ) -> tuple[Floats, Booleans]:
+        """Return how one frame lies in another.
+
+        Parameters
+        ----------
+        child, parent : str
+            Names of frames; any two of one tree.
+        stamps : ndarray
+            (N,) when, in nanoseconds.
+        gap : float
+            Seconds between two observations over which a moving transform may be interpolated.
+
+        Returns
+        -------
+        tuple of ndarray
+            (N, 3) x, y, theta, and (N,) bool whether it is known at that time.
+
+        Raises
+        ------
+        TrajectoryError
+            If the frames are not connected, or not upright in each other.
+        """
+        up, down = self._ancestors(child), self._ancestors(parent)
+        common = next((frame for frame in up if frame in down), None)
+        if common is None:
+            known = (
+                ", ".join(sorted({*self._edges, *(edge.parent for edge in self._edges.values())})) or "none"
+            )
+            raise TrajectoryError(
+                f"the recording has no transform from '{parent}' to '{child}' (its frames: {known})",
+                f"record /tf and /tf_static; if '{child}' is the map's frame itself, say --frame {child}",
+            )
+        inner, inner_known = self._climb(up[: up.index(common)], stamps, gap)
+        outer, outer_known = self._climb(down[: down.index(common)], stamps, gap)
+        return compose(invert(outer), inner), inner_known & outer_known
+
+    def _ancestors(self, frame: str) -> list[str]:
+        """Return the frame and those in which it lies, innermost first."""
+        found = [frame]
+        while found[-1] in self._edges:
+            parent = self._edges[found[-1]].parent
+            if parent in found:
+                raise TrajectoryError(
+                    f"the frames {', '.join(found)} lie in a circle", "record one tree of transforms"
+                )
+            found.append(parent)
+        return found
+
+    def _climb(self, frames: list[str], stamps: NDArray[np.int64], gap: float) -> tuple[Floats, Booleans]:
+        """Return how the first of the frames lies in the parent of the last."""
+        poses, known = np.zeros((len(stamps), 3)), np.ones(len(stamps), dtype=bool)
+        for frame in frames:
+            edge = self._edges[frame]
+            if not edge.upright:
+                raise TrajectoryError(
+                    f"frame '{frame}' is tilted within '{edge.parent}'",
+                    "record the scan of a level LiDAR; others do not see a plane of the map",
+                )
+            if edge.static:
+                around = np.broadcast_to(np.array(edge.poses[-1]), poses.shape)
+            else:
+                around, seen = interpolate(np.array(edge.stamps), np.array(edge.poses), stamps, gap)
+                known = known & seen
+            poses = compose(around, poses)
+        return poses, known
+
+
+def heading_of(quaternion: tuple[float, float, float, float]) -> float:
+    """Return the yaw of a quaternion x, y, z, w, in radians; NaN if it is no rotation."""
+    x, y, z, w = quaternion
+    length = x * x + y * y + z * z + w * w
+    if not 0.5 < length < 2.0:
+        return float("nan")
+    return float(np.arctan2(2.0 * (w * z + x * y), length - 2.0 * (y * y + z * z)))
+
+
+def compose(outer: Floats, inner: Floats) -> Floats:
+    """Return poses (N, 3) given within frames that lie at `outer` (N, 3), seen from outside."""
+    cosine, sine = np.cos(outer[:, 2]), np.sin(outer[:, 2])
+    x = outer[:, 0] + cosine * inner[:, 0] - sine * inner[:, 1]
+    y = outer[:, 1] + sine * inner[:, 0] + cosine * inner[:, 1]
+    return np.column_stack([x, y, _wrap(outer[:, 2] + inner[:, 2])])
+
+
+def invert(poses: Floats) -> Floats:
+    """Return the poses (N, 3) of the outer frames within the inner ones."""
+    cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    x = -cosine * poses[:, 0] - sine * poses[:, 1]
+    y = sine * poses[:, 0] - cosine * poses[:, 1]
+    return np.column_stack([x, y, -poses[:, 2]])
+
+
+def interpolate(
+    stamps: NDArray[np.int64], poses: Floats, at: NDArray[np.int64], gap: float
+) -> tuple[Floats, Booleans]:
+    """Return poses between observed ones, on straight lines and the shorter turn.
+
+    Parameters
+    ----------
+    stamps : ndarray
+        (M,) nanoseconds, in any order.
+    poses : ndarray
+        (M, 3) x, y, theta.
+    at : ndarray
+        (N,) nanoseconds.
+    gap : float
+        Seconds; between observations that are farther apart nothing is known.
+
+    Returns
+    -------
+    tuple of ndarray
+        (N, 3), and (N,) bool whether the pose is known: nothing is extrapolated.
+    """
+    order = np.argsort(stamps, kind="stable")
+    stamps, poses = stamps[order], poses[order]
+    after = np.clip(np.searchsorted(stamps, at, side="left"), 0, len(stamps) - 1)
+    before = np.maximum(np.where(stamps[after] == at, after, after - 1), 0)
+    span = (stamps[after] - stamps[before]) * 1e-9
+    known = (stamps[before] <= at) & (at <= stamps[after]) & (span <= gap)
+    share = np.where(span > 0.0, (at - stamps[before]) * 1e-9 / np.where(span > 0.0, span, 1.0), 0.0)
+    step = poses[after] - poses[before]
+    step[:, 2] = _wrap(step[:, 2])
+    found = poses[before] + share[:, None] * step
+    found[:, 2] = _wrap(found[:, 2])
+    return found, np.asarray(known, dtype=bool)
+
+
+def _wrap(angles: Floats) -> Floats:
+    """Return angles in (-pi, pi]; those that are there already stay as they are."""
+    turns = np.ceil((angles - np.pi) / (2.0 * np.pi))
+    return np.asarray(angles - turns * (2.0 * np.pi))
