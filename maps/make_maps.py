@@ -225,7 +225,10 @@ def write_native(place: Place) -> None:
     world = load_map(path)
     assert world.generator is not None
     drawn = (rounded(scenario, scenario.name) for scenario in world.generator.draw(4 * SCENARIOS, place.seed))
-    lines = [f"# Drawn with seed {place.seed}; the goal can be reached at the danger clearance.", "scenarios:"]
+    lines = [
+        f"# Drawn with seed {place.seed}; the goal can be reached at the danger clearance.",
+        "scenarios:",
+    ]
     number = 0
     for scenario in drawn:
         if number < SCENARIOS and is_passable(world, scenario):
