@@ -29,7 +29,7 @@ PANELS, COLUMNS = 12, 4
 def draw_places(result: Result) -> Figure:
     """Draw one panel for each scenario; if there are many, those with the most states that are not safe.
 
-    Each place has the colour of its worst heading, and a tick for each heading in the colour of its verdict.
+    Each place has the colour of its worst heading; ticks are the headings, dark where one is not safe.
     """
     trajectory, verdicts = result.trajectory, result.verdict
     lost = np.bincount(trajectory.episode[verdicts != "safe"], minlength=trajectory.episodes)
@@ -73,8 +73,8 @@ def _panel(axes: Axes, result: Result, episode: int, size: float) -> None:
         ways = poses[verdicts == verdict]
         axes.quiver(
             ways[:, 0], ways[:, 1], np.cos(ways[:, 2]), np.sin(ways[:, 2]),
-            color=COLOUR[verdict], angles="xy", scale_units="xy", scale=2.5 / spacing, width=0.002,
-            headwidth=1, headlength=0, headaxislength=0, zorder=4 + 0.1 * level,
+            color=INK if level else COLOUR[verdict], angles="xy", scale_units="xy", scale=2.5 / spacing, width=0.002,
+            headwidth=1, headlength=0, headaxislength=0, zorder=3.5 + level,
         )  # fmt: skip
 
 

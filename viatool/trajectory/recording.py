@@ -193,7 +193,7 @@ def _previous(commands: Commands | None, scans: Scans, gap: float) -> tuple[Floa
     found[some] = commands.values[last[some]]
     known[some] = (at[some] - commands.stamps[last[some]]) * 1e-9 <= gap
     waiting = int((~some).sum())
-    notes = [f"{waiting:,} scans before the first command have the previous command 0"] if waiting else []
+    notes = [f"previous command 0 before the first one (scans: {waiting:,})"] if waiting else []
     return found, known, notes
 
 
