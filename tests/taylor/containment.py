@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from tests import attacks, oracles, runtimes
 from viatool.policy.network import Network
-from viatool.taylor import ReachableSet, reach
+from viatool.taylor import Box, ReachableSet, reach
+from viatool.taylor.derivatives import gradient_bounds
+from viatool.taylor.propagation import propagate
 
 Floats = NDArray[np.float64]
 
@@ -70,12 +72,30 @@ def escape_of_programs(
         for fused in (False, True)
         for sloppiness in (0, 2)
     ]
-    outputs.append(runtimes.run_onnx(network, flat))
+    if all(node.precision == "float32" for node in network.nodes):
+        outputs.append(runtimes.run_onnx(network, flat))
     for output in outputs:
         values = output.reshape(*points.shape[:2], -1)
         assert not np.isnan(values).any()
         worst = max(worst, float((values - sets.upper).max()), float((sets.lower - values).max()))
     return worst
+
+
+def escape_of_gradients(network: Network, lower: Floats, upper: Floats, seed: int = 0) -> float:
+    """Return how far a true gradient of the first action leaves the bounds of gradients over boxes (B, n)."""
+    rng = np.random.default_rng([seed, 19])
+    chosen = np.zeros((lower.shape[0], network.output_size))
+    chosen[:, 0] = 1.0
+    with np.errstate(all="ignore"):
+        hulls = [enclosure.hull for enclosure in propagate(network, Box(lower, upper))]
+        low, high = gradient_bounds(network, hulls, chosen)
+    worst = oracles.MP.mpf(0)
+    for points in attacks.sample(lower, upper, 3, rng):
+        for b in range(lower.shape[0]):
+            for k, slope in enumerate(oracles.gradient(network, points[b].tolist(), 0)):
+                slack = (1 + abs(slope)) * oracles.MP.mpf(10) ** -40
+                worst = max(worst, slope - slack - high[b, k], low[b, k] - slope - slack)
+    return float(worst)
 
 
 def _points(network: Network, centre: Floats, eps: Floats, rng: np.random.Generator, samples: int) -> Floats:
