@@ -132,6 +132,7 @@ def test_odd_maps_are_read_with_a_warning(tmp_path: Path, changes: dict[str, obj
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
+        ({"image": None}, ["map.yaml:1: image: field required"]),
         ({"image": "missing.pgm"}, ["map.yaml:1: image", "missing.pgm", "cannot be read"]),
         ({"image": "."}, ["map.yaml:1: image", "cannot be read"]),
         ({"image": "map.yaml"}, ["map.yaml:1: image", "not an image"]),

@@ -27,11 +27,15 @@ if TYPE_CHECKING:
 def command(maps: tuple[Path, ...], output: Path | None, unknown: Unknown | None) -> None:
     """Check and summarise each MAP (native or of a ROS 2 map_server), and draw it."""
     from viatool.report import print_map
+    from viatool.world import unreachable_scenarios
 
     if output is not None and len(maps) > 1:
         raise click.UsageError("--output draws one map, and several were given")
     for path in maps:
         world_map = options.open_map(path, unknown)
+        for number in unreachable_scenarios(world_map):
+            name = world_map.scenarios[number].name
+            options.warn(f"{path}: scenario '{name}': no path leads to the goal at the collision clearance")
         if output is not None:
             from viatool.report.map_figure import write_map_figure
 

@@ -159,7 +159,6 @@ def open_map(path: Path, unknown: Literal["free", "obstacle"] | None = None) -> 
     """Load a map; what a user should know about it goes to stderr."""
     import warnings
 
-    from viatool.cli.failures import compose
     from viatool.errors import MapWarning
     from viatool.world import load_map
 
@@ -167,8 +166,15 @@ def open_map(path: Path, unknown: Literal["free", "obstacle"] | None = None) -> 
         warnings.simplefilter("ignore", MapWarning)
         world_map = load_map(path, unknown=unknown)
     for text in world_map.warnings:
-        click.echo(compose(text).replace("error: ", "warning: ", 1), err=True)
+        warn(text)
     return world_map
+
+
+def warn(text: str) -> None:
+    """Say on stderr what is not wrong but odd."""
+    from viatool.cli.failures import compose
+
+    click.echo(compose(text).replace("error: ", "warning: ", 1), err=True)
 
 
 def draw_scenarios(world_map: WorldMap, scenarios: int | None, seed: int) -> tuple[Scenario, ...]:

@@ -53,7 +53,7 @@ def describe_nearest(
         only = replace(world_map, obstacles=Obstacles(grid=obstacles.grid))
         disc = footprint if footprint.kind == "polygon" else Footprint()
         away = Scenes.of(only, [None]).footprint_clearance(pose[None], disc, np.zeros(1, np.int64))[0]
-        candidates.append((np.nextafter(away, -np.inf), "cell of the occupancy map"))
+        candidates.append((away, "cell of the occupancy map"))
     if not shapely.Polygon(world_map.arena).contains(shapely.Point(x, y)):
         return "outside of the arena"
     return min(candidates, key=lambda candidate: float(candidate[0]))[1]

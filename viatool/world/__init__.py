@@ -6,6 +6,7 @@ from viatool.world.generator import ScenarioBatch, ScenarioGenerator
 from viatool.world.map_file import MapFile
 from viatool.world.map_server import MapServerFile
 from viatool.world.occupancy import Cell, OccupancyGrid
+from viatool.world.reachability import unreachable_scenarios
 from viatool.world.reading import load_map
 from viatool.world.robot import ROBOTS, Footprint, Lidar, Robot, bin_ranges
 from viatool.world.scenario import Scenario
@@ -33,5 +34,6 @@ __all__ = [
     "box_polygon",
     "load_map",
     "simple_polygon",
+    "unreachable_scenarios",
     "wall_polygons",
 ]

@@ -74,7 +74,9 @@ class ServedMap:
 def is_map_server_file(document: YamlDocument) -> bool:
     """Tell by its keys whether a file belongs to map_server."""
     content = document.content
-    return isinstance(content, dict) and "image" in content and not {"arena", "occupancy"} & content.keys()
+    if not isinstance(content, dict) or {"arena", "occupancy"} & content.keys():
+        return False
+    return bool({"image", "resolution", "occupied_thresh", "free_thresh"} & content.keys())
 
 
 def read_map_server(document: YamlDocument, unknown: Unknown = "obstacle") -> ServedMap:

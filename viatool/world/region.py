@@ -56,9 +56,8 @@ def blocked_region(
     points = shapely.points(centres.real[there], centres.imag[there])
     circles = shapely.buffer(points, outer, quad_segs=_QUARTER)
     polygons = [shapely.Polygon(_pairs(ring)) for ring in _rings(first, second)]
-    if grid is not None:
-        polygons += list(grid.polygons().geoms)
-    return shapely.union_all([frame.difference(inside), *circles, *polygons])
+    region = shapely.union_all([frame.difference(inside), *circles, *polygons])
+    return region if grid is None else shapely.union(region, grid.polygons())
 
 
 def _rings(first: Plane, second: Plane) -> list[Plane]:
