@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import lru_cache
+from math import comb
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,7 +16,7 @@ Floats = NDArray[np.float64]
 
 
 def range_by_terms(linear: Floats, higher: Floats, basis: Basis) -> tuple[Floats, Floats]:
-    """Enclose a polynomial term by term, squares of a variable joined with its linear term.
+    """Enclose a polynomial by the ranges of its one-variable parts and of its mixed terms.
 
     Parameters
     ----------
@@ -28,18 +32,51 @@ def range_by_terms(linear: Floats, higher: Floats, basis: Basis) -> tuple[Floats
 
     Notes
     -----
-    **Sound:** yes, up to rounding, which the caller counts. A monomial with even powers only lies in [0, 1];
-    a z + b z^2 has its exact range.
+    **Sound:** yes, up to rounding, which the caller counts. All powers of one variable go together, see
+    `range_of_univariates`; a mixed term with even powers only lies in [0, 1] times its coefficient.
     """
     exponents = basis.exponents[basis.variables :]
+    pure = (exponents > 0).sum(axis=1) == 1
+    degrees = exponents.sum(axis=1)
+    powers = [linear, *(higher[:, pure & (degrees == degree)] for degree in range(2, basis.order + 1))]
+    lower, upper = range_of_univariates(powers)
     even = (exponents % 2 == 0).all(axis=1)
-    square = even & (exponents.sum(axis=1) == 2)
-    lower, upper = range_of_quadratics(linear, higher[:, square])
-    rest_even = higher[:, even & ~square]
-    odd = np.abs(higher[:, ~even]).sum(axis=1)
-    lower = lower.sum(axis=1) + np.minimum(rest_even, 0).sum(axis=1) - odd
-    upper = upper.sum(axis=1) + np.maximum(rest_even, 0).sum(axis=1) + odd
+    even_terms, odd_terms = higher[:, even & ~pure], np.abs(higher[:, ~even & ~pure]).sum(axis=1)
+    lower = lower.sum(axis=1) + np.minimum(even_terms, 0).sum(axis=1) - odd_terms
+    upper = upper.sum(axis=1) + np.maximum(even_terms, 0).sum(axis=1) + odd_terms
     return lower, upper
+
+
+def range_of_univariates(powers: Sequence[Floats]) -> tuple[Floats, Floats]:
+    """Enclose ``powers[0] z + powers[1] z^2 + ...`` on [-1, 1], elementwise.
+
+    Notes
+    -----
+    **Sound:** yes, up to rounding. Up to degree 2 the range is exact; above, it is the hull of the Bernstein
+    coefficients, met with the range of the quadratic part plus the other terms.
+    """
+    if len(powers) == 1:
+        return -np.abs(powers[0]), np.abs(powers[0])
+    lower, upper = range_of_quadratics(powers[0], powers[1])
+    if len(powers) == 2:
+        return lower, upper
+    for degree, coefficient in enumerate(powers[2:], start=3):
+        lower = lower - (np.abs(coefficient) if degree % 2 else np.maximum(-coefficient, 0))
+        upper = upper + (np.abs(coefficient) if degree % 2 else np.maximum(coefficient, 0))
+    control = np.tensordot(_to_bernstein(len(powers))[:, 1:], np.stack(powers), axes=1)
+    return np.maximum(lower, control.min(axis=0)), np.minimum(upper, control.max(axis=0))
+
+
+@lru_cache(maxsize=16)
+def _to_bernstein(degree: int) -> Floats:
+    """Return the matrix from coefficients of powers of z to Bernstein coefficients on [-1, 1]."""
+    columns = []
+    for power in range(degree + 1):  # z = 2 t - 1; coefficients of t^i; b_j = sum_i C(j,i)/C(k,i) a_i
+        shifted = [comb(power, i) * 2**i * (-1) ** (power - i) for i in range(power + 1)]
+        columns.append(
+            [sum(a * comb(j, i) / comb(degree, i) for i, a in enumerate(shifted)) for j in range(degree + 1)]
+        )
+    return np.array(columns).T
 
 
 def range_of_quadratics(linear: Floats, square: Floats) -> tuple[Floats, Floats]:
@@ -55,12 +92,12 @@ def range_of_quadratics(linear: Floats, square: Floats) -> tuple[Floats, Floats]
 
 
 def range_by_corners(linear: Floats, higher: Floats, basis: Basis) -> tuple[Floats, Floats]:
-    """Enclose a quadratic: variables in which it is monotone go to their corner, the others are bounded by terms.
+    """Enclose a polynomial: variables in which it is monotone go to their corner, the others are bounded by terms.
 
     Parameters
     ----------
     linear, higher, basis
-        As for `range_by_terms`, order 2 only.
+        As for `range_by_terms`.
 
     Returns
     -------
@@ -73,9 +110,8 @@ def range_by_corners(linear: Floats, higher: Floats, basis: Basis) -> tuple[Floa
     either extremum lies on a face z_i = +-1; cross terms with it then act linearly on the others. Repeated, since fixed
     variables make others monotone.
     """
-    upper = _corner_maximum(linear, higher, basis)
-    lower = -_corner_maximum(-linear, -higher, basis)
-    return lower, upper
+    maximum = _corner_maximum if basis.order == 2 else _corner_maximum_of_any_order
+    return -maximum(-linear, -higher, basis), maximum(linear, higher, basis)
 
 
 def _corner_maximum(linear: Floats, higher: Floats, basis: Basis) -> Floats:
@@ -105,6 +141,23 @@ def _corner_maximum(linear: Floats, higher: Floats, basis: Basis) -> Floats:
         free = np.where(fixed, 0.0, free)
     rest: Floats = range_of_quadratics(linear, square)[1].sum(axis=1) + np.abs(cross).sum(axis=1)
     return total + rest
+
+
+def _corner_maximum_of_any_order(linear: Floats, higher: Floats, basis: Basis) -> Floats:
+    exponents = basis.exponents
+    coefficients = np.concatenate([linear, higher], axis=1)
+    spread = np.einsum("mv,bmn->bvn", exponents[basis.variables :].astype(float), np.abs(higher))
+    fixed = np.abs(linear) >= spread * SLIGHTLY_MORE
+    corner = np.where(fixed, np.where(linear >= 0, 1.0, -1.0), 1.0)
+    value = coefficients.copy()
+    has_free, has_odd = np.zeros(value.shape, dtype=bool), np.zeros(value.shape, dtype=bool)
+    for variable in range(basis.variables):
+        used, odd = exponents[:, variable] > 0, exponents[:, variable] % 2 == 1
+        value[:, odd] *= corner[:, variable, None]
+        has_free[:, used] |= ~fixed[:, variable, None]
+        has_odd[:, odd] |= ~fixed[:, variable, None]
+    loose = np.where(has_odd, np.abs(coefficients), np.maximum(value, 0.0))
+    return np.asarray(np.where(has_free, loose, value).sum(axis=1))
 
 
 def _scattered(values: Floats, target: NDArray[np.intp], variables: int) -> Floats:

@@ -223,7 +223,7 @@ def model_range(model: TaylorModel, *, thorough: bool = False) -> Hull:
         return model.hull()
     linear = model.linear.dense()
     lower, upper = range_by_terms(linear, model.higher, model.basis)
-    if thorough and model.basis.order == 2:
+    if thorough:
         corner_lower, corner_upper = range_by_corners(linear, model.higher, model.basis)
         lower, upper = np.maximum(lower, corner_lower), np.minimum(upper, corner_upper)
     reach = model.remainder + sum((form.norms() for form in model.symbols.values()), np.zeros_like(lower))
