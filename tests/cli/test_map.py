@@ -92,7 +92,9 @@ def test_a_policy_is_verified_on_an_occupancy_map(run: Run, tmp_path: Path) -> N
         "verify", "policy.onnx", *arguments, "-o", f"json:{report}", "-o", f"figure:{tmp_path}/f.png"
     )
     assert result.exit_code == 0, result.stderr
-    assert json.loads(report.read_text())["states"] > 0
+    written = json.loads(report.read_text())
+    assert written["states"] > 0
+    assert "unknown cells count as obstacles" in written["assumptions"]["obstacles"]
     assert (
         run("simulate", "policy.onnx", *arguments[:2], "--scenarios", "2", "--unknown", "free").exit_code == 0
     )

@@ -177,7 +177,9 @@ def test_a_python_tag_is_not_executed(tmp_path: Path) -> None:
 def test_the_schema_accepts_the_maps_of_the_repository() -> None:
     jsonschema = pytest.importorskip("jsonschema")
     schema = MapFile.model_json_schema()
-    for path in Path("maps").glob("*.yaml"):
+    native = [path for path in Path("maps").glob("*.yaml") if not path.name.endswith(".ros.yaml")]
+    assert len(native) >= 8
+    for path in native:
         jsonschema.validate(yaml.safe_load(path.read_text(encoding="utf-8")), schema)
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate({"arena": {"shape": "box"}}, schema)

@@ -242,6 +242,9 @@ class Result:
             "circle": f"disc of radius {footprint.radius:g} m",
             "polygon": f"polygon of {len(footprint.polygon)} corners",
         }[footprint.kind]
+        grid = self.world_map.obstacles.grid
+        taken = "free" if grid is not None and grid.unknown_is_free else "obstacles"
+        unknown = "" if grid is None else f"; unknown cells count as {taken}"
         return {
             "states": "; ".join([self.origin or "of unknown origin", *self.trajectory.notes]),
             "footprint": outline,
@@ -254,6 +257,6 @@ class Result:
             "horizon": f"one command, held for {rules.interval:g} s; each state by itself, not the whole run",
             "delay": f"{rules.delay:g} s" if rules.delay else "none",
             "braking": f"{rules.deceleration:g} m/s^2" if rules.criterion == "braking" else "not asked",
-            "obstacles": "do not move; whatever lies outside the arena is an obstacle",
+            "obstacles": f"do not move; whatever lies outside the arena is an obstacle{unknown}",
             "sensor_error": "any value within eps of each observation entry, independently",
         }
