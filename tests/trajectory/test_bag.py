@@ -204,6 +204,8 @@ def wrong(name, messages):
         "frames change": lambda: changed(messages, "/odom", 5, child_frame_id="other"),
         "scan frames": lambda: changed(messages, "/scan", 5, header=header(2 * 10**18, "other")),
         "narrow": lambda: changed(messages, "/scan", 5, angle_increment=0.01),
+        "no range": lambda: changed(messages, "/scan", 5, range_max=0.0),
+        "nan step": lambda: changed(messages, "/scan", 5, angle_increment=float("nan")),
         "nan command": lambda: changed(messages, "/cmd_vel", 5, linear={"x": np.nan, "y": 0.0, "z": 0.0}),
         "tilted": lambda: [*messages, tilted()],
         "moving": lambda: [
@@ -233,6 +235,8 @@ def tilted():
         ("frames change", "odometry changes its frames"),
         ("scan frames", "from several frames: laser, other"),
         ("narrow", "leaves bin 12 .* without a ray|leaves bin"),
+        ("no range", "scan 5 has the first angle"),
+        ("nan step", "scan 5 has the first angle"),
         ("nan command", "command 5 is"),
         ("tilted", "'laser' is tilted"),
         ("moving", "moves on the robot"),
@@ -244,6 +248,13 @@ def test_what_is_wrong_with_a_bag_is_named_with_its_path(tmp_path, plain, name, 
         read(tmp_path, wrong(name, plain[0]))
     assert str(tmp_path / "run") in caught.value.message
     assert caught.value.hint
+
+
+def test_what_is_wrong_elsewhere_in_the_tree_of_frames_does_not_matter(tmp_path, plain):
+    camera = tilted()
+    camera.fields["transforms"][0]["child_frame_id"] = "camera"
+    other = transform("/tf", "map", "camera", plain[0][0].received, (0.0, 0.0, 0.0))
+    assert len(read(tmp_path, [*plain[0], camera, other])) == len(plain[1])
 
 
 @pytest.mark.parametrize("kind", KINDS)

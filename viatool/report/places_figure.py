@@ -37,7 +37,9 @@ def draw_places(result: Result) -> Figure:
     columns = min(COLUMNS, len(chosen))
     rows = -(-len(chosen) // columns)
     size = 7.5 if len(chosen) == 1 else 4.0
-    figure = Figure(figsize=(size * columns, size * rows + 1.0), layout="constrained", facecolor="white")
+    x_min, y_min, x_max, y_max = result.world_map.bounds
+    height = size * float(np.clip((y_max - y_min) / (x_max - x_min), 0.25, 4.0)) + 0.4
+    figure = Figure(figsize=(size * columns, height * rows + 1.0), layout="constrained", facecolor="white")
     grid = figure.add_gridspec(rows, columns)
     for place, episode in enumerate(chosen):
         _panel(figure.add_subplot(grid[divmod(place, columns)]), result, episode, size)
@@ -67,14 +69,13 @@ def _panel(axes: Axes, result: Result, episode: int, size: float) -> None:
     for level, verdict in enumerate(VERDICTS):
         there = places[rank == level]
         area = float(np.clip((0.7 * points) ** 2, 1.0, 400.0))
-        axes.scatter(
-            there[:, 0], there[:, 1], s=area, marker="s", color=COLOUR[verdict], alpha=0.3, lw=0, zorder=3
-        )
+        look = {"alpha": 0.9, "zorder": 3.0 + level} if level else {"alpha": 0.3, "zorder": 3.0}
+        axes.scatter(there[:, 0], there[:, 1], s=area, marker="s", color=COLOUR[verdict], lw=0, **look)
         ways = poses[verdicts == verdict]
         axes.quiver(
             ways[:, 0], ways[:, 1], np.cos(ways[:, 2]), np.sin(ways[:, 2]),
-            color=INK if level else COLOUR[verdict], angles="xy", scale_units="xy", scale=2.5 / spacing, width=0.002,
-            headwidth=1, headlength=0, headaxislength=0, zorder=3.5 + level,
+            color=INK if level else COLOUR[verdict], angles="xy", scale_units="xy", scale=2.5 / spacing,
+            width=0.002, headwidth=1, headlength=0, headaxislength=0, zorder=3.5 + level,
         )  # fmt: skip
 
 

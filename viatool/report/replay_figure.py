@@ -44,15 +44,16 @@ def write_replay_figure(path: Path, world_map: WorldMap, file: WitnessFile, foun
 def draw_replay(world_map: WorldMap, file: WitnessFile, found: Replay) -> Figure:
     """Draw the counterexamples with the smallest clearance, at most `PANELS`."""
     chosen = np.argsort(found.clearance, kind="stable")[:PANELS]
-    rows = max(-(-len(chosen) // COLUMNS), 1)
-    figure = Figure(figsize=(3.4 * COLUMNS, 3.5 * rows + 0.6), layout="constrained")
-    grid = figure.add_gridspec(rows, COLUMNS)
+    columns = min(max(len(chosen), 2), COLUMNS)
+    rows = max(-(-len(chosen) // columns), 1)
+    figure = Figure(figsize=(3.4 * columns, 3.5 * rows + 0.6), layout="constrained")
+    grid = figure.add_gridspec(rows, columns)
     case = file.case(world_map)
     paths = case.paths(found.actions[:, None], np.linspace(0.0, 1.0, 17))[:, 0]
     for place, row in enumerate(chosen.tolist()):
-        axes = figure.add_subplot(grid[divmod(place, COLUMNS)])
+        axes = figure.add_subplot(grid[divmod(place, columns)])
         _draw_one(axes, case.situations.scenes.shapely(row), paths[row], file, found, row)
-    figure.legend(handles=_legend(), loc="outside lower center", ncols=4, fontsize=9, frameon=False)
+    figure.legend(handles=_legend(), loc="outside lower center", ncols=2, fontsize=9, frameon=False)
     return figure
 
 
@@ -86,6 +87,8 @@ def _outline(file: WitnessFile, pose: Floats) -> BaseGeometry:
     footprint = file.rules.footprint
     if footprint.kind != "polygon":
         centre = shapely.Point(pose[0], pose[1])
+        if footprint.radius == 0.0:
+            return centre
         return centre.buffer(footprint.radius / np.cos(np.pi / (4 * _ARC)), quad_segs=_ARC)
     cosine, sine = np.cos(pose[2]), np.sin(pose[2])
     return shapely.Polygon(footprint.polygon @ np.array([[cosine, sine], [-sine, cosine]]) + pose[:2])

@@ -200,10 +200,12 @@ def _read_scans(reader: AnyReader, connections: list[Connection]) -> Scans:
         geometry.append((message.angle_min, message.angle_increment, message.range_min, message.range_max))
         frames.add(_frame(message.header.frame_id))
     described = np.array(geometry, dtype=np.float64).reshape(-1, 4)
-    bad = np.flatnonzero(np.isnan(described).any(axis=1) | ~np.isfinite(described[:, :2]).all(axis=1))
+    usable = np.isfinite(described[:, :2]).all(axis=1) & (described[:, 2] < described[:, 3])
+    bad = np.flatnonzero(~usable)
     if bad.size:
         raise TrajectoryError(
-            f"scan {bad[0]} has the angles and ranges {described[bad[0]].tolist()}",
+            f"scan {bad[0]} has the first angle, angle step, least and largest range "
+            f"{described[bad[0]].tolist()}",
             "check the LiDAR's driver",
         )
     if len(frames) > 1:

@@ -23,7 +23,7 @@ class _Edge:
     stamps: list[int] = field(default_factory=list)
     poses: list[tuple[float, float, float]] = field(default_factory=list)
     static: bool = False
-    upright: bool = True
+    complaint: TrajectoryError | None = None
 
 
 class Transforms:
@@ -42,25 +42,17 @@ class Transforms:
         *,
         static: bool,
     ) -> None:
-        """Add one observed transform."""
+        """Add one observed transform; what is wrong with it counts only if the frame is asked for."""
         edge = self._edges.setdefault(child, _Edge(parent))
-        if edge.parent != parent:
-            raise TrajectoryError(
-                f"frame '{child}' lies in '{edge.parent}' and in '{parent}'", "record one tree of transforms"
-            )
-        x, y, z, w = quaternion
         yaw = heading_of(quaternion)
-        if not np.isfinite([*translation, yaw]).all():
-            raise TrajectoryError(
-                f"a transform from '{parent}' to '{child}' is not finite", "check the node that published it"
-            )
+        if edge.complaint is None:
+            edge.complaint = _complain(edge, child, parent, (*translation, yaw), quaternion)
         if static and edge.static:
             edge.stamps.clear()
             edge.poses.clear()
         edge.stamps.append(stamp)
         edge.poses.append((*translation, yaw))
         edge.static |= static
-        edge.upright &= 2.0 * np.hypot(w * x + y * z, w * y - x * z) <= _TILT and x * x + y * y < 0.5
 
     def locate(
         self, child: str, parent: str, stamps: NDArray[np.int64], gap: float
@@ -89,6 +81,8 @@ class Transforms:
         up, down = self._ancestors(child), self._ancestors(parent)
         common = next((frame for frame in up if frame in down), None)
         if common is None:
+            for frame in (*up, *down):
+                self._check(frame)
             known = (
                 ", ".join(sorted({*self._edges, *(edge.parent for edge in self._edges.values())})) or "none"
             )
@@ -112,16 +106,18 @@ class Transforms:
             found.append(parent)
         return found
 
+    def _check(self, frame: str) -> None:
+        """Refuse a frame whose transforms are useless."""
+        edge = self._edges.get(frame)
+        if edge is not None and edge.complaint is not None:
+            raise edge.complaint
+
     def _climb(self, frames: list[str], stamps: NDArray[np.int64], gap: float) -> tuple[Floats, Booleans]:
         """Return how the first of the frames lies in the parent of the last."""
         poses, known = np.zeros((len(stamps), 3)), np.ones(len(stamps), dtype=bool)
         for frame in frames:
             edge = self._edges[frame]
-            if not edge.upright:
-                raise TrajectoryError(
-                    f"frame '{frame}' is tilted within '{edge.parent}'",
-                    "record the scan of a level LiDAR; others do not see a plane of the map",
-                )
+            self._check(frame)
             if edge.static:
                 around = np.broadcast_to(np.array(edge.poses[-1]), poses.shape)
             else:
@@ -129,6 +125,31 @@ class Transforms:
                 known = known & seen
             poses = compose(around, poses)
         return poses, known
+
+
+def _complain(
+    edge: _Edge,
+    child: str,
+    parent: str,
+    pose: tuple[float, float, float],
+    quaternion: tuple[float, float, float, float],
+) -> TrajectoryError | None:
+    """Return what makes a transform useless, if anything does."""
+    x, y, z, w = quaternion
+    if edge.parent != parent:
+        return TrajectoryError(
+            f"frame '{child}' lies in '{edge.parent}' and in '{parent}'", "record one tree of transforms"
+        )
+    if not np.isfinite(pose).all():
+        return TrajectoryError(
+            f"a transform from '{parent}' to '{child}' is not finite", "check the node that published it"
+        )
+    if 2.0 * np.hypot(w * x + y * z, w * y - x * z) > _TILT or x * x + y * y >= 0.5:
+        return TrajectoryError(
+            f"frame '{child}' is tilted within '{parent}'",
+            "record the scan of a level LiDAR; others do not see a plane of the map",
+        )
+    return None
 
 
 def heading_of(quaternion: tuple[float, float, float, float]) -> float:
