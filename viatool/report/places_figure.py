@@ -69,8 +69,17 @@ def _panel(axes: Axes, result: Result, episode: int, size: float) -> None:
     for level, verdict in enumerate(VERDICTS):
         there = places[rank == level]
         area = float(np.clip((0.7 * points) ** 2, 1.0, 400.0))
-        look = {"alpha": 0.9, "zorder": 3.0 + level} if level else {"alpha": 0.3, "zorder": 3.0}
-        axes.scatter(there[:, 0], there[:, 1], s=area, marker="s", color=COLOUR[verdict], lw=0, **look)
+        alpha, above = (0.9, 3.0 + level) if level else (0.3, 3.0)
+        axes.scatter(
+            there[:, 0],
+            there[:, 1],
+            s=area,
+            marker="s",
+            color=COLOUR[verdict],
+            lw=0,
+            alpha=alpha,
+            zorder=above,
+        )
         ways = poses[verdicts == verdict]
         axes.quiver(
             ways[:, 0], ways[:, 1], np.cos(ways[:, 2]), np.sin(ways[:, 2]),
