@@ -156,7 +156,7 @@ def _residual_range(curve: Curve, lower: Floats, upper: Floats, slope: Floats) -
 def _residual_on_cell(curve: Curve, cell: int, left: Floats, right: Floats, slope: Floats) -> Interval:
     kind = curve.cells(1).kinds[cell]
     if kind == UNKNOWN:
-        return curve.range(left, right) - Interval(slope, slope) * Interval(left, right)
+        return _residual_by_slope(curve, left, right, slope)
     line_left, line_right = _tilted(curve, left, slope), _tilted(curve, right, slope)
     low = np.minimum(line_left.lower, line_right.lower)
     high = np.maximum(line_left.upper, line_right.upper)
@@ -167,6 +167,14 @@ def _residual_on_cell(curve: Curve, cell: int, left: Floats, right: Floats, slop
     else:
         assert kind == CONSTANT
     return Interval(low, high)
+
+
+def _residual_by_slope(curve: Curve, left: Floats, right: Floats, slope: Floats) -> Interval:
+    """Enclose ``f(x) - slope*x`` by the mean value theorem from the left end, and by the ranges alone."""
+    apart = curve.range(left, right) - Interval(slope, slope) * Interval(left, right)
+    rise = curve.range(left, right, 1) - Interval(slope, slope)
+    joint = _tilted(curve, left, slope) + rise * Interval(np.zeros_like(left), step_up(right - left))
+    return Interval(np.maximum(apart.lower, joint.lower), np.minimum(apart.upper, joint.upper))
 
 
 def _tilted(curve: Curve, x: Floats, slope: Floats) -> Interval:
