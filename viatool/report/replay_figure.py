@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -46,13 +47,13 @@ def draw_replay(world_map: WorldMap, file: WitnessFile, found: Replay) -> Figure
     chosen = np.argsort(found.clearance, kind="stable")[:PANELS]
     columns = min(max(len(chosen), 2), COLUMNS)
     rows = max(-(-len(chosen) // columns), 1)
-    figure = Figure(figsize=(3.4 * columns, 3.5 * rows + 0.6), layout="constrained")
+    figure = Figure(figsize=(3.4 * columns, 3.8 * rows + 0.8), layout="constrained")
     grid = figure.add_gridspec(rows, columns)
     case = file.case(world_map)
     paths = case.paths(found.actions[:, None], np.linspace(0.0, 1.0, 17))[:, 0]
     for place, row in enumerate(chosen.tolist()):
         axes = figure.add_subplot(grid[divmod(place, columns)])
-        _draw_one(axes, case.situations.scenes.shapely(row), paths[row], file, found, row)
+        _draw_one(axes, _blocked(world_map, file, found.poses[row], row), paths[row], file, found, row)
     figure.legend(handles=_legend(), loc="outside lower center", ncols=2, fontsize=9, frameon=False)
     return figure
 
@@ -78,6 +79,30 @@ def _draw_one(
     state = one_line(str(file.entries[row].get("state", row)))
     title = f"state {state}: {found.clearance[row]:.4f} m left after {found.seconds[row]:.3f} s"
     axes.set_title(f"{title}\n{found.nearest[row]}".replace("$", r"\$"), fontsize=7, color=INK)
+
+
+def _blocked(world_map: WorldMap, file: WitnessFile, pose: Floats, row: int) -> BaseGeometry:
+    """Return what is not free around a pose; of a grid only the cells nearby, for it may have millions."""
+    from viatool.world import Scenes
+
+    grid = world_map.obstacles.grid
+    if grid is not None:
+        reach = 3.0 * (file.rules.clearance.collision + file.rules.footprint.reach + 1.0)
+        (x, y, yaw), (rows, columns) = grid.origin, grid.cells.shape
+        middle = complex(pose[0] - x, pose[1] - y) * np.exp(-1j * yaw) / grid.resolution
+        size = int(np.ceil(reach / grid.resolution))
+        left, low = (
+            int(np.clip(at, 0, most - 1))
+            for at, most in ((middle.real - size, columns), (middle.imag - size, rows))
+        )
+        corner = grid.to_map(np.array([left, low], dtype=np.float64))
+        near = replace(
+            grid,
+            cells=grid.cells[low : low + 2 * size + 1, left : left + 2 * size + 1],
+            origin=(float(corner[0]), float(corner[1]), yaw),
+        )
+        world_map = replace(world_map, obstacles=replace(world_map.obstacles, grid=near))
+    return Scenes.of(world_map, [file.scenarios[row]]).shapely(0)
 
 
 def _outline(file: WitnessFile, pose: Floats) -> BaseGeometry:
