@@ -185,7 +185,7 @@ def _mish() -> Expression:
     left, right = sympy.exp(X), sympy.exp(-X)
     return _pieces(
         (X * left * (left + 2) / (left * (left + 2) + 2), X < 0),
-        (X * (1 + 2 * right) / (1 + 2 * right + 2 * right**2), True),
+        (X - 2 * X * right**2 / ((1 + right) ** 2 + right**2), True),  # tight over intervals in this form
     )
 
 
