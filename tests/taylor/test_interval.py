@@ -43,10 +43,10 @@ OPERATIONS: dict[str, Callable[[Any, Any], Any]] = {
 
 
 def contains(interval: Interval, index: int, value: Fraction) -> bool:
-    low, high = interval.lower[index], interval.upper[index]
-    return bool(
-        (np.isneginf(low) or Fraction(low) <= value) and (np.isposinf(high) or value <= Fraction(high))
-    )
+    low, high = float(interval.lower[index]), float(interval.upper[index])
+    if np.isposinf(low) or np.isneginf(high):
+        return False
+    return (np.isneginf(low) or Fraction(low) <= value) and (np.isposinf(high) or value <= Fraction(high))
 
 
 def wrong_operations(name: str) -> list[tuple[float, float]]:
