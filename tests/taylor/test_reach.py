@@ -31,7 +31,7 @@ REFINEMENTS = ("none", "monotone", "split")
 def ask(
     network: Network = ACTOR, observations: Any = OBSERVATIONS, eps: Any = 0.05, **options: Any
 ) -> ReachableSet:
-    return reach(Bare(network), observations, eps, **options)
+    return reach(Bare(network), observations, eps, **{"most_parts": 12, **options})
 
 
 @pytest.mark.parametrize("refine", REFINEMENTS)
