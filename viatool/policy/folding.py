@@ -200,6 +200,8 @@ def _tiled(arrays: Arrays, attributes: Mapping[str, Any]) -> float:
 
 def _gathered(arrays: Arrays, attributes: Mapping[str, Any]) -> float:
     x, indices = _present(arrays, 2)
+    if indices.size and max(abs(int(indices.min())), abs(int(indices.max()))) > max(x.shape, default=0):
+        raise Refusal(f"has indices outside the shape {list(x.shape)}", "export the policy again")
     return indices.size * x.size / max(1, min(x.shape, default=1))
 
 
@@ -238,6 +240,7 @@ def _present(arrays: Arrays, count: int) -> list[Array]:
 _OUTPUT_SIZES: dict[str, Callable[[Arrays, Mapping[str, Any]], float]] = {
     "Expand": _expanded,
     "Gather": _gathered,
+    "GatherElements": _gathered,
     "GatherND": _gathered,
     "Gemm": _matrix_product,
     "MatMul": _matrix_product,

@@ -7,6 +7,7 @@ import os
 import stat
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import onnx
 from google.protobuf.message import DecodeError  # type: ignore[import-untyped]  # none published
@@ -110,9 +111,22 @@ def open_model(path: str | os.PathLike[str]) -> ModelFile:
         proto.ParseFromString(content)
     except (DecodeError, UnicodeDecodeError, ValueError, RecursionError) as error:
         raise PolicyError(f"{path} is not an ONNX model, or is damaged", _EXPORT_HINT) from error
+    if not _is_text(proto):
+        raise PolicyError(f"{path} is damaged: it holds names that are no text", _EXPORT_HINT)
     if not proto.HasField("graph") or not proto.opset_import:
         raise PolicyError(f"{path} is not an ONNX model: it holds no graph", _EXPORT_HINT)
     return ModelFile(path, hashlib.sha256(content).hexdigest(), proto)
+
+
+def _is_text(message: Any) -> bool:
+    """Whether every string of a protobuf message is one: damaged ones come back as bytes."""
+    for descriptor, value in message.ListFields():
+        values = [value] if isinstance(value, str | bytes) or hasattr(value, "ListFields") else value
+        if descriptor.type == descriptor.TYPE_STRING and not all(isinstance(text, str) for text in values):
+            return False
+        if descriptor.type == descriptor.TYPE_MESSAGE and not all(_is_text(part) for part in values):
+            return False
+    return True
 
 
 def actor_graph(

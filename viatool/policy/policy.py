@@ -67,7 +67,9 @@ class Policy:
         PolicyError
             If the observations do not have the policy's size.
         """
-        return self.network(self._rows(observations))
+        rows = self._rows(observations)
+        with np.errstate(over="ignore", invalid="ignore"):  # a program overflows silently as well
+            return self.network(rows)
 
     def run(self, observations: ArrayLike) -> Floats:
         """Run the deployed program: onnxruntime on one thread, then the action map of the specification.

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import onnx
 
 from viatool.errors import PolicyError
@@ -102,7 +103,8 @@ def read_network(
     findings: list[Finding] = []
     for node in graph.nodes:
         try:
-            results = _read_node(node, values, assembly)
+            with np.errstate(all="ignore"):  # what is not finite is refused by name
+                results = _read_node(node, values, assembly)
         except Refusal as refusal:
             findings.append(Finding(node.name, _operator(node), refusal.reason, refusal.hint))
             results = []

@@ -23,6 +23,9 @@ UNIT_ROUNDOFF = {"bfloat16": 2.0**-8, "float16": 2.0**-11, "float32": 2.0**-24, 
 _TINY = {"bfloat16": 2.0**-126, "float16": 2.0**-14, "float32": 2.0**-126, "float64": 2.0**-1022}
 _LARGEST = {"bfloat16": 3.3e38, "float16": 65504.0, "float32": 3.4e38, "float64": 1.7e308}
 
+_MARGIN = 8.0
+"""Values this close to overflow are not compared: a partial sum may have left the range."""
+
 _ACTIVATION_UNITS = 64.0
 """Error of a runtime's activation in unit roundoffs of max(1, |x|, |f(x)|), above all that was seen."""
 
@@ -72,6 +75,8 @@ def check_network(
     ------
     SelfCheckError
         If they differ by more than rounding can explain.
+    PolicyError
+        If the network overflows on all of them.
     """
     points = check_points(network.input_size, spec, seed)
     if network.nodes[0].precision != "float64":
@@ -79,11 +84,11 @@ def check_network(
             np.float64
         )
     values, errors = propagate_rounding(network, points)
-    usable = np.isfinite(values[-1]).all(axis=1) & np.isfinite(errors[-1]).all(axis=1)
+    usable = np.all([np.isfinite(error).all(axis=1) for error in errors], axis=0)
     if not usable.any():
-        raise SelfCheckError(
-            "the network overflows on every observation of the self-check",
-            "check the weights and their units",
+        raise PolicyError(
+            "the network overflows or is undefined on every observation of the self-check",
+            "check the weights, and the ranges in the specification",
         )
     actions = program.rows(points[usable])
     expected, tolerance = values[-1][usable], errors[-1][usable]
@@ -177,7 +182,8 @@ def propagate_rounding(network: Network, points: Floats) -> tuple[list[Floats], 
                 error = errors[node.source] + unit * (np.abs(value) + errors[node.source]) + tiny
             else:
                 error = np.maximum(errors[node.left], errors[node.right])
-            errors.append(np.where(np.abs(value) + error < _LARGEST[node.precision], error, np.inf))
+            size = np.abs(value) + error
+            errors.append(np.where(size < _LARGEST[node.precision] / _MARGIN, error, np.inf))
     return values, errors
 
 

@@ -33,7 +33,7 @@ def windows(call: Call, spatial: Shape, kernel: Shape) -> tuple[Indices, Shape]:
     rank = len(spatial)
     strides = call.integers("strides") or (1,) * rank
     dilations = call.integers("dilations") or (1,) * rank
-    if call.attributes.get("ceil_mode"):
+    if call.flag("ceil_mode"):
         raise Refusal("has ceil_mode = 1", "export with ceil_mode=False")
     if not len(kernel) == len(strides) == len(dilations) == rank or min((*kernel, *strides, *dilations)) < 1:
         raise Refusal("has a kernel, strides or dilations that do not fit its input")
@@ -77,6 +77,8 @@ def _padding(
         ]
         small, large = [n // 2 for n in needed], [n - n // 2 for n in needed]
         return (small, large) if mode == "SAME_UPPER" else (large, small)
+    if mode not in ("", "NOTSET"):
+        raise Refusal(f"has auto_pad = '{mode}', which is not known")
     pads = call.integers("pads") or (0,) * (2 * rank)
     if len(pads) != 2 * rank or min(pads) < 0 or max(pads) > 2**16:
         raise Refusal(f"has the padding {list(pads)} for {rank} axes")
@@ -122,9 +124,7 @@ def read_average_pool(call: Call) -> Sequence[Value]:
     channels, spatial = _split_shape(x)
     positions, lengths = windows(call, spatial, call.integers("kernel_shape") or ())
     inside = positions >= 0
-    counts = (
-        np.full(inside.shape[1], len(inside)) if call.attributes.get("count_include_pad") else inside.sum(0)
-    )
+    counts = np.full(inside.shape[1], len(inside)) if call.flag("count_include_pad") else inside.sum(0)
     if not counts.all():
         raise Refusal("averages over nothing but padding")
     places, area = inside.shape[1], math.prod(spatial)
@@ -152,7 +152,7 @@ def read_global_average_pool(call: Call) -> Sequence[Value]:
 @reads("MaxPool", 8, 10, 11, 12, 22, treatment="enclosed", note="without indices")
 def read_max_pool(call: Call) -> Sequence[Value]:
     """Read a largest value over windows; padding never wins."""
-    if call.attributes.get("storage_order"):
+    if call.flag("storage_order"):
         raise Refusal("has storage_order = 1")
     x = call.computed(0)
     channels, spatial = _split_shape(x)

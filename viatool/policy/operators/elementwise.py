@@ -92,9 +92,9 @@ def read_clip(call: Call) -> Sequence[Value]:
 
 def clipped(call: Call, x: Computed, lower: float, upper: float) -> Computed:
     """Return x limited to a range; limits may be infinite."""
-    if lower > upper:
+    if lower > upper or lower == np.inf or upper == -np.inf:
         raise Refusal(f"clips to the empty range [{lower}, {upper}]")
-    if np.isinf(lower) and np.isinf(upper):
+    if lower == -np.inf and upper == np.inf:
         return x
     function: ActivationFunction = activation("Clip", min=lower, max=upper)
     if lower == 0 and np.isinf(upper):

@@ -27,7 +27,7 @@ def operands(call: Call) -> tuple[Value, Value]:
     left, right = call.value(0), call.value(1)
     if call.version >= 7 or left.shape == right.shape:
         return left, right
-    if not call.attributes.get("broadcast"):
+    if not call.flag("broadcast"):
         raise Refusal(f"combines the shapes {list(left.shape)} and {list(right.shape)} without broadcasting")
     trailing = len(left.shape) - len(right.shape)
     if call.attributes.get("axis", trailing) not in (trailing, -len(right.shape)):

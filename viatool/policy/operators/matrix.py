@@ -74,7 +74,7 @@ def _bilinear(
 def read_gemm(call: Call) -> Sequence[Value]:
     """Read ``alpha * A' @ B' + beta * C``."""
     alpha, beta = call.number("alpha"), call.number("beta")
-    left, right = (_matrix(call, index, call.integer(name)) for index, name in ((0, "transA"), (1, "transB")))
+    left, right = (_matrix(call, index, call.flag(name)) for index, name in ((0, "transA"), (1, "transB")))
     roundings = 2 * int(abs(alpha) != 1.0 or abs(beta) != 1.0)
     shape: Shape = (left.shape[0], right.shape[1])
     bias = np.zeros(math.prod(shape))
@@ -110,7 +110,7 @@ def _weight_term(
     return right, call.assembly.matrix(right, lambda basis: weight @ basis, shape)
 
 
-def _matrix(call: Call, index: int, transposed: int) -> Value:
+def _matrix(call: Call, index: int, transposed: bool) -> Value:
     value = call.value(index)
     if len(value.shape) != 2:
         raise Refusal(f"multiplies a tensor of shape {list(value.shape)}, where a matrix is expected")

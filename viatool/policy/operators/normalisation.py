@@ -8,6 +8,7 @@ does.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -30,7 +31,7 @@ _BATCH_ROUNDINGS = 6
 def read_batch_normalization(call: Call) -> Sequence[Value]:
     """Read a normalisation by stored statistics, channel by channel (axis 1)."""
     training = call.attributes.get("training_mode", 0)
-    if training or (call.version == 6 and not call.integer("is_test")):
+    if training or (call.version == 6 and not call.flag("is_test")):
         raise Refusal("is in training mode", "export the policy in evaluation mode")
     if call.attributes.get("spatial", 1) != 1:
         raise Refusal("has spatial = 0, which no exporter writes any more")
@@ -58,6 +59,8 @@ def standardised(
     """Add ``(x - mean) / sqrt(variance + epsilon)`` along axes; return it, the mean and 1 / spread."""
     if not epsilon > 0:
         raise Refusal(f"has epsilon = {epsilon:g}, where a positive number keeps it defined")
+    if centre and math.prod(x.shape[axis] for axis in axes) < 2:
+        raise Refusal("normalises single values, which leaves nothing of them")
     assembly = call.assembly
     mean = summed(call, x, axes, keep=True, mean=True)
     deviation = weighted_sum(call, [x, mean], (1.0, -1.0)) if centre else x

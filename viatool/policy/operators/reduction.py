@@ -24,7 +24,7 @@ def reduced_axes(call: Call, x: Computed) -> tuple[int, ...]:
     if call.has(1):
         axes = tuple(int(axis) for axis in call.constant(1, "axes").array.ravel())
     if not axes:
-        return () if call.attributes.get("noop_with_empty_axes") else tuple(range(len(x.shape)))
+        return () if call.flag("noop_with_empty_axes") else tuple(range(len(x.shape)))
     return normalised_axes(axes, x)
 
 
@@ -64,7 +64,7 @@ def _reduced_shape(x: Computed, axes: Sequence[int], keep: bool) -> Shape:
 
 def _arguments(call: Call) -> tuple[Computed, tuple[int, ...], bool]:
     x = call.computed(0)
-    return x, reduced_axes(call, x), bool(call.integer("keepdims"))
+    return x, reduced_axes(call, x), call.flag("keepdims")
 
 
 @reads("ReduceSum", 1, 11, 13, treatment="exact")

@@ -120,6 +120,13 @@ class Call:
             raise Refusal(f"has no integer attribute '{name}'")
         return value
 
+    def flag(self, name: str) -> bool:
+        """Return an attribute that is 0 or 1; an operator without it says 0."""
+        value = self.attributes.get(name, 0)
+        if value not in (0, 1) or not isinstance(value, int):
+            raise Refusal(f"has {name} = {value}, which is neither 0 nor 1")
+        return bool(value)
+
     def number(self, name: str) -> float:
         """Return a finite floating-point attribute."""
         value = self.attributes.get(name)

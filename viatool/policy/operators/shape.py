@@ -101,7 +101,7 @@ for _operator, (_versions, _) in _MOVING.items():
 @reads("Dropout", 6, 7, 10, 12, 13, 22, treatment="exact", note="inference only")
 def read_dropout(call: Call) -> Sequence[Value]:
     """Read the identity that dropout is outside training."""
-    training = bool(call.version == 6 and not call.integer("is_test"))
+    training = bool(call.version == 6 and not call.flag("is_test"))
     if call.has(2):
         training = bool(call.constant(2, "training mode").array.any())
     if training:

@@ -1,0 +1,20 @@
+"""A short run of the fuzzer; docs/hostile-files.md has the figure of a long one."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from tests.policy.fuzz import run
+
+
+def test_mutated_models_load_or_are_refused() -> None:
+    bad = {}
+    tally: Counter[str] = Counter()
+    for number, outcome in run(range(1500), seed=20):
+        kind = outcome.partition("\n")[0].partition(":")[0]
+        tally[kind] += 1
+        if kind not in ("loaded", "refused"):
+            bad[number] = outcome
+    assert not bad
+    assert tally["loaded"] > 100
+    assert tally["refused"] > 500
