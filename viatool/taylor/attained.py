@@ -12,10 +12,8 @@ from viatool.taylor.refinement import Extrema
 
 Floats = NDArray[np.float64]
 
-_STEPS = 4
 
-
-def climb(network: Network, box: Box, extrema: Extrema) -> Floats:
+def climb(network: Network, box: Box, extrema: Extrema, *, steps: int = 4) -> Floats:
     """Search boxes for extreme actions, corner by corner along the gradient.
 
     Parameters
@@ -26,6 +24,8 @@ def climb(network: Network, box: Box, extrema: Extrema) -> Floats:
         B boxes.
     extrema : Extrema
         ``2 A B`` questions about them; the search starts from the middle of each question's face.
+    steps : int
+        Corners that are tried.
 
     Returns
     -------
@@ -43,7 +43,7 @@ def climb(network: Network, box: Box, extrema: Extrema) -> Floats:
     best = np.clip(extrema.box.centre, lower, upper)
     value = (network(best) * seed).sum(axis=1)
     point = best
-    for _ in range(_STEPS):
+    for _ in range(steps):
         slope = gradient(network, point, seed)
         corner = np.where(slope > 0, upper, np.where(slope < 0, lower, point))
         reached = (network(corner) * seed).sum(axis=1)

@@ -228,7 +228,7 @@ def _reach_chunk(network: Network, box: Box, settings: _Settings) -> ReachableSe
         extrema = refine_by_pieces(trunk, extrema, passes)
     elif settings.refine != "none":
         extrema = refine_monotone(trunk, extrema, passes, order=settings.order, rule=settings.rule)
-    found = climb(trunk, box, extrema)
+    found = climb(trunk, box, extrema, steps=1 if settings.refine == "none" else 4)
     if settings.refine != "none":
         extrema, found = refine_by_splitting(
             trunk, extrema, found, rule=settings.rule, effort=settings.effort
