@@ -10,6 +10,7 @@ Every case is a function of its number, so a failure is repeated with ``--only N
 from __future__ import annotations
 
 import argparse
+import math
 import multiprocessing
 import resource
 import signal
@@ -217,7 +218,7 @@ def other_numbers(model: onnx.ModelProto, rng: Generator) -> None:
     """Other values in a stored tensor of the same shape: mostly a valid model."""
     inline = [t for t in model.graph.initializer if t.raw_data and t.data_location != TensorProto.EXTERNAL]
     stored = [
-        t for t in inline if len(t.raw_data) == 4 * np.prod(t.dims) and t.data_type == TensorProto.FLOAT
+        t for t in inline if len(t.raw_data) == 4 * math.prod(t.dims) and t.data_type == TensorProto.FLOAT
     ]
     if not stored:
         return
