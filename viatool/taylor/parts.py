@@ -113,7 +113,7 @@ def whole_boxes(extrema: Extrema, questions: Indices) -> Parts:
 
 
 def examine(
-    network: Network, extrema: Extrema, parts: Parts, target: Floats, rule: Approximation
+    network: Network, extrema: Extrema, parts: Parts, target: Floats | None, rule: Approximation
 ) -> tuple[Parts, Floats]:
     """Bound parts, and find where to split each next.
 
@@ -125,8 +125,8 @@ def examine(
         P questions.
     parts : Parts
         K parts of their boxes.
-    target : ndarray
-        ``(P,)``: a part whose bound is not above this is done with.
+    target : ndarray or None
+        ``(P,)``: where nothing is left to split and the bound is above this, linear programming settles the part.
     rule : str
         How activations are approximated.
 
@@ -154,8 +154,8 @@ def examine(
     symbols = np.sign(tilted)
     weights = np.abs(tilted) + _RESERVE * np.abs(problem.objective)
     node, neuron, threshold = _next_split(network, passes, weights, layout)
-    last = np.flatnonzero((node == 0) & (dual > target[parts.owner]))
-    if last.size and problem.slack.shape[1]:
+    if target is not None and problem.slack.shape[1]:
+        last = np.flatnonzero((node == 0) & (dual > target[parts.owner]))
         beta, symbols[last] = solve_exactly(problem.rows(last))
         dual[last] = np.minimum(dual[last], problem.rows(last).value(beta)[1])
     bound = np.minimum(parts.bound, np.minimum(dual, seeded_upper(passes[-1].hull, seed)))

@@ -30,7 +30,7 @@ _WIDE = 128
 """Neurons of a layer from which on the dual bound costs little beside the pass itself, even without refinement."""
 
 
-_LIGHT_EFFORT = Effort(tolerance=0.03, parts=3)
+_LIGHT_EFFORT = Effort(tolerance=0.03, parts=3, exact=False)
 """After a monotone collapse the few bounds that stay loose are split once."""
 
 

@@ -125,7 +125,7 @@ def runtime_deviation(
             reach = np.maximum(np.abs(lower), np.abs(upper))
             deviation = np.zeros_like(lower) if engine else unit * reach + _SMALLEST_NORMAL[precision]
         elif isinstance(node, Affine):
-            deviation = _affine_deviation(node, hulls, deviations, unit, _SMALLEST_NORMAL[precision])
+            deviation = _affine_deviation(node, hulls, deviations, precision)
         elif isinstance(node, Activation):
             deviation = _activation_deviation(node, hulls[node.source], deviations[node.source], precision)
         elif isinstance(node, Product):
@@ -158,17 +158,17 @@ def _affine_deviation(
     node: Affine,
     hulls: Sequence[tuple[Floats, Floats]],
     deviations: Sequence[Floats],
-    unit: float,
-    tiny: float,
+    precision: str,
 ) -> Floats:
-    factor, terms = affine_rounding(node, unit)
+    factor, terms = affine_rounding(node, UNIT_ROUNDOFF[precision])
     inherited = np.zeros((hulls[0][0].shape[0], node.size))
     size = inherited + np.abs(node.bias)
     for source, weight in zip(node.sources, node.weights, strict=True):
         absolute = np.abs(weight).T
         inherited = inherited + deviations[source] @ absolute
         size = size + _reach(hulls[source], deviations[source]) @ absolute
-    return inherited + factor * size + 2 * terms * tiny
+    _check_overflow(-size, size, np.zeros(()), precision)  # a partial sum may be larger than the result
+    return inherited + factor * size + 2 * terms * _SMALLEST_NORMAL[precision]
 
 
 def _activation_deviation(

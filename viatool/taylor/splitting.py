@@ -36,10 +36,13 @@ class Effort:
         A question is answered when its bound is within this fraction of the attained width of its action.
     parts : int
         Parts that are examined for one question before its best bound so far is returned.
+    exact : bool
+        Whether linear programming settles a part in which nothing is left to split.
     """
 
     tolerance: float
     parts: int
+    exact: bool = True
 
 
 def refine_by_splitting(
@@ -86,7 +89,7 @@ def refine_by_splitting(
         questions = np.flatnonzero(extrema.bound > found + margin)
     fresh, waiting = whole_boxes(extrema, questions), whole_boxes(extrema, questions[:0])
     while fresh.owner.size:
-        fresh, points = examine(network, extrema, fresh, found + margin, rule)
+        fresh, points = examine(network, extrema, fresh, found + margin if effort.exact else None, rule)
         reached = (network(points) * extrema.seed[fresh.owner]).sum(axis=1)
         np.maximum.at(found, fresh.owner, reached)
         np.add.at(spent, fresh.owner, 1)
