@@ -161,6 +161,7 @@ def _affine_deviation(
     precision: str,
 ) -> Floats:
     factor, terms = affine_rounding(node, UNIT_ROUNDOFF[precision])
+    tiny = _SMALLEST_NORMAL[precision]
     inherited = np.zeros((hulls[0][0].shape[0], node.size))
     size = inherited + np.abs(node.bias)
     for source, weight in zip(node.sources, node.weights, strict=True):
@@ -168,7 +169,7 @@ def _affine_deviation(
         inherited = inherited + deviations[source] @ absolute
         size = size + _reach(hulls[source], deviations[source]) @ absolute
     _check_overflow(-size, size, np.zeros(()), precision)  # a partial sum may be larger than the result
-    return inherited + factor * size + 2 * terms * _SMALLEST_NORMAL[precision]
+    return inherited + factor * size + 2 * terms * tiny
 
 
 def _activation_deviation(
