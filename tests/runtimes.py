@@ -24,7 +24,14 @@ Floats = NDArray[np.float64]
 EXACT_ACTIVATIONS = frozenset({"Relu", "ThresholdedRelu", "Abs", "Clip", "HardShrink", "Sign", "Threshold"})
 """Activations that a runtime computes without rounding."""
 
-_TYPES: dict[Precision, Any] = {"float16": np.float16, "float32": np.float32, "float64": np.float64}
+
+def number_type(precision: Precision) -> Any:
+    """Return the numpy type of a precision."""
+    if precision == "bfloat16":
+        import ml_dtypes  # comes with onnx
+
+        return ml_dtypes.bfloat16
+    return np.dtype(precision).type
 
 
 def run_in_any_order(
@@ -57,7 +64,7 @@ def run_in_any_order(
     """
     values: list[NDArray[Any]] = []
     for node in network.nodes:
-        kind = _TYPES[node.precision]
+        kind = number_type(node.precision)
         with np.errstate(under="ignore"):
             match node:
                 case Input():
@@ -106,7 +113,8 @@ def _sloppy(
     if node.function.name in EXACT_ACTIVATIONS or not sloppiness:
         return result
     steps = rng.integers(-sloppiness, sloppiness + 1, result.shape)
-    return (result + steps * np.spacing(np.abs(result))).astype(kind)
+    step = np.nextafter(result, kind(np.inf)) - result
+    return (result + (steps.astype(kind) * step)).astype(kind)
 
 
 # --- onnxruntime -----------------------------------------------------------------------------------------

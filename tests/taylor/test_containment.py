@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from tests import runtimes
 from tests.strategies import (
     ACTIVATIONS,
     SCALES,
@@ -20,7 +22,7 @@ from tests.strategies import (
 from tests.taylor.containment import escape_of_exact_values, escape_of_programs
 from viatool.errors import EnclosureError
 from viatool.policy.activations import ActivationFunction, activation
-from viatool.policy.network import Activation, Affine, Input, Network
+from viatool.policy.network import Activation, Affine, Input, Network, Node, Precision
 
 SETTINGS = [
     {"refine": "none"},
@@ -103,6 +105,30 @@ def test_deep_and_wide_networks(scale: str) -> None:
     for options in ({"refine": "none"}, {"refine": "monotone"}, {"refine": "split", "most_parts": 8}):
         assert escape_of_exact_values(network, centre, eps, samples=30, **options) == 0
         assert escape_of_programs(network, centre, eps, samples=10, **options) <= 0
+
+
+def in_precision(network: Network, precision: Precision) -> Network:
+    """Return a network whose program computes in a precision, weights rounded to it."""
+    kind = runtimes.number_type(precision)
+    nodes: list[Node] = []
+    for node in network.nodes:
+        if isinstance(node, Affine):
+            weights = tuple(weight.astype(kind).astype(np.float64) for weight in node.weights)
+            node = replace(node, weights=weights, bias=node.bias.astype(kind).astype(np.float64))
+        nodes.append(replace(node, precision=precision))
+    return Network(tuple(nodes))
+
+
+@pytest.mark.parametrize("topology", TOPOLOGIES)
+@pytest.mark.parametrize("precision", ["bfloat16", "float16", "float64"])
+def test_programs_in_other_precisions_stay_inside(precision: Precision, topology: str) -> None:
+    functions = tuple(activation(name) for name in ("Relu", "Tanh"))
+    for seed in range(3):
+        plan = NetworkPlan(seed, inputs=3, width=8, actions=2, activations=functions, topology=topology)
+        network = in_precision(plan.build(), precision)
+        for radius in (0.0, 0.05):
+            centre, eps = BoxPlan(seed, batch=3, radius=radius, spread=1.0, fixed=False).build(3)
+            assert escape_of_programs(network, centre, eps, refine="monotone") <= 0
 
 
 # --- traps of the literature -----------------------------------------------------------------------------
