@@ -82,3 +82,9 @@ def test_the_hash_is_that_of_the_file(tmp_path: Path) -> None:
 
     path = save(two_layers(), tmp_path)
     assert load_policy(path).sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def test_an_optional_input_left_out_at_the_end_does_not_crash_onnxruntime(tmp_path: Path) -> None:
+    nodes = [node("LayerNormalization", ["x", "s", ""], ["y"])]
+    policy = load_policy(save(model_of(nodes, {"s": weights(1, 4)}), tmp_path))
+    np.testing.assert_allclose(policy.run(OBSERVATIONS), policy(OBSERVATIONS), rtol=1e-4, atol=1e-5)

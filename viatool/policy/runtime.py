@@ -153,13 +153,22 @@ def runtime_of(model: ModelFile, graph: Graph, port: Port) -> Runtime:
     del proto.graph.node[:], proto.graph.initializer[:], proto.graph.input[:], proto.graph.output[:]
     del proto.graph.value_info[:], proto.functions[:], proto.metadata_props[:]
     proto.ir_version = max(proto.ir_version, _OLDEST_IR)
-    proto.graph.node.extend(node.proto for node in graph.nodes)
+    proto.graph.node.extend(_trimmed(node.proto) for node in graph.nodes)
     proto.graph.initializer.extend(_inline(tensor, model) for tensor in graph.initializers.values())
     proto.graph.input.extend(value for value in source.input if value.name == port.name)
     proto.graph.output.extend(value for value in source.output if value.name == graph.outputs[0])
     if 0 < model.opset < _OLDEST_RUN:
         proto = _modernised(proto)
     return Runtime(proto, port)
+
+
+def _trimmed(node: onnx.NodeProto) -> onnx.NodeProto:
+    """Return a node without the empty names at the end of its inputs, on which onnxruntime may crash."""
+    trimmed = onnx.NodeProto()
+    trimmed.CopyFrom(node)
+    while trimmed.input and not trimmed.input[-1]:
+        del trimmed.input[-1]
+    return trimmed
 
 
 def _modernised(proto: onnx.ModelProto) -> onnx.ModelProto:
