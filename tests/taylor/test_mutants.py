@@ -144,6 +144,8 @@ def _function(name: str) -> ActivationFunction:
 
 RELU, TANH = activation("Relu"), activation("Tanh")
 SQUARE, CUBE = activation("Pow", exponent=2.0), activation("Pow", exponent=3.0)
+BOTH = [[1.0], [-1.0]]
+"""A last layer that is no increasing function of one action, so that the squash before it is approximated."""
 RANDOM = np.random.default_rng(17)
 
 
@@ -185,12 +187,13 @@ def scaled_by(factors: list[float]) -> Network:
     return Network(tuple(nodes))
 
 
+def repeated_squares(times: int) -> Network:
+    return Network((Input(1), *(Product(k, k, 1) for k in range(times)), affine(times, BOTH)))
+
+
 def extremum(kind: type[Maximum] | type[Minimum]) -> Network:
     return Network((Input(2), affine(0, [[1.0, 0.0]]), affine(0, [[-1.0, 1.0]]), kind(1, 2, 1)))
 
-
-BOTH = [[1.0], [-1.0]]
-"""A last layer that is no increasing function of one action, so that the squash before it is approximated."""
 
 CANCELLING = cancelling(1)
 ONES = np.ones((4, 64)) * 2.0 ** np.arange(4)[:, None]
@@ -199,6 +202,7 @@ LEANING_STATES = np.concatenate([np.zeros((4, 1)), ONES], axis=1)
 CURVED = chain(2, normal(3, 2), TANH, (normal(2, 3), normal(2)), TANH, normal(1, 2))
 SQUARES = chain(2, (normal(2, 2), [0.25, -0.5]), SQUARE, (normal(2, 2), [0.5, 0.125]), SQUARE, normal(1, 2))
 SADDLE = chain(2, ([[1.0, 1.0], [1.0, -1.0]], [0.1, 0.2]), SQUARE, [[-1.0, 0.5], [0.5, 1.0]])
+CUBIC = chain(2, ([[1.0, 1.0], [1.0, -1.0]], [0.1, 0.2]), CUBE, [[-1.0, 0.5], [0.5, 1.0]])
 CUBED_SQUARED = chain(1, CUBE, ([[1.0]], [0.5]), SQUARE, BOTH)
 CUBED_GATE = Network(
     (
@@ -258,6 +262,12 @@ MUTANTS = [
         "model.polynomial_image",
         "np.abs(slope) * model.remainder + gamma",
         "0 * model.remainder + gamma",
+    ),
+    Mutant(
+        real(repeated_squares(9), 1 + 0.01 * normal(8, 1), 0.0),
+        "model.product_image",
+        "gamma(terms, ENGINE_ROUNDOFF) * size",
+        "0 * size",
     ),
     # one pass of order 1
     Mutant(
@@ -327,7 +337,40 @@ MUTANTS = [
         "np.abs(linear) >= spread * SLIGHTLY_MORE",
         "np.abs(linear) >= 0",
     ),
+    Mutant(
+        real(SADDLE, 0.1 * normal(6, 2), 0.5, order=2),
+        "polynomial_range.range_by_terms",
+        "np.abs(higher[:, ~even & ~pure]).sum(axis=1)",
+        "0 * linear.sum(axis=1)",
+    ),
+    Mutant(
+        real(CUBIC, 0.1 * normal(6, 2), 0.5, order=3),
+        "polynomial_range.range_of_univariates",
+        "upper + (np.abs(coefficient) if degree % 2 else np.maximum(coefficient, 0))",
+        "upper",
+    ),
+    Mutant(
+        real(CUBIC, 0.1 * normal(6, 2), 0.5, order=3),
+        "polynomial_range.range_of_univariates",
+        "control.min(axis=0)",
+        "control.max(axis=0)",
+    ),
+    Mutant(
+        real(CUBIC, 0.1 * normal(6, 2), 0.5, order=3),
+        "basis.Basis.truncated_product",
+        "factor * right[:, : target.size, :]",
+        "factor * 0",
+    ),
     # approximations of activations
+    Mutant(
+        approximations("Relu", "chebyshev", 1),
+        "approximation._bent_lines",
+        "step_up(radius) + rounding",
+        "radius",
+    ),
+    Mutant(
+        approximations("LeakyRelu", "chebyshev", 1), "approximation._straight_lines", "8 * _EPS", "0 * _EPS"
+    ),
     Mutant(
         approximations("Softplus", "chebyshev", 1),
         "approximation._residual_on_cell",

@@ -89,7 +89,8 @@ def _straight_lines(
     slope = np.where(np.isfinite(slope), slope, 0.0)
     value = curve.value(middle)
     constant = value + slope * (centre - middle)
-    error = 8 * _EPS * (np.abs(value) + np.abs(slope) * (np.abs(centre) + np.abs(middle)))
+    reach = np.abs(centre) + np.abs(middle) + (upper - lower)
+    error = 8 * _EPS * (np.abs(value) + np.abs(slope) * reach)
     return np.stack([constant, slope]), error
 
 
