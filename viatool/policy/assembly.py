@@ -238,6 +238,16 @@ class Assembly:
             return None
         return Scaling(Computed(source, x.shape, x.precision), factor, offset, node.roundings)
 
+    def expect_folding(self, x: Computed, roundings: int) -> None:
+        """Let a matrix product that made x carry the roundings of a scaling after it.
+
+        A runtime may fold the scaling (a batch normalisation, a product by a constant) into the weights, so that
+        each term is rounded more often than in the order of the graph.
+        """
+        node = self.nodes[x.node]
+        if isinstance(node, Affine) and any((np.count_nonzero(w, axis=1) > 1).any() for w in node.weights):
+            self.nodes[x.node] = replace(node, roundings=node.roundings + roundings)
+
     def reserve(self, rows: int, columns: int) -> None:
         """Refuse a dense matrix that is too large before it is made.
 

@@ -119,6 +119,7 @@ def scaled_by(call: Call, x: Computed, factors: Floats, roundings: int = 0) -> C
     """Add the elementwise product of x and an array, with broadcasting."""
     shape = np.broadcast_shapes(x.shape, factors.shape)
     call.assembly.reserve(math.prod(shape), x.size)
+    call.assembly.expect_folding(x, 1 + roundings)
     weight = scattered(call, x, shape, np.broadcast_to(factors, shape).ravel())
     return call.assembly.affine([(x, weight)], np.zeros(math.prod(shape)), shape, x.precision, roundings)
 

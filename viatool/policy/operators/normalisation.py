@@ -47,6 +47,7 @@ def read_batch_normalization(call: Call) -> Sequence[Value]:
     trailing = (-1, *(1 for _ in x.shape[2:])) if len(x.shape) > 1 else (-1,)
     if np.broadcast_shapes(x.shape, factor.reshape(trailing).shape) != x.shape:
         raise Refusal(f"has {factor.size} channels for the shape {list(x.shape)}")
+    call.assembly.expect_folding(x, _BATCH_ROUNDINGS)
     offset = np.broadcast_to((-mean * factor).reshape(trailing), x.shape)
     matrix = scattered(call, x, x.shape, np.broadcast_to(factor.reshape(trailing), x.shape).ravel())
     centred = call.assembly.affine([(x, matrix)], offset, x.shape, x.precision, _BATCH_ROUNDINGS)
