@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -97,3 +98,18 @@ def test_the_template_is_a_specification(tmp_path: Path) -> None:
     assert load_policy(path, sidecar).spec == spec
     with pytest.raises(PolicyError, match="sizes"):
         specification_template(describe(save(model_of([node("Sin", ["x"], ["y"])]), tmp_path, "sin.onnx")))
+
+
+def test_the_document_holds_everything(tmp_path: Path) -> None:
+    document = json.loads(describe(save(two_layers(), tmp_path)).to_json())
+    assert document["verifiable"] is True
+    assert document["layers"][0] == {
+        "kind": "affine", "size": 5, "precision": "float32", "sources": [0], "parameters": 25,
+    }  # fmt: skip
+    assert document["inputs"] == [{"name": "x", "dtype": "float", "shape": ["batch", 4]}]
+    assert document["self_check"]["points"] > 50
+    broken = json.loads(
+        describe(save(model_of([node("Sin", ["x"], ["y"], name="wave")]), tmp_path)).to_json()
+    )
+    assert broken["findings"][0]["node"] == "wave"
+    assert broken["verifiable"] is False

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
 
 import numpy as np
 import onnx
@@ -110,6 +111,14 @@ class Inspection:
     def verifiable(self) -> bool:
         """Whether nothing prevents verification."""
         return self.self_check is not None and not self.findings and not self.problems
+
+    def to_json(self) -> str:
+        """Return everything as a JSON document."""
+        facts = {field.name: getattr(self, field.name) for field in fields(self)}
+        spec = self.specification
+        facts["specification"] = None if spec is None else spec.model_dump(mode="json", exclude_none=True)
+        facts["verifiable"] = self.verifiable
+        return json.dumps(facts, default=asdict, indent=2) + "\n"
 
 
 def describe(
