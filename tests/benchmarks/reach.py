@@ -99,7 +99,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "none": {"refine": "none"},
     "monotone": {"refine": "monotone"},
     "split": {"refine": "split"},
-    "split 1%": {"refine": "split", "tolerance": 0.01},
+    "split 2%": {"refine": "split", "tolerance": 0.02, "most_parts": 32},
     "order 2": {"refine": "none", "order": 2},
 }
 
@@ -120,7 +120,7 @@ CASES = {
         exported("via.onnx"),
         0.1,
         200,
-        {"none": (NONE, 1.40), "monotone": (NONE, 1.24), "split 1%": (20, 1.03), "split": (NONE, NONE)},
+        {"none": (NONE, 1.40), "monotone": (NONE, 1.24), "split 2%": (20, 1.03), "split": (NONE, NONE)},
     ),
     "26-26-26-2 relu": Case(
         lambda: random_actor(26, 26, 26, 2, hidden="Relu"),
