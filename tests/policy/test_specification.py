@@ -17,7 +17,7 @@ from viatool.policy import (
     PolicySpecification,
     load_specification,
 )
-from viatool.policy.specification import schema_json, specification_from_json
+from viatool.policy.specification_file import schema_json, specification_from_json
 
 LIDAR = LidarSpecification(field_of_view=np.pi, rays=180, bins=20, minimum_range=0.2, maximum_range=7.0)
 SPEC = PolicySpecification(

@@ -20,8 +20,8 @@ from viatool.policy.specification import (
     LidarSpecification,
     ObservationChannel,
     PolicySpecification,
-    load_specification,
 )
+from viatool.policy.specification_file import load_specification
 from viatool.policy.template import specification_template
 from viatool.policy.writer import write_onnx
 

@@ -18,7 +18,8 @@ from viatool.policy.policy import check_sizes
 from viatool.policy.reader import Finding, read_network
 from viatool.policy.runtime import runtime_of
 from viatool.policy.self_check import SelfCheck, check_network
-from viatool.policy.specification import PolicySpecification, load_specification
+from viatool.policy.specification import PolicySpecification
+from viatool.policy.specification_file import load_specification
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,8 @@ from google.protobuf.message import DecodeError  # type: ignore[import-untyped] 
 from viatool.errors import PolicyError
 from viatool.policy.graph import Graph, live, read_graph
 from viatool.policy.network import Precision
-from viatool.policy.specification import METADATA_KEY, PolicySpecification, specification_from_json
+from viatool.policy.specification import METADATA_KEY, PolicySpecification
+from viatool.policy.specification_file import specification_from_json
 from viatool.policy.tensors import MAX_BYTES, as_precision, dtype_name
 
 _EXPORT_HINT = "give the .onnx file of an exported actor"

@@ -16,7 +16,8 @@ from viatool.policy.network import Network
 from viatool.policy.reader import read_network
 from viatool.policy.runtime import Runtime, runtime_of
 from viatool.policy.self_check import SelfCheck, check_network
-from viatool.policy.specification import PolicySpecification, load_specification
+from viatool.policy.specification import PolicySpecification
+from viatool.policy.specification_file import load_specification
 
 Floats = NDArray[np.float64]
 

@@ -6,17 +6,14 @@ policies that were exported elsewhere.
 
 from __future__ import annotations
 
-import json
-import os
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
-from viatool.errors import ConfigurationError, PolicyError
+from viatool.errors import ConfigurationError
 
 Floats = NDArray[np.float64]
 ObservationKind = Literal[
@@ -34,9 +31,6 @@ ActionKind = Literal["linear", "angular", "other"]
 METADATA_KEY = "viatool.spec"
 """The entry of ``metadata_props`` that holds the specification as JSON."""
 
-_SPEC_HINT = (
-    "see docs/specification.md for the layout, or write a template with `viatool inspect --write-spec`"
-)
 
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 NonNegative = Annotated[FiniteFloat, Field(ge=0)]
@@ -307,81 +301,3 @@ class PolicySpecification(_Strict):
             self.model_dump(mode="json", exclude_none=True), sort_keys=False, allow_unicode=True
         )
         return text
-
-
-def specification_from_json(text: str, where: str) -> PolicySpecification:
-    """Read the JSON of a model's metadata.
-
-    Raises
-    ------
-    PolicyError
-        Names `where`, the field and what was expected.
-    """
-    try:
-        return PolicySpecification.model_validate_json(text)
-    except ValidationError as error:
-        raise PolicyError(f"{where}: {_findings(error)}", _SPEC_HINT) from error
-
-
-def load_specification(path: str | os.PathLike[str]) -> PolicySpecification:
-    """Read a sidecar specification, YAML or JSON.
-
-    Raises
-    ------
-    PolicyError
-        If the file is missing, is no YAML, or does not describe a policy; names the file, line and field.
-    """
-    import yaml
-
-    path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not a text file"
-        raise PolicyError(f"cannot read the specification {path}: {reason}", _SPEC_HINT) from error
-    try:
-        content = yaml.safe_load(text)
-        root = yaml.compose(text, Loader=yaml.SafeLoader)
-    except (yaml.YAMLError, RecursionError) as error:
-        mark = getattr(error, "problem_mark", None)
-        line = f":{mark.line + 1}" if mark is not None else ""
-        problem = getattr(error, "problem", None) or "it is not valid YAML"
-        raise PolicyError(f"{path}{line}: {problem}", _SPEC_HINT) from error
-    try:
-        return PolicySpecification.model_validate(content)
-    except ValidationError as error:
-        raise PolicyError(_findings(error, path, root), _SPEC_HINT) from error
-
-
-def _findings(error: ValidationError, path: Path | None = None, root: Any = None) -> str:
-    lines = []
-    for finding in error.errors():
-        field = ".".join(str(part) for part in finding["loc"]) or "the document"
-        place = f"{path}:{_line(root, finding['loc'])}: " if path is not None else ""
-        lines.append(f"{place}{field}: {finding['msg'].removeprefix('Value error, ')}")
-    return "\n".join(lines)
-
-
-def _line(node: Any, location: tuple[int | str, ...]) -> int:
-    """Return the 1-based line on which the deepest part of a field's location stands."""
-    import yaml
-
-    line = 1 if node is None else node.start_mark.line + 1
-    for part in location:
-        if isinstance(node, yaml.MappingNode):
-            found = [(key, value) for key, value in node.value if key.value == str(part)]
-            if not found:
-                break
-            key, node = found[0]
-            line = key.start_mark.line + 1
-        elif isinstance(node, yaml.SequenceNode) and isinstance(part, int) and part < len(node.value):
-            node = node.value[part]
-            line = node.start_mark.line + 1
-        else:
-            break
-    return int(line)
-
-
-def schema_json() -> str:
-    """Return the JSON Schema of a specification, for editors."""
-    return json.dumps(PolicySpecification.model_json_schema(), indent=2) + "\n"

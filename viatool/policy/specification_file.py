@@ -1,0 +1,98 @@
+"""Reading specifications: YAML or JSON sidecars, and the JSON in the metadata of a model.
+
+A mistake is named with its file, its line and its field.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from viatool.errors import PolicyError
+from viatool.policy.specification import PolicySpecification
+
+_SPEC_HINT = (
+    "see docs/specification.md for the layout, or write a template with `viatool inspect --write-spec`"
+)
+
+
+def specification_from_json(text: str, where: str) -> PolicySpecification:
+    """Read the JSON of a model's metadata.
+
+    Raises
+    ------
+    PolicyError
+        Names `where`, the field and what was expected.
+    """
+    try:
+        return PolicySpecification.model_validate_json(text)
+    except ValidationError as error:
+        raise PolicyError(f"{where}: {_findings(error)}", _SPEC_HINT) from error
+
+
+def load_specification(path: str | os.PathLike[str]) -> PolicySpecification:
+    """Read a sidecar specification, YAML or JSON.
+
+    Raises
+    ------
+    PolicyError
+        If the file is missing, is no YAML, or does not describe a policy; names the file, line and field.
+    """
+    import yaml
+
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not a text file"
+        raise PolicyError(f"cannot read the specification {path}: {reason}", _SPEC_HINT) from error
+    try:
+        content = yaml.safe_load(text)
+        root = yaml.compose(text, Loader=yaml.SafeLoader)
+    except (yaml.YAMLError, RecursionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f":{mark.line + 1}" if mark is not None else ""
+        problem = getattr(error, "problem", None) or "it is not valid YAML"
+        raise PolicyError(f"{path}{line}: {problem}", _SPEC_HINT) from error
+    try:
+        return PolicySpecification.model_validate(content)
+    except ValidationError as error:
+        raise PolicyError(_findings(error, path, root), _SPEC_HINT) from error
+
+
+def _findings(error: ValidationError, path: Path | None = None, root: Any = None) -> str:
+    lines = []
+    for finding in error.errors():
+        field = ".".join(str(part) for part in finding["loc"]) or "the document"
+        place = f"{path}:{_line(root, finding['loc'])}: " if path is not None else ""
+        lines.append(f"{place}{field}: {finding['msg'].removeprefix('Value error, ')}")
+    return "\n".join(lines)
+
+
+def _line(node: Any, location: tuple[int | str, ...]) -> int:
+    """Return the 1-based line on which the deepest part of a field's location stands."""
+    import yaml
+
+    line = 1 if node is None else node.start_mark.line + 1
+    for part in location:
+        if isinstance(node, yaml.MappingNode):
+            found = [(key, value) for key, value in node.value if key.value == str(part)]
+            if not found:
+                break
+            key, node = found[0]
+            line = key.start_mark.line + 1
+        elif isinstance(node, yaml.SequenceNode) and isinstance(part, int) and part < len(node.value):
+            node = node.value[part]
+            line = node.start_mark.line + 1
+        else:
+            break
+    return int(line)
+
+
+def schema_json() -> str:
+    """Return the JSON Schema of a specification, for editors."""
+    return json.dumps(PolicySpecification.model_json_schema(), indent=2) + "\n"
