@@ -199,10 +199,8 @@ def _affine_error(
         inherited = inherited + errors[source] @ absolute
         magnitude = magnitude + (np.abs(values[source]) + errors[source]) @ absolute
     roundings = (terms + 1 + node.roundings) * unit
-    copies = (terms == 1) & (node.bias == 0) & np.all([(np.abs(w) <= 1).all() for w in node.weights])
-    copies &= np.array(
-        [all(np.isin(w[row], (-1.0, 0.0, 1.0)).all() for w in node.weights) for row in range(node.size)]
-    )
+    signs = [np.isin(weight, (-1.0, 0.0, 1.0)).all(axis=1) for weight in node.weights]
+    copies = (terms == 1) & (node.bias == 0) & (node.roundings == 0) & np.all(signs, axis=0)
     factor = np.where(copies | (terms == 0), 0.0, roundings / np.maximum(1 - roundings, 1e-3))
     error: Floats = inherited + factor * magnitude + (factor > 0) * terms * tiny
     return error
