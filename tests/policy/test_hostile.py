@@ -282,6 +282,22 @@ def test_an_external_constant_inside_a_node_is_refused(tmp_path: Path) -> None:
     refused(save(model_of(nodes), tmp_path), "outside")
 
 
+def test_absurd_names_and_ranks_do_not_flood_the_message(tmp_path: Path) -> None:
+    long = "n" * 100_000
+    for model in (
+        model_of([node("Sin", ["x"], ["y"], name=long)]),
+        model_of([node(long, ["x"], ["y"])]),
+        model_of([node("Add", ["x", long], ["y"])]),
+        model_of(
+            [node("Add", ["x", "w"], ["y"])],
+            {"w": TensorProto(name="w", data_type=TensorProto.FLOAT, dims=[1] * 100_000)},
+        ),
+    ):
+        with pytest.raises(PolicyError) as refusal:
+            load_policy(save(model, tmp_path))
+        assert len(str(refusal.value)) < 1000
+
+
 def test_sparse_weights_are_refused_by_name(tmp_path: Path) -> None:
     model = two_layers()
     sparse = model.graph.sparse_initializer.add()

@@ -20,6 +20,8 @@ from viatool.policy.specification_file import specification_from_json
 from viatool.policy.tensors import MAX_BYTES, as_precision, dtype_name
 
 _EXPORT_HINT = "give the .onnx file of an exported actor"
+_NAMES = frozenset(("name", "op_type", "domain", "input", "output", "overload", "ref_attr_name"))
+_LONGEST_NAME = 1024
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,20 +114,26 @@ def open_model(path: str | os.PathLike[str]) -> ModelFile:
         proto.ParseFromString(content)
     except (DecodeError, UnicodeDecodeError, ValueError, RecursionError) as error:
         raise PolicyError(f"{path} is not an ONNX model, or is damaged", _EXPORT_HINT) from error
-    if not _is_text(proto):
-        raise PolicyError(f"{path} is damaged: it holds names that are no text", _EXPORT_HINT)
+    if not _has_sane_names(proto):
+        raise PolicyError(
+            f"{path} is damaged: it holds names that are no text or absurdly long", _EXPORT_HINT
+        )
     if not proto.HasField("graph") or not proto.opset_import:
         raise PolicyError(f"{path} is not an ONNX model: it holds no graph", _EXPORT_HINT)
     return ModelFile(path, hashlib.sha256(content).hexdigest(), proto)
 
 
-def _is_text(message: Any) -> bool:
-    """Whether every string of a protobuf message is one: damaged ones come back as bytes."""
+def _has_sane_names(message: Any) -> bool:
+    """Whether every string of a protobuf message is one (damaged ones come back as bytes) and no name is absurd."""
     for descriptor, value in message.ListFields():
         values = [value] if isinstance(value, str | bytes) or hasattr(value, "ListFields") else value
-        if descriptor.type == descriptor.TYPE_STRING and not all(isinstance(text, str) for text in values):
-            return False
-        if descriptor.type == descriptor.TYPE_MESSAGE and not all(_is_text(part) for part in values):
+        if descriptor.type == descriptor.TYPE_STRING:
+            longest = _LONGEST_NAME if descriptor.name in _NAMES else None
+            if not all(
+                isinstance(text, str) and (longest is None or len(text) <= longest) for text in values
+            ):
+                return False
+        if descriptor.type == descriptor.TYPE_MESSAGE and not all(_has_sane_names(part) for part in values):
             return False
     return True
 

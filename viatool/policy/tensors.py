@@ -22,6 +22,8 @@ Array = NDArray[Any]
 MAX_BYTES = 2**28
 """Largest tensor, and largest sum of the tensors in external files, that is read."""
 
+MAX_RANK = 32
+
 _DTYPES: dict[int, tuple[str, str]] = {
     onnx.TensorProto.FLOAT: ("float32", "<f4"),
     onnx.TensorProto.DOUBLE: ("float64", "<f8"),
@@ -130,7 +132,9 @@ def read_tensor(tensor: onnx.TensorProto, folder: Path | None) -> Constant:
 
 
 def _element_count(name: str, shape: tuple[int, ...]) -> int:
-    if any(size < 0 for size in shape) or len(shape) > 32:
+    if len(shape) > MAX_RANK:
+        raise PolicyError(f"tensor '{name}' has {len(shape)} axes", "export the policy again")
+    if any(size < 0 for size in shape):
         raise PolicyError(
             f"tensor '{name}' has the impossible shape {list(shape)}", "export the policy again"
         )
@@ -214,7 +218,7 @@ def _external_path(name: str, location: str, folder: Path) -> Path:
     parts = location.replace("\\", "/").split("/")
     if not location or "\0" in location or os.path.isabs(location) or ":" in parts[0] or ".." in parts:
         raise PolicyError(
-            f"tensor '{name}' keeps its data in '{location}', which is outside the model's folder",
+            f"tensor '{name}' keeps its data in '{location[:200]}', which is outside the model's folder",
             "put the data file beside the model and name it relative to it",
         )
     path = folder
@@ -224,16 +228,17 @@ def _external_path(name: str, location: str, folder: Path) -> Path:
             mode = path.lstat().st_mode
         except (OSError, ValueError) as error:
             raise PolicyError(
-                f"the file '{location}' with the data of tensor '{name}' does not stand beside the model",
+                f"the file '{location[:200]}' with the data of tensor '{name}' does not stand beside the model",
                 f"copy {parts[-1]} there, or export with external_data=False",
             ) from error
         if stat.S_ISLNK(mode):
             raise PolicyError(
-                f"tensor '{name}' keeps its data in '{location}', which is a link",
+                f"tensor '{name}' keeps its data in '{location[:200]}', which is a link",
                 "copy the data file itself",
             )
     if not stat.S_ISREG(mode):
         raise PolicyError(
-            f"tensor '{name}' keeps its data in '{location}', which is no file", "export the policy again"
+            f"tensor '{name}' keeps its data in '{location[:200]}', which is no file",
+            "export the policy again",
         )
     return path
