@@ -56,7 +56,15 @@ def test_every_command_and_option_is_in_the_reference(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "page", ["README.md", "CONTRIBUTING.md", "docs/ci.md", "docs/report.md", "docs/specification.md"]
+    "page",
+    [
+        "README.md",
+        "CONTRIBUTING.md",
+        "docs/ci.md",
+        "docs/report.md",
+        "docs/reproduce.md",
+        "docs/specification.md",
+    ],
 )
 def test_the_commands_of_the_readme_parse(page: str) -> None:
     for line in documented_lines(ROOT / page):

@@ -13,7 +13,19 @@ import click
 from viatool import __version__
 from viatool.cli.failures import explain
 
-COMMANDS = ("verify", "replay", "gate", "compare", "train", "export", "bounds", "simulate", "inspect", "map")
+COMMANDS = (
+    "verify",
+    "replay",
+    "gate",
+    "compare",
+    "train",
+    "export",
+    "bounds",
+    "simulate",
+    "inspect",
+    "map",
+    "reproduce",
+)
 
 
 class CommandGroup(click.Group):

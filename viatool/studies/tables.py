@@ -1,0 +1,138 @@
+"""Markdown of tables: rows of variants, ``mean ± std`` of metrics, intervals, and the head of every page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from viatool.studies.metrics import METRICS, Metric
+from viatool.studies.paper import PAPER
+from viatool.studies.variants import VARIANTS, Variant
+
+MISSING = "n/a"
+
+
+def head(title: str, data: Mapping[str, Any], introduction: str) -> list[str]:
+    """Return the first lines of a page: what it is, whether it is whole, how it was made."""
+    about, tasks = data["about"], data["tasks"]
+    lines = [f"# {title}", "", introduction, ""]
+    if tasks["finished"] < tasks["total"]:
+        lines += [
+            f"**Partial**: {tasks['finished']} of {tasks['total']} tasks are finished; the same command goes on.",
+            "",
+        ]
+    dates = " to ".join(dict.fromkeys(about["dates"]))
+    versions = ", ".join(
+        f"{name} {version}" for name, version in about["versions"].items() if name != "platform"
+    )
+    lines += [
+        f"    {data['command']}",
+        "",
+        f"{about['seeds']} seeds, {dates}, {about['machine']}, {about['minutes']:g} minutes of work; {versions}. "
+        f"Written from `data/{data['study']}.json`.",
+        "",
+    ]
+    return lines
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return the lines of a markdown table."""
+    lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
+    return [*lines, *("| " + " | ".join(row) + " |" for row in rows), ""]
+
+
+def metrics_table(
+    data: Mapping[str, Any],
+    variants: Sequence[Variant],
+    metrics: Sequence[Metric | str],
+    *,
+    interval: bool = False,
+) -> list[str]:
+    """Return a table with a row for each variant that has data.
+
+    Parameters
+    ----------
+    data : mapping
+        Of the study.
+    variants : sequence of Variant
+        The rows.
+    metrics : sequence of Metric or str
+        The columns.
+    interval : bool
+        Show ``mean [low, high]`` of the confidence interval instead of ``mean ± std``.
+    """
+    columns = [METRICS[metric] if isinstance(metric, str) else metric for metric in metrics]
+    header = ["Method", *(f"{one.title} {arrow(one)}" for one in columns)]
+    rows = []
+    for variant in variants:
+        if variant.name in data["variants"]:
+            estimates = data["variants"][variant.name]["estimates"]
+            rows.append([variant.title, *(cell(estimates.get(one.name), one, interval) for one in columns)])
+    return table(header, rows)
+
+
+def beside_paper(data: Mapping[str, Any], variants: Sequence[Variant], metrics: Sequence[str]) -> list[str]:
+    """Return a table of ``ours (paper: theirs)``."""
+    columns = [METRICS[name] for name in metrics]
+    rows = []
+    for variant in variants:
+        if variant.name in data["variants"]:
+            estimates = data["variants"][variant.name]["estimates"]
+            pairs = ((cell(estimates.get(one.name), one), theirs(variant, one)) for one in columns)
+            rows.append([variant.title, *(f"{ours} (paper {paper})" for ours, paper in pairs)])
+    return table(["Method", *(f"{one.title} {arrow(one)}" for one in columns)], rows)
+
+
+def arrow(metric: Metric) -> str:
+    """Return which direction is better."""
+    return "↑" if metric.better > 0 else "↓"
+
+
+def cell(estimated: Mapping[str, Any] | None, metric: Metric, interval: bool = False) -> str:
+    """Return one number with its spread."""
+    if estimated is None:
+        return MISSING
+    mean = number(estimated["mean"], metric)
+    if not interval:
+        return f"{mean} ± {number(estimated['std'], metric)}"
+    if estimated["low"] is None:
+        return f"{mean} [one seed]"
+    low, high = max(estimated["low"], 0.0), estimated["high"]  # no metric can be negative
+    if metric.scale == 100.0:
+        high = min(high, 1.0)
+    return f"{mean} [{number(low, metric)}, {number(high, metric)}]"
+
+
+def number(value: float, metric: Metric) -> str:
+    """Return a value as the metric is shown; a share is never rounded up to 100 or down to 0."""
+    shown = value * metric.scale
+    text = f"{shown:.{metric.digits}f}"
+    if metric.scale == 100.0 and shown < 100.0 and float(text) == 100.0:
+        return f"{100.0 - 10.0**-metric.digits:.{metric.digits}f}"
+    return text
+
+
+def theirs(variant: Variant, metric: Metric) -> str:
+    """Return the paper's number."""
+    pair = PAPER[variant.name].get(metric.name)
+    return MISSING if pair is None else f"{pair[0]:g} ± {pair[1]:g}"
+
+
+def constraint_table(data: Mapping[str, Any]) -> list[str]:
+    """Return what lambda and u did in the trainings."""
+    rows = []
+    for name, found in data["variants"].items():
+        if VARIANTS[name].family != "unconstrained":
+            constraint = found["constraint"]
+            rows.append(
+                [
+                    VARIANTS[name].title,
+                    f"{constraint['zero']:.0%}",
+                    f"{constraint['zero_late']:.0%}",
+                    f"{constraint['multiplier']:.3f}",
+                    f"{constraint['multiplier_highest']:.3f}",
+                    f"{constraint['var']:.2f}" if VARIANTS[name].method in ("via", "cvar-cpo") else MISSING,
+                ]
+            )
+    titles = ("lambda = 0", "in the last quarter", "lambda there", "highest lambda", "u there")
+    return table(["Method", *titles], rows)
