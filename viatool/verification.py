@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import os
-import platform
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-import viatool
 from viatool.errors import ConfigurationError
 from viatool.policy import Policy, PolicySpecification, load_policy
 from viatool.safety import Layout, Result, Rules, case_of, find_contested, judge, search_witnesses
@@ -23,6 +20,7 @@ from viatool.simulate import Places, observe_places, roll_out
 from viatool.taylor import Arithmetic, ReachableSet, Refinement, reach
 from viatool.taylor.approximation import Approximation
 from viatool.trajectory import BagSettings, Trajectory, load_trajectory
+from viatool.versions import result_versions
 from viatool.world import Footprint, Scenario, WorldMap, load_map
 
 Floats = NDArray[np.float64]
@@ -177,7 +175,7 @@ def verify(
         judgement=judgement,
         witnesses=witnesses,
         seconds=stages.seconds,
-        versions=_versions(),
+        versions=result_versions(),
         origin=origin,
     )
 
@@ -245,9 +243,3 @@ def _origin_of(
         return f"simulated, {sensor}, seed {seed}"
     source = "given as arrays" if isinstance(trajectory, Trajectory) else f"read from {os.fspath(trajectory)}"
     return f"{source}, seed {seed} of the search"
-
-
-def _versions() -> dict[str, str]:
-    """Return the versions that a repetition would need."""
-    libraries = {name: version(name) for name in ("numpy", "onnx", "onnxruntime")}
-    return {"viatool": viatool.__version__, "python": platform.python_version(), **libraries}

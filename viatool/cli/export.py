@@ -28,7 +28,7 @@ from viatool.cli.terminal import open_console
     help="Which of the seeds trained together; by default the best one.",
 )
 @click.option(
-    "--map", "map_path", type=options.READABLE, metavar="FILE", help="The training map, if it has moved."
+    "--map", "map_path", type=options.MAP, metavar="FILE", help="The training map, if it has moved."
 )
 @options.quiet_option
 def command(checkpoint: Path, output: Path, seed: int | None, map_path: Path | None, quiet: bool) -> None:

@@ -10,7 +10,6 @@ from typing import Any, NoReturn
 
 import click
 
-from viatool import __version__
 from viatool.cli.failures import explain
 
 COMMANDS = (
@@ -25,6 +24,7 @@ COMMANDS = (
     "inspect",
     "map",
     "reproduce",
+    "completion",
 )
 
 
@@ -74,6 +74,16 @@ def _accept_any_text() -> None:
             stream.reconfigure(errors="replace")
 
 
+def _print_versions(ctx: click.Context, param: click.Parameter, wanted: bool) -> None:
+    """Print a line for each version and leave."""
+    if wanted and not ctx.resilient_parsing:
+        from viatool.versions import installed_versions
+
+        for name, version in installed_versions().items():
+            click.echo(f"{name} {version}")
+        ctx.exit()
+
+
 @click.group(
     cls=CommandGroup,
     invoke_without_command=True,
@@ -83,7 +93,14 @@ def _accept_any_text() -> None:
         "mismatch, 5 nothing was evaluated, 130 interrupted."
     ),
 )
-@click.version_option(__version__, prog_name="viatool", message="%(prog)s %(version)s")
+@click.option(
+    "--version",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_print_versions,
+    help="Show the versions of viatool and of what it runs on.",
+)
 @click.pass_context
 def main(ctx: click.Context) -> None:
     """Tell whether a navigation policy can be made to drive too close to something.

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("policies", metavar="POLICY...", type=options.READABLE, nargs=-1, required=True)
+@click.argument("policies", metavar="POLICY...", type=options.POLICY, nargs=-1, required=True)
 @options.spec_option
 @click.option(
     "--write-spec",

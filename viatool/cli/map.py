@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("maps", metavar="MAP...", type=options.READABLE, nargs=-1, required=True)
+@click.argument("maps", metavar="MAP...", type=options.MAP, nargs=-1, required=True)
 @click.option(
     "--output",
     "-o",

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
+from glob import escape, glob
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import click
+from click.shell_completion import CompletionItem
 
 from viatool.cli.numbers import finite
 from viatool.cli.shapes import FootprintType
+from viatool.samples import MAPS, POLICIES, Shelf
 
 if TYPE_CHECKING:
     from viatool.world import Scenario, WorldMap
@@ -93,17 +96,39 @@ def limit_threads(ctx: click.Context, param: click.Parameter, threads: int | Non
     return threads
 
 
+class SamplePath(click.Path):
+    """A path, or the name of a sample; the shell completes both."""
+
+    def __init__(self, shelf: Shelf) -> None:
+        super().__init__(path_type=Path)
+        self.shelf = shelf
+
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
+        """Offer the samples, and leave files to the shell.
+
+        In bash the file item of click's script forgets the names before it, and hides files behind names after
+        it: so where a file begins like that, bash offers files, else names. Other shells offer both.
+        """
+        names = [CompletionItem(name) for name in self.shelf.names() if name.startswith(incomplete)]
+        files = super().shell_complete(ctx, param, incomplete)
+        return [*names, *files] if glob(f"{escape(incomplete)}*") else [*files, *names]
+
+
 READABLE = click.Path(path_type=Path)
 WRITABLE = click.Path(path_type=Path)
+POLICY = SamplePath(POLICIES)
+MAP = SamplePath(MAPS)
 
-policy_argument = click.argument("policy", type=READABLE)
+policy_argument = click.argument("policy", type=POLICY)
 map_option = click.option(
     "--map",
     "map_path",
-    type=READABLE,
+    type=MAP,
     required=True,
     metavar="FILE",
-    help="The map: native YAML or a ROS 2 map_server YAML.",
+    help="The map: native YAML, a ROS 2 map_server YAML, or the name of a sample such as lab.",
 )
 unknown_option = click.option(
     "--unknown",

@@ -17,10 +17,8 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("witnesses", metavar="FILE", type=options.READABLE)
-@click.option("--policy", type=options.READABLE, metavar="FILE", help="Another policy than the file names.")
-@click.option(
-    "--map", "map_path", type=options.READABLE, metavar="FILE", help="Another map than the file names."
-)
+@click.option("--policy", type=options.POLICY, metavar="FILE", help="Another policy than the file names.")
+@click.option("--map", "map_path", type=options.MAP, metavar="FILE", help="Another map than the file names.")
 @options.unknown_option
 @options.spec_option
 @click.option(

@@ -29,7 +29,9 @@ from viatool.cli.terminal import open_console
     metavar="KEY=VALUE",
     help="One training option, over the preset and the file. Repeatable.",
 )
-@click.option("--map", "map_path", metavar="FILE", help="The map to train on; by default maps/lab.yaml.")
+@click.option(
+    "--map", "map_path", type=options.MAP, metavar="FILE", help="The map to train on; by default lab."
+)
 @click.option("--seed", type=click.IntRange(min=0), metavar="N", help="Seed of the run.")
 @click.option(
     "--seeds",
@@ -56,7 +58,7 @@ def command(
     preset: str,
     file: Path | None,
     settings: tuple[str, ...],
-    map_path: str | None,
+    map_path: Path | None,
     seed: int | None,
     seeds: int | None,
     output: Path | None,
@@ -76,7 +78,8 @@ def command(
     def run(progress: Progress) -> TrainingResult:
         if interrupted is not None:
             return resume(interrupted, progress)
-        configuration = make_configuration(preset, file, settings, map=map_path, seed=seed, seeds=seeds)
+        map_name = None if map_path is None else str(map_path)
+        configuration = make_configuration(preset, file, settings, map=map_name, seed=seed, seeds=seeds)
         return train(configuration, directory, progress)
 
     if quiet:

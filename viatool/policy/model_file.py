@@ -18,6 +18,7 @@ from viatool.policy.network import Precision
 from viatool.policy.specification import METADATA_KEY, PolicySpecification
 from viatool.policy.specification_file import specification_from_json
 from viatool.policy.tensors import MAX_BYTES, as_precision, dtype_name
+from viatool.samples import POLICIES
 
 _EXPORT_HINT = "give the .onnx file of an exported actor"
 _NAMES = frozenset(("name", "op_type", "domain", "input", "output", "overload", "ref_attr_name"))
@@ -88,14 +89,14 @@ class Port:
 
 
 def open_model(path: str | os.PathLike[str]) -> ModelFile:
-    """Parse a model file.
+    """Parse a model file, given by its path or by the name of a sample.
 
     Raises
     ------
     PolicyError
         If it is missing, is no regular file, is too large, or is no ONNX model.
     """
-    path = Path(path)
+    path = POLICIES.find(path)
     try:
         status = path.stat()
         if not stat.S_ISREG(status.st_mode):
@@ -108,7 +109,7 @@ def open_model(path: str | os.PathLike[str]) -> ModelFile:
         content = path.read_bytes()
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else "the path is not valid"
-        raise PolicyError(f"cannot read the policy {path}: {reason}", "check the path") from error
+        raise PolicyError(f"cannot read the policy {path}: {reason}", POLICIES.hint()) from error
     proto = onnx.ModelProto()
     try:
         proto.ParseFromString(content)

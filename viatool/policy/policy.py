@@ -29,7 +29,7 @@ class Policy:
     Parameters
     ----------
     path : Path
-        Where it was read from.
+        Where it was read from, or the name under which it comes with viatool.
     sha256 : str
         Of the file.
     network : Network
@@ -121,8 +121,8 @@ def load_policy(
 
     Parameters
     ----------
-    path : path
-        The ONNX file.
+    path : path or str
+        The ONNX file, or the name of a policy that comes with viatool, such as "via".
     spec : path or PolicySpecification, optional
         A sidecar; it replaces the specification inside the file.
     self_check : bool
@@ -150,7 +150,7 @@ def load_policy(
     if spec is not None:
         check_sizes(model.path, network, spec)
     found = check_network(network, runtime, spec) if self_check else None
-    return Policy(model.path, model.sha256, with_action_map(network, spec), spec, port, runtime, found)
+    return Policy(Path(path), model.sha256, with_action_map(network, spec), spec, port, runtime, found)
 
 
 def load_actor(

@@ -38,7 +38,7 @@ class TrainingConfiguration(BaseModel):
 
     # What is trained, and where
     method: MethodName = _option("via", "how costs enter the training, see docs/methods.md")
-    map: str = _option("maps/lab.yaml", "map file; its generator draws the training and held-out scenarios")
+    map: str = _option("lab", "map file or name; its generator draws the training and held-out scenarios")
     seed: Whole = _option(0, "seed of every random number of the run")
     seeds: Count = _option(3, "S, policies trained side by side in one batch; the best one is exported")
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from viatool.errors import MapError, MapWarning
+from viatool.samples import MAPS
 from viatool.world import map_file as file
 from viatool.world.complaints import located, shortened, validated, wrong
 from viatool.world.generator import ScenarioGenerator
@@ -33,9 +34,10 @@ def load_map(path: str | Path, *, unknown: Unknown | None = None) -> WorldMap:
     Parameters
     ----------
     path : str or Path
-        A native map, of which `docs/` holds the JSON Schema, or a ROS 2 map_server map, which is told by its
-        keys. The latter knows no robot and no scenarios: it gets the default robot and clearances and a
-        generator of random starts and goals. A native map gives it others by naming it as its `occupancy`.
+        The file, or the name of a map that comes with viatool, such as "lab". A native map, of which
+        `docs/` holds the JSON Schema, or a ROS 2 map_server map, which is told by its keys. The latter knows
+        no robot and no scenarios: it gets the default robot and clearances and a generator of random starts
+        and goals. A native map gives it others by naming it as its `occupancy`.
     unknown : str, optional
         What unknown cells of a map_server map are, "obstacle" or "free"; by default what the native map
         says, else obstacles.
@@ -56,14 +58,14 @@ def load_map(path: str | Path, *, unknown: Unknown | None = None) -> WorldMap:
     MapWarning
         If the map may not mean what its author thinks; also in `WorldMap.warnings`.
     """
-    document, text = _read_document(Path(path))
+    document, text = _read_document(MAPS.find(path))
     if is_map_server_file(document):
         world = _served_world(document, text, unknown or "obstacle")
     else:
         world = _native_world(document, text, unknown)
     for warning in world.warnings:
         warnings.warn(warning, MapWarning, stacklevel=2)
-    return world
+    return replace(world, path=Path(path))
 
 
 def _read_document(path: Path) -> tuple[YamlDocument, bytes]:
@@ -71,9 +73,7 @@ def _read_document(path: Path) -> tuple[YamlDocument, bytes]:
     try:
         text = path.read_bytes()
     except OSError as error:
-        raise MapError(
-            f"map '{path}' cannot be read: {error.strerror or error}", "give the path of a map file"
-        ) from error
+        raise MapError(f"map '{path}' cannot be read: {error.strerror or error}", MAPS.hint()) from error
     return read_yaml(path, text), text
 
 

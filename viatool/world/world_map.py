@@ -57,7 +57,7 @@ class WorldMap:
     name : str
         Short name.
     path : Path
-        File it came from.
+        File it came from, or the name under which it comes with viatool.
     sha256 : str
         Digest of that file.
     arena : ndarray

@@ -1,0 +1,7 @@
+"""``python -m viatool`` is the command line."""
+
+from __future__ import annotations
+
+from viatool.cli import main
+
+main()

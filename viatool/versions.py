@@ -1,0 +1,29 @@
+"""The versions on which a result depends, read from the installed packages without importing them."""
+
+from __future__ import annotations
+
+import platform
+from importlib.metadata import PackageNotFoundError, version
+
+import viatool
+
+NEEDED = ("numpy", "onnx", "onnxruntime")
+OPTIONAL = ("torch", "pybullet", "gymnasium", "rosbags")
+
+
+def result_versions() -> dict[str, str]:
+    """Return the versions that the repetition of a verification would need."""
+    libraries = {name: version(name) for name in NEEDED}
+    return {"viatool": viatool.__version__, "python": platform.python_version(), **libraries}
+
+
+def installed_versions() -> dict[str, str]:
+    """Return these, and the versions of the optional packages or that they are not installed."""
+    return result_versions() | {name: _version_of(name) for name in OPTIONAL}
+
+
+def _version_of(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "not installed"
