@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from viatool.errors import ViatoolError
+from viatool.report.files import write_whole
 from viatool.studies.study import Options, Page, Study
 from viatool.studies.tasks import Progress, Record, Task
 
@@ -45,7 +46,7 @@ class Count(Task):
         reached = int(state.read_text()) if state.exists() else 0
         for number in range(reached + 1, self.upto + 1):
             time.sleep(self.seconds)
-            state.write_text(str(number))
+            write_whole(state, str(number).encode())
             progress.advance(number / self.upto, f"at {number}")
         return {"sum": sum(range(self.upto + 1))}
 
