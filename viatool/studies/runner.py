@@ -62,7 +62,7 @@ def run_tasks(
     Returns
     -------
     dict
-        The records by the names of the tasks.
+        The records by the names of the tasks, in their order.
 
     Raises
     ------
@@ -96,7 +96,7 @@ def run_tasks(
                 board.receive()
     if failures:
         raise _summary_of(failures, len(tasks) - len(records))
-    return records
+    return {task.name: records[task.name] for task in tasks}
 
 
 def _take_ready(waiting: list[Task], records: Records) -> Task | None:
