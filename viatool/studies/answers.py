@@ -18,14 +18,6 @@ from viatool.studies.statistics import Estimate, difference, sign
 from viatool.studies.tables import number, table
 from viatool.studies.variants import VARIANTS
 
-RULE = (
-    "Rule: a comparison goes as claimed, or the opposite way, if the 95 % confidence interval of the difference of "
-    "the means over the seeds (Welch) lies wholly on one side of 0; otherwise it is undecided. A claim is confirmed "
-    "if every comparison goes as claimed, reversed if more go the opposite way than as claimed, else not confirmed. "
-    "Intervals are not corrected for the number of comparisons: about one in twenty undecided ones would be decided "
-    "by chance."
-)
-
 
 @dataclass(frozen=True)
 class Comparison:

@@ -59,14 +59,14 @@ def _number(value: Any) -> float | None:
 
 
 TASK = (
-    Metric("fixed_success", "Success, fixed", +1, _task("fixed", "success_rate")),
-    Metric("fixed_collision", "Collision, fixed", -1, _task("fixed", "collision_rate")),
+    Metric("fixed_success", "Success", +1, _task("fixed", "success_rate")),
+    Metric("fixed_collision", "Collision", -1, _task("fixed", "collision_rate")),
     Metric("success", "Success", +1, _task("held_out", "success_rate")),
     Metric("collision", "Collision", -1, _task("held_out", "collision_rate"), 2),
     Metric("timeout", "Timeout", -1, _task("held_out", "timeout_rate"), 2),
 )
 COST = (
-    Metric("fixed_cost", "Cost, fixed", -1, _task("fixed", "average_cost"), 2, 1.0),
+    Metric("fixed_cost", "Cost", -1, _task("fixed", "average_cost"), 2, 1.0),
     Metric("cost", "Cost", -1, _task("held_out", "average_cost"), 2, 1.0),
     Metric("cvar_0.9", "CVaR 0.9", -1, _cvar("0.9"), 2, 1.0),
     Metric("cvar_0.5", "CVaR 0.5", -1, _cvar("0.5"), 2, 1.0),
@@ -81,8 +81,12 @@ SAFETY = (
     Metric("sampled", "Sampled overall", +1, _rate("sampled_safety_rate"), 3),
     Metric("danger", "At d_danger", +1, _rate("danger_rate"), 2),
     Metric("contested", "Contested", +1, _rate("contested_rate"), 1),
-    Metric("fixed_safety", "Overall, fixed", +1, _rate("safety_rate", "overall", "fixed"), 3),
-    Metric("fixed_danger", "At d_danger, fixed", +1, _rate("danger_rate", "overall", "fixed"), 2),
+    Metric("fixed_success_safety", "Safety (Succ.)", +1, _rate("sampled_safety_rate", "success", "fixed"), 2),
+    Metric(
+        "fixed_collision_safety", "Safety (Coll.)", +1, _rate("sampled_safety_rate", "collision", "fixed"), 2
+    ),
+    Metric("fixed_safety", "Overall Safety", +1, _rate("sampled_safety_rate", "overall", "fixed"), 2),
+    Metric("fixed_proved", "Overall, proved", +1, _rate("safety_rate", "overall", "fixed"), 2),
 )
 WIDTH = (
     Metric("width_v", "Width of v [m/s]", -1, _width("v"), 4, 1.0),

@@ -4,7 +4,14 @@ from __future__ import annotations
 
 Numbers = dict[str, tuple[float, float]]
 
-_COLUMNS = ("fixed_success", "fixed_collision", "fixed_cost", "safety_success", "safety_collision", "safety")
+_COLUMNS = (
+    "fixed_success",
+    "fixed_collision",
+    "fixed_cost",
+    "fixed_success_safety",
+    "fixed_collision_safety",
+    "fixed_safety",
+)
 
 
 def _row(*numbers: tuple[float, float] | None) -> Numbers:

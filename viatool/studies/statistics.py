@@ -82,3 +82,11 @@ def difference(first: Sequence[float], second: Sequence[float], confidence: floa
 def sign(found: Estimate) -> int:
     """Return +1 or -1 when the whole interval lies on that side of 0, else 0."""
     return int(found.low > 0.0) - int(found.high < 0.0)
+
+
+def rank_correlation(first: Sequence[float], second: Sequence[float]) -> float:
+    """Return Kendall's tau-b of two rankings; 0 if one of them ranks nothing."""
+    from scipy.stats import kendalltau
+
+    tau = float(kendalltau(first, second).statistic)
+    return tau if np.isfinite(tau) else 0.0

@@ -127,7 +127,7 @@ def choose_epochs(rows: Sequence[Mapping[str, str]], seeds: int) -> list[int]:
     best: dict[int, tuple[float, int]] = {}
     for row in rows:
         if row.get("validation_success_rate"):
-            score = float(row["validation_success_rate"]) - float(row["validation_collision_rate"])
+            score = round(float(row["validation_success_rate"]) - float(row["validation_collision_rate"]), 9)
             seed, candidate = int(row["seed"]), (score, int(row["epoch"]))
             best[seed] = max(best.get(seed, candidate), candidate)
     return [best[seed][1] for seed in range(seeds)]

@@ -55,9 +55,9 @@ SAC_LAG = Variant("sac-lag", "SAC-Lagrangian", "sac-lag", "expectation")
 RCPO = Variant("rcpo", "RCPO", "rcpo", "expectation")
 WCSAC = Variant("wcsac", "WCSAC", "wcsac", "cvar")
 CVAR_CPO = Variant("cvar-cpo", "CVaR-CPO", "cvar-cpo", "cvar")
-VIA_LOW = Variant("via-0.1", "VIA, alpha 0.1", "via", "cvar", 0.1)
-VIA_MIDDLE = Variant("via-0.5", "VIA, alpha 0.5", "via", "cvar", 0.5)
-VIA = Variant("via-0.9", "VIA, alpha 0.9", "via", "cvar", 0.9)
+VIA_LOW = Variant("via-0.1", "VIA 0.1", "via", "cvar", 0.1)
+VIA_MIDDLE = Variant("via-0.5", "VIA 0.5", "via", "cvar", 0.5)
+VIA = Variant("via-0.9", "VIA 0.9", "via", "cvar", 0.9)
 
 METHODS = (TD3, TD7, SAC_LAG, RCPO, WCSAC, CVAR_CPO, VIA)
 """The rows of the paper's Table I."""
@@ -69,6 +69,8 @@ EVERY = (*METHODS[:-1], *ALPHAS)
 VARIANTS = {variant.name: variant for variant in EVERY}
 
 LAB = Setting("lab", "the paper's lab, b = 10", ("map=maps/lab.yaml", "cost_limit=10"))
+BINDING = Setting("binding", "the lab with b = 0.5", ("map=maps/lab.yaml", "cost_limit=0.5"))
+SETTINGS = {setting.name: setting for setting in (LAB, BINDING)}
 
 
 def plan(setting: Setting, variants: Sequence[Variant], options: Options) -> list[Task]:

@@ -1,0 +1,146 @@
+"""From records to data, answers and pages."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.studies.records import THREE_SEEDS, records_of
+from viatool.studies import STUDIES, study_named
+from viatool.studies.answers import answer, compare_all, discordant_pairs
+from viatool.studies.comparison import constraint_of
+from viatool.studies.metrics import METRICS
+from viatool.studies.study import write_data, write_page
+from viatool.studies.tables import number
+from viatool.studies.training import choose_epochs, curves_of
+
+GOLDEN = Path(__file__).parent / "golden"
+
+QUALITY = {
+    "td3": (0.95, 0.02, 1.0, 990),
+    "rcpo": (0.90, 0.0, 0.2, 980),
+    "via-0.9": (0.97, 0.0, 0.5, 999),
+    "via-0.5": (0.96, 0.0, 0.5, 999),
+    "via-0.1": (0.80, 0.0, 0.5, 999),
+}
+
+
+def data_of(name: str) -> dict[str, Any]:
+    study = study_named(name)
+    tasks = study.plan(THREE_SEEDS)
+    records = records_of(tasks, QUALITY)
+    content = {"study": name, "command": THREE_SEEDS.command(name), **study.collect(tasks, records)}
+    return content | {"tasks": {"finished": len(records), "total": len(tasks)}}
+
+
+def test_the_data_hold_the_seeds_and_their_mean_and_deviation() -> None:
+    td3 = data_of("table1")["variants"]["td3"]
+    assert td3["seeds"] == [0, 1, 2]
+    assert td3["values"]["success"] == pytest.approx([0.95, 0.94, 0.93])
+    assert td3["estimates"]["success"]["mean"] == pytest.approx(0.94)
+    assert td3["estimates"]["success"]["std"] == pytest.approx(0.01)
+    assert td3["values"]["safety"] == [0.99, 0.989, 0.988]
+    assert td3["values"]["cvar_0.9"] == pytest.approx([10.0, 10.1, 10.2])
+    assert td3["estimates"]["width_omega"]["mean"] == 0.125
+
+
+def test_seeds_without_collisions_have_no_safety_of_collisions() -> None:
+    data = data_of("table1")["variants"]
+    assert data["td3"]["values"]["safety_collision"] == [0.5] * 3
+    assert data["rcpo"]["values"]["safety_collision"] == [None] * 3
+    assert "safety_collision" not in data["rcpo"]["estimates"]
+
+
+def test_the_share_of_the_training_in_which_lambda_was_zero() -> None:
+    curves = {"multiplier": [[0.2, 0.0], [0.1, 0.0], [0.0, 0.0], [0.0, 0.4]], "var": [[4.0, 2.0]] * 4}
+    found = constraint_of(curves)
+    assert found["zero"] == 5 / 8
+    assert found["zero_late"] == 0.5
+    assert (found["multiplier"], found["multiplier_highest"], found["var"]) == (0.2, 0.4, 3.0)
+
+
+def test_comparisons_are_decided_and_summed_up_by_the_rule() -> None:
+    data = data_of("table1")
+    better = compare_all(data, [("via-0.9", "td3"), ("via-0.9", "rcpo")], ("cost", "safety"))
+    assert [(one.worse, one.metric, one.verdict) for one in better] == [
+        ("td3", "cost", 1),
+        ("td3", "safety", 1),
+        ("rcpo", "cost", -1),
+        ("rcpo", "safety", 1),
+    ]
+    assert answer(better).word == "not confirmed"
+    assert answer(better[:2]).word == "confirmed"
+    assert answer(better[2:3]).word == "reversed"
+    assert answer([]).word == "not confirmed"
+    assert "**not confirmed** (3 as claimed, 1 opposite, 0 undecided)" in str(answer(better))
+
+
+def test_variants_that_are_not_there_are_not_compared() -> None:
+    assert compare_all(data_of("table1"), [("via-0.9", "td7")], ("cost",)) == []
+
+
+def test_a_cheaper_method_that_is_less_safe_is_found() -> None:
+    discordant, concordant = discordant_pairs(data_of("table1"), ["td3", "rcpo", "via-0.9"], "cost", "safety")
+    assert {(one.better, one.worse) for one in discordant} == {("rcpo", "td3"), ("rcpo", "via-0.9")}
+    assert {(one.better, one.worse) for one in concordant} == {("via-0.9", "td3")}
+
+
+def test_a_share_is_never_rounded_up_to_all() -> None:
+    metric = METRICS["safety"]
+    assert number(1.0, metric) == "100.000"
+    assert number(0.9999999, metric) == "99.999"
+    assert number(0.5, metric) == "50.000"
+
+
+def test_each_seed_has_its_own_best_epoch_the_later_of_equals() -> None:
+    rows = [
+        {
+            "epoch": str(epoch),
+            "seed": str(seed),
+            "validation_success_rate": success,
+            "validation_collision_rate": bad,
+        }
+        for epoch, seed, success, bad in [
+            (1, 0, "", ""),
+            (2, 0, "0.9", "0.1"),
+            (3, 0, "0.85", "0.05"),
+            (4, 0, "0.95", "0.2"),
+            (2, 1, "0.5", "0.0"),
+            (3, 1, "0.4", "0.0"),
+        ]
+    ]
+    assert choose_epochs(rows, 2) == [3, 2]
+    assert curves_of(rows, 2)["validation_success_rate"] == [
+        [None, None],
+        [0.9, 0.5],
+        [0.85, 0.4],
+        [0.95, None],
+    ]
+
+
+@pytest.mark.parametrize("name", [name for name in STUDIES if name in ("table1", "table2", "binding")])
+def test_a_page_is_as_before(name: str, tmp_path: Path) -> None:
+    (tmp_path / "data").mkdir()
+    data = data_of(name)
+    data["about"]["machine"] = "2-core x86_64"
+    (tmp_path / "data" / f"{name}.json").write_text(json.dumps(data))
+    written = write_page(study_named(name), tmp_path).read_text(encoding="utf-8")
+    assert written == (GOLDEN / f"{name}.md").read_text(encoding="utf-8")
+
+
+def test_figures_have_a_picture_of_every_setting_that_has_data(tmp_path: Path) -> None:
+    study = study_named("figures")
+    tasks = [task for task in study.plan(THREE_SEEDS) if not task.name.startswith("binding")]
+    records = records_of(tasks, QUALITY)
+    write_data(study, THREE_SEEDS, tasks, records, tmp_path)
+    page = write_page(study, tmp_path).read_text(encoding="utf-8")
+    pictures = sorted(path.name for path in tmp_path.glob("*.png"))
+    assert pictures == ["constraint.png", "learning-lab.png", "paths-lab.png"]
+    assert all(f"]({name})" in page for name in pictures)
+    assert "Scenario `lab-1`" in page  # the only one in which somebody fails
+    first = {path.name: path.read_bytes() for path in tmp_path.glob("*.png")}
+    write_page(study, tmp_path)
+    assert first == {path.name: path.read_bytes() for path in tmp_path.glob("*.png")}

@@ -1,0 +1,42 @@
+"""The setting in which the CVaR constraint binds: every method and alpha, and Q1 to Q3 once more."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from viatool.studies.comparison import collect
+from viatool.studies.questions import RULE, binding_sentences, question_1, question_2, question_3
+from viatool.studies.study import Data, Options, Page, Study
+from viatool.studies.tables import constraint_table, head, metrics_table
+from viatool.studies.tasks import Task
+from viatool.studies.variants import BINDING, EVERY, plan
+
+_HELD_OUT = ("success", "collision", "timeout", "cost", "cvar_0.9")
+_TAILS = ("cvar_0.1", "cvar_0.5", "cvar_0.9")
+_PROVED = ("safety_success", "safety_collision", "safety", "danger", "contested")
+_SAMPLED = ("sampled_success", "sampled_collision", "sampled", "width_v", "width_omega")
+_CLAIMED = ("success", "collision", "cost", "cvar_0.9", "safety", "contested")
+
+
+def _plan(options: Options) -> Sequence[Task]:
+    return plan(BINDING, EVERY, options)
+
+
+def _render(data: Data) -> Page:
+    lines = head(
+        "Where the constraint binds",
+        data,
+        f"Every method and alpha in {BINDING.title}. Mean and 95 % interval over the seeds, shares in per cent.",
+    )
+    lines += ["## What the constraint did", "", *binding_sentences(data), *constraint_table(data)]
+    lines += ["## On held-out random scenarios", "", *metrics_table(data, EVERY, _HELD_OUT, interval=True)]
+    lines += ["## The tail of the cost", "", *metrics_table(data, EVERY, _TAILS, interval=True)]
+    lines += ["## Verified at eps 0.01: proved", "", *metrics_table(data, EVERY, _PROVED, interval=True)]
+    lines += ["## Verified at eps 0.01: sampled, and widths of the reachable sets", ""]
+    lines += metrics_table(data, EVERY, _SAMPLED, interval=True)
+    lines += ["## How the questions are answered", "", RULE, ""]
+    lines += [*question_1(data, _CLAIMED), *question_2(data), *question_3(data, (*_CLAIMED, "width_omega"))]
+    return Page("\n".join(lines).rstrip() + "\n")
+
+
+STUDY = Study("binding", "every method and alpha where the constraint binds", _plan, collect, _render)

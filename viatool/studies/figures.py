@@ -1,0 +1,119 @@
+"""The paper's trajectory figure with reachable tubes, learning curves, and lambda and u over the training."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from viatool.studies.comparison import about
+from viatool.studies.curves import draw_constraint, draw_learning, summary_of
+from viatool.studies.driven import LOOKAHEAD, draw_paths, hardest_scenario, scene_of
+from viatool.studies.study import Data, Options, Page, Study
+from viatool.studies.tables import head
+from viatool.studies.tasks import Record, Task
+from viatool.studies.training import EvaluateSeed, TrainVariant
+from viatool.studies.variants import EVERY, SETTINGS, plan
+
+_DRAWN = ("success_rate", "collision_rate", "episode_cost", "cvar", "var", "multiplier")
+
+
+def _plan(options: Options) -> Sequence[Task]:
+    return [task for setting in SETTINGS.values() for task in plan(setting, EVERY, options)]
+
+
+def _collect(tasks: Sequence[Task], records: Mapping[str, Record]) -> Data:
+    trainings = [task for task in tasks if isinstance(task, TrainVariant)]
+    return {
+        "about": about(trainings, list(records.values())),
+        "settings": {
+            name: found for name in SETTINGS if (found := _collect_setting(name, tasks, records)) is not None
+        },
+    }
+
+
+def _collect_setting(
+    name: str, tasks: Sequence[Task], records: Mapping[str, Record]
+) -> dict[str, Any] | None:
+    from viatool.world import load_map
+
+    trainings = {
+        task.folder.partition("/")[2]: task
+        for task in tasks
+        if isinstance(task, TrainVariant) and task.folder.startswith(f"{name}/") and task.name in records
+    }
+    driven = {
+        variant: [
+            records[task.name].result
+            for task in tasks
+            if isinstance(task, EvaluateSeed) and task.training is training and task.name in records
+        ]
+        for variant, training in trainings.items()
+    }
+    every = [found for evaluations in driven.values() for found in evaluations]
+    if not every:
+        return None
+    index = hardest_scenario(every)
+    configuration = next(iter(trainings.values())).configuration
+    world_map = load_map(configuration.map)
+    return {
+        "cost_limit": configuration.cost_limit,
+        "curves": {
+            variant: {metric: summary_of(records[task.name].result["curves"][metric]) for metric in _DRAWN}
+            for variant, task in trainings.items()
+        },
+        "scene": scene_of(world_map, world_map.scenarios[index]),
+        "paths": {
+            variant: [found["paths"][index] for found in evaluations]
+            for variant, evaluations in driven.items()
+            if evaluations
+        },
+    }
+
+
+def _render(data: Data) -> Page:
+    lines = head(
+        "Figures: paths, learning, and the constraint",
+        data,
+        "Every method and alpha, all seeds.",
+    )
+    pictures: dict[str, bytes] = {}
+    found = data["settings"]
+    for name, setting in found.items():
+        title = SETTINGS[name].title
+        pictures[f"paths-{name}.png"] = draw_paths(setting["scene"], setting["paths"])
+        pictures[f"learning-{name}.png"] = draw_learning(setting["curves"])
+        lines += [
+            f"## Paths in {title}",
+            "",
+            f"Scenario `{setting['scene']['name']}`, the fixed scenario that fewest of the policies master, or, "
+            "among equals, the one with the longest detours. A tube is the union, over the visited states, of where "
+            f"every command that is reachable at eps 0.01 would lead if it were held for {LOOKAHEAD:g} s; the proof "
+            "looks at the control interval alone.",
+            "",
+            f"![Paths with reachable tubes](paths-{name}.png)",
+            "",
+            f"## Learning curves in {title}",
+            "",
+            "Episodes of the training, driven with exploration noise: mean over the seeds, and from the lowest to the "
+            "highest of them.",
+            "",
+            f"![Success, collisions and cost over the epochs](learning-{name}.png)",
+            "",
+        ]
+    pictures["constraint.png"] = draw_constraint(
+        {name: (SETTINGS[name].title, one["curves"], one["cost_limit"]) for name, one in found.items()}
+    )
+    lines += [
+        "## The multiplier, the value at risk and the tail of the cost",
+        "",
+        "Mean over the seeds, and from the lowest to the highest. Where lambda is 0, the actor of every constrained "
+        "method maximises the same as that of TD3.",
+        "",
+        "![lambda, u and CVaR over the epochs](constraint.png)",
+    ]
+    return Page("\n".join(lines).rstrip() + "\n", pictures)
+
+
+STUDY = Study(
+    "figures", "paths with reachable tubes, learning curves, lambda and u", _plan, _collect, _render
+)

@@ -1,0 +1,134 @@
+"""The paper's questions Q1 to Q3 as sections of a page, answered from the data by the rule of `answers`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from viatool.studies.answers import answer, compare, compare_all, comparison_table, discordant_pairs
+from viatool.studies.metrics import METRICS
+from viatool.studies.statistics import rank_correlation
+from viatool.studies.tables import number
+from viatool.studies.variants import ALPHAS, METHODS, RCPO, VARIANTS, VIA, VIA_LOW, VIA_MIDDLE, Variant
+
+Data = Mapping[str, Any]
+
+RULE = (
+    "Rule: a comparison goes as claimed, or the opposite way, if the 95 % confidence interval of the difference of "
+    "the means over the seeds (Welch) lies wholly on one side of 0; otherwise it is undecided. A claim is confirmed "
+    "if every comparison goes as claimed, reversed if more go the opposite way than as claimed, else not confirmed. "
+    "The intervals are not corrected for their number: of twenty comparisons without a true difference, about one "
+    "is decided by chance."
+)
+
+_OTHERS = tuple(variant for variant in METHODS if variant.family in ("unconstrained", "expectation"))
+_CVAR = tuple(variant for variant in METHODS if variant.family == "cvar")
+_SAFETY = ("safety", "contested")
+
+
+def question_1(data: Data, metrics: Sequence[str]) -> list[str]:
+    """Answer whether CVaR constraints improve on unconstrained and expectation-based methods, in some metrics."""
+    via = compare_all(data, [(VIA.name, other.name) for other in _OTHERS], metrics)
+    family = [(one.name, other.name) for one in _CVAR for other in _OTHERS]
+    return [
+        "## Q1: does the CVaR formulation improve navigation and safety?",
+        "",
+        f"- VIA against {_listed(_OTHERS)}: {answer(via)}.",
+        f"- All CVaR methods ({_listed(_CVAR)}) against the same: {answer(compare_all(data, family, metrics))}.",
+        "",
+        *comparison_table(via),
+    ]
+
+
+def question_2(data: Data) -> list[str]:
+    """Answer whether the ranking by cost and the ranking by verified safety diverge."""
+    names = [variant.name for variant in VARIANTS.values() if variant.name in data["variants"]]
+    lines = ["## Q2: does verification reveal what the average cost does not?", ""]
+    lines += [
+        "The claim: a method can have the lower cost and yet be verified as less safe. Counted are the pairs of "
+        "methods that differ beyond doubt (by the rule) in both. It is confirmed if there is such a pair, reversed "
+        "if there are only pairs in which the cheaper one is the safer one, else not confirmed.",
+        "",
+    ]
+    for safety in _SAFETY:
+        lines += [f"- {_second_answer(data, names, safety)}"]
+    lines += [f"- {_rcpo_against_via(data)}", ""]
+    return lines
+
+
+def _second_answer(data: Data, names: Sequence[str], safety: str) -> str:
+    discordant, concordant = discordant_pairs(data, names, "cost", safety)
+    word = "confirmed" if discordant else "reversed" if concordant else "not confirmed"
+    estimates = [data["variants"][name]["estimates"] for name in names]
+    both = [(one["cost"]["mean"], one[safety]["mean"]) for one in estimates if safety in one]
+    examples = "".join(
+        f"; {VARIANTS[one.better].title} is cheaper than {VARIANTS[one.worse].title}, and less safe"
+        for one in discordant
+    )
+    tau = rank_correlation(*zip(*both, strict=True)) if len(both) > 2 else 0.0
+    return (
+        f"{METRICS[safety].title} (proved): **{word}** (cheaper and less safe in {len(discordant)} pairs, cheaper "
+        f"and safer in {len(concordant)}{examples}). Kendall's tau of the two rankings: {-tau:+.2f} (1: they agree)."
+    )
+
+
+def _rcpo_against_via(data: Data) -> str:
+    """Return the paper's own example in our numbers."""
+    cost, safety = (compare(data, RCPO.name, VIA.name, metric) for metric in ("cost", "safety"))
+    if cost is None or safety is None:
+        return "RCPO and VIA, the paper's example, are not both there."
+    differences = [
+        f"{METRICS[found.metric].title.lower()} {_signed(found.difference.mean, found.metric)} "
+        f"[{_signed(found.difference.low, found.metric)}, {_signed(found.difference.high, found.metric)}]"
+        for found in (cost, safety)
+    ]
+    return f"The paper's example, RCPO minus VIA: {' and '.join(differences)} (the paper: cost -0.35, overall -1.7)."
+
+
+def _signed(value: float, metric: str) -> str:
+    text = number(value, METRICS[metric])
+    return text if text.startswith("-") else f"+{text}"
+
+
+def question_3(data: Data, metrics: Sequence[str]) -> list[str]:
+    """Answer whether a higher alpha improves success and safety, in some metrics."""
+    pairs = [(VIA.name, VIA_LOW.name), (VIA.name, VIA_MIDDLE.name), (VIA_MIDDLE.name, VIA_LOW.name)]
+    found = compare_all(data, pairs, metrics)
+    return [
+        "## Q3: does a higher alpha improve success and safety?",
+        "",
+        f"{_listed(ALPHAS)}, the higher one claimed to be better: {answer(found)}.",
+        "",
+        *comparison_table(found),
+    ]
+
+
+def binding_sentences(data: Data) -> list[str]:
+    """Return in plain words for which variants the constraint ended without force."""
+    constrained = [
+        (VARIANTS[name], found["constraint"])
+        for name, found in data["variants"].items()
+        if VARIANTS[name].family != "unconstrained"
+    ]
+    idle = [variant for variant, constraint in constrained if constraint["zero_late"] == 1.0]
+    held = [variant for variant, constraint in constrained if constraint["zero_late"] < 1.0]
+    lines = []
+    if idle:
+        lines.append(
+            f"In the last quarter of the training lambda was 0, in every epoch and for every seed, for "
+            f"{_listed(idle)}. Their actors maximised the same as TD3's there: what distinguishes their policies from "
+            "TD3's is chance, the way there, and for VIA and CVaR-CPO a budget that the actor sees."
+        )
+    if held:
+        shares = ", ".join(
+            f"{variant.title} {1 - constraint['zero_late']:.0%}"
+            for variant, constraint in constrained
+            if variant in held
+        )
+        lines.append(f"Lambda was above 0 in this share of the last quarter, over all seeds: {shares}.")
+    return [text for line in lines for text in (line, "")]
+
+
+def _listed(variants: Sequence[Variant]) -> str:
+    titles = [variant.title for variant in variants]
+    return titles[0] if len(titles) == 1 else f"{', '.join(titles[:-1])} and {titles[-1]}"
