@@ -41,7 +41,7 @@ def report(success: float, collision: float, cost: float, safe: int) -> dict[str
 
 def path(outcome: str = "success") -> dict[str, Any]:
     states = [[0.1 * step, 0.0, 0.0, 0.4, -0.1, 0.45, 0.1] for step in range(12)]
-    return {"outcome": outcome, "states": states, "safe": [True] * len(states)}
+    return {"outcome": outcome, "states": states}
 
 
 def evaluation(seed: int, success: float, collision: float, cost: float, safe: int) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import signal
@@ -14,7 +15,7 @@ import pytest
 
 from tests.studies.small import Count
 from viatool.errors import ConfigurationError, ViatoolError
-from viatool.studies.progress import Board, Lines, Message
+from viatool.studies.progress import Board, Lines, Message, open_board
 from viatool.studies.runner import find_records, run_tasks
 from viatool.studies.tasks import record_path
 
@@ -155,3 +156,15 @@ def test_a_pipe_gets_a_line_for_each_finished_task(
     run_tasks([Count("a"), Count("b")], tmp_path, Lines(Console(width=100)))
     lines = capsys.readouterr().out.splitlines()
     assert [line.partition(":")[0] for line in lines] == ["[1/2] small/a", "[2/2] small/b"]
+
+
+def test_a_terminal_gets_bars_with_the_time_left(tmp_path: Path) -> None:
+    from rich.console import Console
+
+    screen = io.StringIO()
+    with open_board(Console(file=screen, force_terminal=True, width=120, highlight=False)) as board:
+        run_tasks([Count("a"), Count("b", 2, seconds=0.6)], tmp_path, board)
+    shown = screen.getvalue()
+    assert "[1/2] small/a" in shown
+    assert "small/b at 1" in shown
+    assert "of 2 tasks, about" in shown

@@ -97,7 +97,7 @@ def draw_constraint(settings: Mapping[str, tuple[str, Curves, float]]) -> bytes:
     rows = (
         ("multiplier", "lambda", constrained),
         ("var", "u", tracking),
-        ("cvar", "CVaR of the episode cost", constrained),
+        ("cvar", "CVaR of the cost, at the own alpha", constrained),
     )
     figure, panels = _panels(len(rows), len(settings), (6.5 * len(settings), 8.4))
     for column, (title, curves, limit) in enumerate(settings.values()):
@@ -129,7 +129,7 @@ def _draw_curves(axes: Axes, curves: Curves, variants: Sequence[Variant], metric
         epochs = np.arange(1, len(mean) + 1)
         known = np.isfinite(mean)
         colour = COLOUR[variant.name]
-        axes.fill_between(epochs[known], low[known], high[known], color=colour, alpha=0.13, lw=0)
+        axes.fill_between(epochs[known], low[known], high[known], color=colour, alpha=0.1, lw=0)
         axes.plot(epochs[known], mean[known], color=colour, lw=1.5, label=variant.title)
 
 

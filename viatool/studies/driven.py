@@ -30,6 +30,13 @@ def hardest_scenario(evaluations: Sequence[Mapping[str, Any]]) -> int:
     return int(np.lexsort((detour.mean(axis=0), failed.sum(axis=0)))[-1])
 
 
+def thinned(episode: Episode) -> dict[str, Any]:
+    """Return an episode with every second state and the last one, which is enough to draw it."""
+    states = episode["states"]
+    kept = sorted({*range(0, len(states), 2), len(states) - 1})
+    return {"outcome": episode["outcome"], "states": [states[index] for index in kept]}
+
+
 def _detour(states: Sequence[Sequence[float]]) -> float:
     points = np.array(states, dtype=np.float64)[:, :2]
     driven = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())

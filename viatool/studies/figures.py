@@ -7,7 +7,7 @@ from typing import Any
 
 from viatool.studies.comparison import about
 from viatool.studies.curves import draw_constraint, draw_learning, summary_of
-from viatool.studies.driven import LOOKAHEAD, draw_paths, hardest_scenario, scene_of
+from viatool.studies.driven import LOOKAHEAD, draw_paths, hardest_scenario, scene_of, thinned
 from viatool.studies.study import Data, Options, Page, Study
 from viatool.studies.tables import head
 from viatool.studies.tasks import Record, Task
@@ -63,7 +63,7 @@ def _collect_setting(
         },
         "scene": scene_of(world_map, world_map.scenarios[index]),
         "paths": {
-            variant: [found["paths"][index] for found in evaluations]
+            variant: [thinned(found["paths"][index]) for found in evaluations]
             for variant, evaluations in driven.items()
             if evaluations
         },

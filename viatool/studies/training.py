@@ -243,17 +243,11 @@ def report(result: Result) -> dict[str, Any]:
 
 
 def paths(result: Result) -> list[dict[str, Any]]:
-    """Return every episode as its outcome, poses, ends of the commands and verdicts, to the millimetre."""
+    """Return every episode as its outcome, poses and ends of the commands, to the millimetre."""
     lower, upper = result.commands
     table = np.round(np.concatenate([result.poses, lower, upper], axis=1), 3)
     episodes = []
     for episode, outcome in enumerate(result.outcomes):
         chosen = result.episode == episode
-        episodes.append(
-            {
-                "outcome": str(outcome),
-                "states": table[chosen].tolist(),
-                "safe": [bool(safe) for safe in result.judgement.safe[chosen]],
-            }
-        )
+        episodes.append({"outcome": str(outcome), "states": table[chosen].tolist()})
     return episodes
