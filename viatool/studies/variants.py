@@ -68,8 +68,8 @@ ALPHAS = (VIA_LOW, VIA_MIDDLE, VIA)
 EVERY = (*METHODS[:-1], *ALPHAS)
 VARIANTS = {variant.name: variant for variant in EVERY}
 
-LAB = Setting("lab", "the paper's lab, b = 10", ("map=maps/lab.yaml", "cost_limit=10"))
-BINDING = Setting("binding", "the lab with b = 0.5", ("map=maps/lab.yaml", "cost_limit=0.5"))
+LAB = Setting("lab", "the paper's lab, b = 10", ("map=lab", "cost_limit=10"))
+BINDING = Setting("binding", "the lab with b = 0.5", ("map=lab", "cost_limit=0.5"))
 SETTINGS = {setting.name: setting for setting in (LAB, BINDING)}
 
 
