@@ -109,7 +109,7 @@ def _take_ready(waiting: list[Task], records: Records) -> Task | None:
 
 def _summary_of(failures: dict[str, ViatoolError], unfinished: int) -> ViatoolError:
     name, first = next(iter(failures.items()))
-    return ViatoolError(
+    return type(first)(  # so that a wrong input stays one
         f"{len(failures)} task(s) failed and {unfinished} remain unfinished; {name}: {first.message}",
         first.hint or "run the same command again to try only these",
     )
