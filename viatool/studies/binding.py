@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from viatool.studies.comparison import collect
-from viatool.studies.questions import RULE, binding_sentences, question_1, question_2, question_3
+from viatool.studies.questions import RULE, binding_sentences, in_short, question_1, question_2, question_3
 from viatool.studies.study import Data, Options, Page, Study
 from viatool.studies.tables import constraint_table, head, metrics_table
 from viatool.studies.tasks import Task
@@ -28,14 +28,20 @@ def _render(data: Data) -> Page:
         data,
         f"Every method and alpha in {BINDING.title}. Mean and 95 % interval over the seeds, shares in per cent.",
     )
-    lines += ["## What the constraint did", "", *binding_sentences(data), *constraint_table(data)]
+    questions = [
+        question_1(data, _CLAIMED),
+        question_2(data),
+        question_3(data, (*_CLAIMED, "width_omega")),
+    ]
+    lines += [*in_short(questions), *binding_sentences(data)]
+    lines += ["## What the constraint did", "", *constraint_table(data)]
     lines += ["## On held-out random scenarios", "", *metrics_table(data, EVERY, _HELD_OUT, interval=True)]
     lines += ["## The tail of the cost", "", *metrics_table(data, EVERY, _TAILS, interval=True)]
     lines += ["## Verified at eps 0.01: proved", "", *metrics_table(data, EVERY, _PROVED, interval=True)]
     lines += ["## Verified at eps 0.01: sampled, and widths of the reachable sets", ""]
     lines += metrics_table(data, EVERY, _SAMPLED, interval=True)
     lines += ["## How the questions are answered", "", RULE, ""]
-    lines += [*question_1(data, _CLAIMED), *question_2(data), *question_3(data, (*_CLAIMED, "width_omega"))]
+    lines += [line for question in questions for line in question.lines()]
     return Page("\n".join(lines).rstrip() + "\n")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from viatool.studies.answers import answer, compare, compare_all, comparison_table, discordant_pairs
@@ -26,34 +27,60 @@ _CVAR = tuple(variant for variant in METHODS if variant.family == "cvar")
 _SAFETY = ("safety", "contested")
 
 
-def question_1(data: Data, metrics: Sequence[str]) -> list[str]:
+@dataclass(frozen=True)
+class Section:
+    """A question and its answer.
+
+    Parameters
+    ----------
+    question : str
+        The heading.
+    answers : tuple of str
+        One line each.
+    details : tuple of str
+        Lines of markdown below.
+    """
+
+    question: str
+    answers: tuple[str, ...]
+    details: tuple[str, ...]
+
+    def lines(self) -> list[str]:
+        """Return the section of a page."""
+        return [f"## {self.question}", "", *(f"- {one}" for one in self.answers), "", *self.details]
+
+
+def in_short(sections: Sequence[Section]) -> list[str]:
+    """Return the answers alone, for the head of a page."""
+    rows = [f"- {section.question} {one}" for section in sections for one in section.answers[:1]]
+    return ["## In short", "", *rows, ""]
+
+
+def question_1(data: Data, metrics: Sequence[str]) -> Section:
     """Answer whether CVaR constraints improve on unconstrained and expectation-based methods, in some metrics."""
     via = compare_all(data, [(VIA.name, other.name) for other in _OTHERS], metrics)
     family = [(one.name, other.name) for one in _CVAR for other in _OTHERS]
-    return [
-        "## Q1: does the CVaR formulation improve navigation and safety?",
-        "",
-        f"- VIA against {_listed(_OTHERS)}: {answer(via)}.",
-        f"- All CVaR methods ({_listed(_CVAR)}) against the same: {answer(compare_all(data, family, metrics))}.",
-        "",
-        *comparison_table(via),
-    ]
+    every = answer(compare_all(data, family, metrics))
+    return Section(
+        "Q1: does the CVaR formulation improve navigation and safety?",
+        (
+            f"VIA against {_listed(_OTHERS)}: {answer(via)}.",
+            f"All CVaR methods ({_listed(_CVAR)}) against the same: {every}.",
+        ),
+        tuple(comparison_table(via)),
+    )
 
 
-def question_2(data: Data) -> list[str]:
+def question_2(data: Data) -> Section:
     """Answer whether the ranking by cost and the ranking by verified safety diverge."""
     names = [variant.name for variant in VARIANTS.values() if variant.name in data["variants"]]
-    lines = ["## Q2: does verification reveal what the average cost does not?", ""]
-    lines += [
+    answers = (*(_second_answer(data, names, safety) for safety in _SAFETY), _rcpo_against_via(data))
+    claim = (
         "The claim: a method can have the lower cost and yet be verified as less safe. Counted are the pairs of "
         "methods that differ beyond doubt (by the rule) in both. It is confirmed if there is such a pair, reversed "
-        "if there are only pairs in which the cheaper one is the safer one, else not confirmed.",
-        "",
-    ]
-    for safety in _SAFETY:
-        lines += [f"- {_second_answer(data, names, safety)}"]
-    lines += [f"- {_rcpo_against_via(data)}", ""]
-    return lines
+        "if there are only pairs in which the cheaper one is the safer one, else not confirmed."
+    )
+    return Section("Q2: does verification reveal what the average cost does not?", answers, (claim, ""))
 
 
 def _second_answer(data: Data, names: Sequence[str], safety: str) -> str:
@@ -90,17 +117,15 @@ def _signed(value: float, metric: str) -> str:
     return text if text.startswith("-") else f"+{text}"
 
 
-def question_3(data: Data, metrics: Sequence[str]) -> list[str]:
+def question_3(data: Data, metrics: Sequence[str]) -> Section:
     """Answer whether a higher alpha improves success and safety, in some metrics."""
     pairs = [(VIA.name, VIA_LOW.name), (VIA.name, VIA_MIDDLE.name), (VIA_MIDDLE.name, VIA_LOW.name)]
     found = compare_all(data, pairs, metrics)
-    return [
-        "## Q3: does a higher alpha improve success and safety?",
-        "",
-        f"{_listed(ALPHAS)}, the higher one claimed to be better: {answer(found)}.",
-        "",
-        *comparison_table(found),
-    ]
+    return Section(
+        "Q3: does a higher alpha improve success and safety?",
+        (f"{_listed(ALPHAS)}, the higher one claimed to be better: {answer(found)}.",),
+        tuple(comparison_table(found)),
+    )
 
 
 def binding_sentences(data: Data) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from viatool.studies.comparison import collect
-from viatool.studies.questions import RULE, binding_sentences, question_1, question_2
+from viatool.studies.questions import RULE, binding_sentences, in_short, question_1, question_2
 from viatool.studies.study import Data, Options, Page, Study
 from viatool.studies.tables import beside_paper, constraint_table, head, metrics_table
 from viatool.studies.tasks import Task
@@ -28,6 +28,8 @@ def _render(data: Data) -> Page:
         "Every method on the same TD3 backbone, network (26 x 26), reward, schedule and exploration, with the "
         "paper's limit b = 10. Mean ± standard deviation over the seeds, shares in per cent.",
     )
+    questions = [question_1(data, _CLAIMED), question_2(data)]
+    lines += [*in_short(questions), *binding_sentences(data)]
     lines += beside_paper(data, METHODS)
     lines += ["## On held-out random scenarios", ""]
     lines += metrics_table(data, METHODS, _HELD_OUT, interval=True)
@@ -35,9 +37,9 @@ def _render(data: Data) -> Page:
     lines += metrics_table(data, METHODS, _PROVED)
     lines += ["## Verified at eps 0.01: sampled, as the paper does", ""]
     lines += metrics_table(data, METHODS, _SAMPLED)
-    lines += ["## What the constraint did", "", *binding_sentences(data), *constraint_table(data)]
+    lines += ["## What the constraint did", "", *constraint_table(data)]
     lines += ["## How the questions are answered", "", RULE, ""]
-    lines += [*question_1(data, _CLAIMED), *question_2(data)]
+    lines += [line for question in questions for line in question.lines()]
     return Page("\n".join(lines).rstrip() + "\n")
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from viatool.studies.comparison import collect
-from viatool.studies.questions import RULE, binding_sentences, question_3
+from viatool.studies.questions import RULE, binding_sentences, in_short, question_3
 from viatool.studies.study import Data, Options, Page, Study
 from viatool.studies.tables import beside_paper, constraint_table, head, metrics_table
 from viatool.studies.tasks import Task
@@ -27,11 +27,13 @@ def _render(data: Data) -> Page:
         "VIA with three CVaR levels in the paper's lab, b = 10. Mean ± standard deviation over the seeds, shares "
         "in per cent.",
     )
+    question = question_3(data, _CLAIMED)
+    lines += [*in_short([question]), *binding_sentences(data)]
     lines += beside_paper(data, ALPHAS)
     lines += ["## On held-out random scenarios", "", *metrics_table(data, ALPHAS, _HELD_OUT, interval=True)]
     lines += ["## Verified at eps 0.01: proved", "", *metrics_table(data, ALPHAS, _VERIFIED)]
-    lines += ["## What the constraint did", "", *binding_sentences(data), *constraint_table(data)]
-    lines += ["## How the question is answered", "", RULE, "", *question_3(data, _CLAIMED)]
+    lines += ["## What the constraint did", "", *constraint_table(data)]
+    lines += ["## How the question is answered", "", RULE, "", *question.lines()]
     return Page("\n".join(lines).rstrip() + "\n")
 
 
