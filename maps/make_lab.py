@@ -1,4 +1,4 @@
-"""Write maps/lab.yaml: the paper's arena with its ten fixed evaluation scenarios.
+"""Write maps/lab.yaml, the paper's arena with its ten fixed evaluation scenarios, and the harder clutter.yaml.
 
     python maps/make_lab.py
 
@@ -16,28 +16,65 @@ import shapely
 
 from viatool.world import Obstacles, Scenario, Scenes, WorldMap, load_map
 
-PLACE = Path(__file__).with_name("lab.yaml")
 SEED = 20
 SCENARIOS = 10
 GOAL_SEPARATION = 1.8
 GOAL_DISTANCE = (4.0, 8.0)
 
+
+@dataclasses.dataclass(frozen=True)
+class Arena:
+    """A walled arena, and what is drawn at random in it."""
+
+    name: str
+    title: str
+    description: str
+    radii: tuple[float, ...]  # of the random obstacles
+    obstacle_separation: float
+    start_separation: float
+    goal_separation: float
+    scenario_goal_separation: float  # in the fixed scenarios
+
+
+ARENAS = (
+    Arena(
+        name="lab",
+        title="The paper's lab: a 10 m x 10 m walled arena with four fixed and four random cylinders.",
+        description="The arena of the paper, with the ten fixed scenarios on which policies are evaluated",
+        radii=(0.5, 0.25, 0.21, 0.75),
+        obstacle_separation=1.8,
+        start_separation=1.8,
+        goal_separation=1.2,
+        scenario_goal_separation=1.8,
+    ),
+    Arena(
+        name="clutter",
+        title="The lab with ten small random cylinders instead of four: short ways lead close past them.",
+        description="A harder arena, in which a limit on the cost is felt: the short ways lead close past obstacles",
+        radii=(0.3, 0.3, 0.25, 0.25, 0.2, 0.2, 0.2, 0.15, 0.15, 0.15),
+        obstacle_separation=1.4,
+        start_separation=1.2,
+        goal_separation=1.1,
+        scenario_goal_separation=1.2,
+    ),
+)
+
 HEAD = """\
-# The paper's lab: a 10 m x 10 m walled arena with four fixed and four random cylinders.
+# {title}
 # Written by maps/make_lab.py.
 # Lengths in metres, angles in radians; positions in the map frame, poses are x, y, theta.
 schema_version: 1
-name: lab
-description: The arena of the paper, with the ten fixed scenarios on which policies are evaluated
+name: {name}
+description: {quoted}
 
 # Inner faces of the walls.
-arena: {shape: box, center: [0.0, 0.0], size: [9.7, 9.7]}
+arena: {{shape: box, center: [0.0, 0.0], size: [9.7, 9.7]}}
 
 obstacles:
-  - {name: fixed-1, shape: circle, center: [-2.93, 3.17], radius: 0.26}
-  - {name: fixed-2, shape: circle, center: [2.86, -3.0], radius: 0.56}
-  - {name: fixed-3, shape: circle, center: [-2.77, -0.96], radius: 0.14}
-  - {name: fixed-4, shape: circle, center: [2.83, 2.93], radius: 0.98}
+  - {{name: fixed-1, shape: circle, center: [-2.93, 3.17], radius: 0.26}}
+  - {{name: fixed-2, shape: circle, center: [2.86, -3.0], radius: 0.56}}
+  - {{name: fixed-3, shape: circle, center: [-2.77, -0.96], radius: 0.14}}
+  - {{name: fixed-4, shape: circle, center: [2.83, 2.93], radius: 0.98}}
 
 robot:
   name: turtlebot3
@@ -46,7 +83,7 @@ robot:
   max_angular: 1.0
   deceleration: 1.0
   control_interval: 0.1
-  footprint: {shape: point}
+  footprint: {{shape: point}}
   lidar:
     field_of_view: 3.141592653589793
     rays: 180
@@ -55,20 +92,24 @@ robot:
     maximum_range: 7.0
     noise: 0.01
 
-clearance: {collision: 0.4, danger: 0.5}
+clearance: {{collision: 0.4, danger: 0.5}}
 
 # Random scenarios, as the paper trains on them; separations are between centres.
 generator:
   area: [-4.0, -4.0, 4.0, 4.0]
   obstacles:
-    - {shape: circle, radius: 0.5}
-    - {shape: circle, radius: 0.25}
-    - {shape: circle, radius: 0.21}
-    - {shape: circle, radius: 0.75}
-  obstacle_separation: 1.8
-  start_separation: 1.8
-  goal_separation: 1.2
+{obstacles}
+  obstacle_separation: {obstacle_separation}
+  start_separation: {start_separation}
+  goal_separation: {goal_separation}
 """
+
+
+def head_of(arena: Arena) -> str:
+    """Return everything but the scenarios."""
+    obstacles = "\n".join(f"    - {{shape: circle, radius: {radius}}}" for radius in arena.radii)
+    quoted = f"'{arena.description}'" if ":" in arena.description else arena.description
+    return HEAD.format(**dataclasses.asdict(arena), obstacles=obstacles, quoted=quoted)
 
 
 def is_passable(world: WorldMap, scenario: Scenario) -> bool:
@@ -101,28 +142,38 @@ def lines_of(scenario: Scenario) -> list[str]:
     return lines
 
 
-def main() -> None:
-    """Write the map."""
-    PLACE.write_text(HEAD, encoding="utf-8", newline="\n")
-    world = load_map(PLACE)
+def write(arena: Arena) -> None:
+    """Write the map of an arena."""
+    place = Path(__file__).with_name(f"{arena.name}.yaml")
+    head = head_of(arena)
+    place.write_text(head, encoding="utf-8", newline="\n")
+    world = load_map(place)
     assert world.generator is not None
     strict = dataclasses.replace(
-        world.generator, goal_separation=GOAL_SEPARATION, goal_distance=GOAL_DISTANCE
+        world.generator, goal_separation=arena.scenario_goal_separation, goal_distance=GOAL_DISTANCE
     )
     drawn = (
-        rounded(scenario, f"lab-{index}") for index, scenario in enumerate(strict.draw(10 * SCENARIOS, SEED))
+        rounded(scenario, f"{arena.name}-{index}")
+        for index, scenario in enumerate(strict.draw(10 * SCENARIOS, SEED))
     )
     kept = [scenario for scenario in drawn if is_passable(world, scenario)][:SCENARIOS]
-    named = [dataclasses.replace(scenario, name=f"lab-{index}") for index, scenario in enumerate(kept)]
+    named = [dataclasses.replace(scenario, name=f"{arena.name}-{index}") for index, scenario in enumerate(kept)]
     lines = [
         "",
-        "# Drawn with seed 20; goals at least 1.8 m from every obstacle's centre, 4 to 8 m from the start.",
+        f"# Drawn with seed {SEED}; goals at least {arena.scenario_goal_separation} m from every obstacle's "
+        "centre, 4 to 8 m from the start.",
         "scenarios:",
     ]
     for scenario in named:
         lines += lines_of(scenario)
-    PLACE.write_text(HEAD + "\n".join(lines) + "\n", encoding="utf-8", newline="\n")
-    load_map(PLACE)
+    place.write_text(head + "\n".join(lines) + "\n", encoding="utf-8", newline="\n")
+    load_map(place)
+
+
+def main() -> None:
+    """Write all arenas."""
+    for arena in ARENAS:
+        write(arena)
 
 
 if __name__ == "__main__":

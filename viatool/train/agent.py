@@ -10,8 +10,8 @@ from viatool.train.configuration import TrainingConfiguration
 from viatool.train.embedding import Embedding
 from viatool.train.methods import Method
 from viatool.train.networks import TrainedNetwork, Weights
-from viatool.train.observation import near_features
-from viatool.train.replay import ReplayBuffer
+from viatool.train.observation import Mirror, near_features
+from viatool.train.replay import Batch, ReplayBuffer
 from viatool.train.updates import (
     Agent,
     Metrics,
@@ -107,11 +107,21 @@ class Learner:
         self.agent = agent
         self.replay = replay
         self.bins = bins
+        self.mirror = Mirror(bins)
         self.generator = generator
         self.updates = 0
 
     def _features(self, observation: torch.Tensor) -> torch.Tensor:
         return near_features(observation, self.bins) if self.configuration.near_features else observation
+
+    def _mirrored(self, batch: Batch) -> Batch:
+        """Return the batch with its first half mirrored; which transitions these are is random anyway."""
+        if self.configuration.mirror:
+            half = batch.reward.shape[1] // 2
+            for part in (batch.observation[:, :half], batch.next_observation[:, :half]):
+                part.copy_(self.mirror.observation(part))
+            batch.action[:, :half] = self.mirror.action(batch.action[:, :half])
+        return batch
 
     def update(self, multiplier: torch.Tensor, learning_rate: float, *, measure: bool = False) -> Metrics:
         """Take one step of Algorithm 1, line "off-policy updates".
@@ -133,7 +143,7 @@ class Learner:
         options, agent = self.configuration, self.agent
         self.updates += 1
         with torch.no_grad():
-            batch = self.replay.sample(options.batch_size, self.generator)
+            batch = self._mirrored(self.replay.sample(options.batch_size, self.generator))
             features = self._features(batch.observation)
             inputs = critic_input(features, batch.action)
             next_action = smoothed_action(

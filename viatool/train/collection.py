@@ -13,6 +13,7 @@ from torch import Tensor
 from viatool.simulate import NavigationSimulator, NavigationTask, Step
 from viatool.train.configuration import TrainingConfiguration
 from viatool.train.constraint import next_budget
+from viatool.train.guide import Guide
 from viatool.train.methods import Method
 from viatool.train.networks import Weights
 from viatool.train.observation import Scaling
@@ -132,14 +133,14 @@ class Collector:
         self.steady = self.noise <= max(configuration.constraint_noise, configuration.noise_lowest)
         self.seed_of_robot = np.repeat(np.arange(configuration.seeds), configuration.robots)
         self.budget = var[self.seed_of_robot]
+        self.guide = Guide(world_map, count) if configuration.shaping_path == "around" else None
         self.cost, self.reward = np.zeros(count), np.zeros(count)
         self.length = np.zeros(count, dtype=np.int64)
         self._observe(self.simulator.reset())
+        self._aim(np.ones(count, dtype=bool))
         self.start_observation = self.observation.clone()  # (S, E, n), of every robot's latest episode
 
     def _observe(self, observation: NDArray[Any]) -> None:
-        bins = self.world_map.robot.lidar.bins
-        self.distance = np.array(observation[:, bins], dtype=np.float64)
         self.observation = self._normalised(observation, self.budget)
 
     def _normalised(self, observation: NDArray[Any], budget: Floats) -> Tensor:
@@ -170,15 +171,11 @@ class Collector:
             The ``(S, E)`` transitions, and the episodes that ended.
         """
         action = self.explore(actor)
+        before = self.distance, self.simulator.previous[:, 1]
         step = self.simulator.step(self.scaling.physical_action(action))
         budget = self._next_budget(step.cost)
-        reward = step.reward + shaping_reward(
-            self.configuration.shaping,
-            self.configuration.discount,
-            self.distance,
-            step.goal_distance,
-            step.terminated,
-        )
+        self.distance = self._distance_to_go()
+        reward = self._reward(step, *before)
         transition = self._transition(action, reward, step, self._normalised(step.observation, budget))
         self.cost += step.cost
         self.reward += reward
@@ -187,6 +184,29 @@ class Collector:
         episodes = self._finished(done, step)
         self._begin(done, budget, var, step)
         return transition, episodes
+
+    def _reward(self, step: Step, distance: Floats, turning: Floats) -> Floats:
+        """Return the reward of a step, from how far the robots had to go and how they turned before it."""
+        options = self.configuration
+        shaping = shaping_reward(options.shaping, options.discount, distance, self.distance, step.terminated)
+        steering = options.steering_penalty * np.abs(self.simulator.previous[:, 1] - turning)
+        return step.reward + shaping - steering
+
+    def _distance_to_go(self) -> Floats:
+        """Return the potential of every robot, in metres; see `Guide`."""
+        poses, goals = self.simulator.poses, self.simulator.goals
+        if self.guide is None:
+            return np.asarray(np.hypot(*(goals - poses[:, :2]).T))
+        heading = np.stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])], axis=1)
+        return self.guide.distance(poses[:, :2] + self.configuration.shaping_lookahead * heading)
+
+    def _aim(self, which: Booleans) -> None:
+        """Measure the distance to go of robots that have a new goal."""
+        if self.guide is not None:
+            index = np.flatnonzero(which)
+            simulator = self.simulator
+            self.guide.aim(index, simulator.scenes, simulator.scene[index], simulator.goals[index])
+        self.distance = self._distance_to_go()
 
     def _next_budget(self, cost: Floats) -> Floats:
         if not self.budgeted:
@@ -220,6 +240,8 @@ class Collector:
         for total in (self.cost, self.reward, self.length):
             total[done] = 0
         self._observe(self.simulator.reset(done) if done.any() else step.observation)
+        if done.any():
+            self._aim(done)
         fresh = torch.from_numpy(done).view(self.observation.shape[:2])
         self.start_observation[fresh] = self.observation[fresh]
 

@@ -24,6 +24,7 @@ Positive = Annotated[FiniteFloat, Field(gt=0)]
 NonNegative = Annotated[FiniteFloat, Field(ge=0)]
 Fraction = Annotated[FiniteFloat, Field(ge=0, le=1)]
 Discount = Annotated[FiniteFloat, Field(gt=0, lt=1)]
+ShapingPath = Literal["straight", "around"]
 MethodName = Literal["td3", "td7", "rcpo", "sac-lag", "wcsac", "cvar-cpo", "via"]
 
 
@@ -71,6 +72,7 @@ class TrainingConfiguration(BaseModel):
     return_steps: Count = _option(5, "n of the n-step returns of both critics (the paper: 1)")
     batch_size: Count = _option(128, "transitions of each seed in one update")
     replay_capacity: Count = _option(200_000, "transitions of each seed that are kept")
+    mirror: bool = _option(True, "learn from half of the transitions as seen in a mirror, left for right")
     policy_delay: Count = _option(2, "updates of the critics for one update of the actor and the targets")
     target_rate: Fraction = _option(0.005, "rho, how far the targets move towards their networks")
     target_noise: NonNegative = _option(0.2, "sigma of target policy smoothing, in [-1, 1] action units")
@@ -115,7 +117,14 @@ class TrainingConfiguration(BaseModel):
         0.25, "per metre below proximity_range and step (the paper's task: 0.5)"
     )
     proximity_range: NonNegative = _option(1.35, "metres")
+    steering_penalty: NonNegative = _option(0.0, "per rad/s of change from one command to the next")
     shaping: NonNegative = _option(15.0, "potential-based shaping, per metre towards the goal; 0 is off")
+    shaping_path: ShapingPath = _option(
+        "straight", "metres to the goal are 'straight', or go 'around' the obstacles"
+    )
+    shaping_lookahead: NonNegative = _option(
+        0.5, "metres; with 'around', the distance to go is that of a point so far ahead of the robot"
+    )
     curriculum_start: Positive = _option(
         20.0, "metres, largest distance of the goal at the start of the training"
     )

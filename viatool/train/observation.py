@@ -101,3 +101,29 @@ def near_features(observation: Tensor, bins: int, decay: float = 4.0) -> Tensor:
     """
     ranges = observation[..., :bins] * LIDAR_SCALE + LIDAR_CENTRE
     return torch.cat([observation, torch.exp(-decay * (ranges - 0.5))], dim=-1)
+
+
+class Mirror:
+    """Shows transitions as in a mirror, left for right: the robot and its task are the same there.
+
+    Parameters
+    ----------
+    bins : int
+        LiDAR bins, the first columns of an observation; then goal distance, cosine and sine, the previous
+        linear and angular velocity, and the budget.
+    """
+
+    def __init__(self, bins: int) -> None:
+        rest = torch.arange(bins, bins + 6)
+        self._columns = torch.cat([torch.arange(bins).flip(0), rest])
+        self._signs = torch.ones(bins + 6)
+        self._signs[[bins + 2, bins + 4]] = -1.0  # sine of the goal's bearing, previous angular velocity
+        self._action_signs = torch.tensor([1.0, -1.0])
+
+    def observation(self, observation: Tensor) -> Tensor:
+        """Return mirrored observations ``(..., n)``, normalised or not."""
+        return observation.index_select(-1, self._columns) * self._signs
+
+    def action(self, action: Tensor) -> Tensor:
+        """Return mirrored actions ``(..., A)``."""
+        return action * self._action_signs

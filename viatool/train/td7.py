@@ -45,6 +45,7 @@ class Td7Learner(Learner):
         self.updates += 1
         with torch.no_grad():
             batch, slots = replay.sample_by_priority(options.batch_size, self.generator)
+            batch = self._mirrored(batch)
         loss = agent.embedding.update(batch.observation, batch.action, batch.next_observation, learning_rate)
         metrics = {"embedding_loss": loss} | self._update_critics(batch, slots, replay, learning_rate)
         if self.updates % options.policy_delay == 0:
