@@ -157,7 +157,9 @@ def write(arena: Arena) -> None:
         for index, scenario in enumerate(strict.draw(10 * SCENARIOS, SEED))
     )
     kept = [scenario for scenario in drawn if is_passable(world, scenario)][:SCENARIOS]
-    named = [dataclasses.replace(scenario, name=f"{arena.name}-{index}") for index, scenario in enumerate(kept)]
+    named = [
+        dataclasses.replace(scenario, name=f"{arena.name}-{index}") for index, scenario in enumerate(kept)
+    ]
     lines = [
         "",
         f"# Drawn with seed {SEED}; goals at least {arena.scenario_goal_separation} m from every obstacle's "

@@ -12,9 +12,10 @@ from viatool.train.methods import METHODS
 
 def option_table() -> str:
     """Return the table of docs/training.md; run this file to print it."""
-    lines = ["| option | quick | paper | best | what |", "|---|---|---|---|---|"]
+    changed = [preset for preset in PRESETS if preset != "quick"]
+    lines = [f"| option | quick | {' | '.join(changed)} | what |", "|---" * (len(changed) + 3) + "|"]
     for name, option in TrainingConfiguration.model_fields.items():
-        values = [option.default] + [PRESETS[preset].get(name, "") for preset in ("paper", "best")]
+        values = [option.default] + [PRESETS[preset].get(name, "") for preset in changed]
         cells = [f"`{name}`", *("" if value == "" else plain(value) for value in values)]
         lines.append(f"| {' | '.join(cells)} | {option.description} |")
     return "\n".join(lines) + "\n"

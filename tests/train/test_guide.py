@@ -85,6 +85,7 @@ def test_the_mirror_shows_what_a_robot_in_the_mirrored_world_observes() -> None:
         return torch.from_numpy(np.column_stack([rows, np.ones(30)]))  # with a budget
 
     mirror = Mirror(LAB.robot.lidar.bins)
-    torch.testing.assert_close(mirror.observation(observe(1.0).float()), observe(-1.0).float(), atol=2e-4, rtol=0)
+    torch.testing.assert_close(
+        mirror.observation(observe(1.0).float()), observe(-1.0).float(), atol=2e-4, rtol=0
+    )
     assert mirror.action(torch.tensor([[0.2, 0.7]])).tolist() == [[pytest.approx(0.2), pytest.approx(-0.7)]]
-

@@ -14,6 +14,7 @@ from viatool.train.configuration import make_configuration
 from viatool.train.methods import METHODS
 from viatool.train.methods.via import cost_target
 from viatool.train.networks import TrainedNetwork, Weights
+from viatool.train.observation import make_scaling
 from viatool.train.replay import Batch, ReplayBuffer
 from viatool.train.returns import NStepReturns, Transition
 from viatool.train.updates import (
@@ -26,6 +27,7 @@ from viatool.train.updates import (
     update_targets,
     update_task_critics,
 )
+from viatool.world import load_map
 
 
 def generator(seed: int = 0) -> torch.Generator:
@@ -242,7 +244,8 @@ def test_actor_and_targets_move_only_at_every_second_update_of_the_critics() -> 
             torch.ones(2, 16),
         )
     )
-    learner = Learner(options, method, agent, replay, bins=20, generator=random)
+    scaling = make_scaling(load_map("maps/lab.yaml").robot, 10.0)
+    learner = Learner(options, method, agent, replay, scaling, generator=random)
     networks = {
         "actor": agent.actor.weights,
         "target": agent.actor.target,

@@ -10,7 +10,8 @@ from viatool.train.configuration import TrainingConfiguration
 from viatool.train.embedding import Embedding
 from viatool.train.methods import Method
 from viatool.train.networks import TrainedNetwork, Weights
-from viatool.train.observation import Mirror, near_features
+from viatool.train.observation import Mirror, Scaling, near_features
+from viatool.train.reachability import action_width
 from viatool.train.replay import Batch, ReplayBuffer
 from viatool.train.updates import (
     Agent,
@@ -87,8 +88,8 @@ class Learner:
         Updated in place.
     replay : ReplayBuffer
         Source of the batches.
-    bins : int
-        LiDAR bins of an observation.
+    scaling : Scaling
+        Of the robot.
     generator : torch.Generator
         Of batches and smoothing noise.
     """
@@ -99,15 +100,16 @@ class Learner:
         method: Method,
         agent: Agent,
         replay: ReplayBuffer,
-        bins: int,
+        scaling: Scaling,
         generator: torch.Generator,
     ) -> None:
         self.configuration = configuration
         self.method = method
         self.agent = agent
         self.replay = replay
-        self.bins = bins
-        self.mirror = Mirror(bins)
+        self.bins = scaling.bins
+        self.mirror = Mirror(scaling.bins)
+        self.radius = scaling.radius(configuration.reachability_eps)
         self.generator = generator
         self.updates = 0
 
@@ -122,6 +124,14 @@ class Learner:
                 part.copy_(self.mirror.observation(part))
             batch.action[:, :half] = self.mirror.action(batch.action[:, :half])
         return batch
+
+    def _width(self, observation: torch.Tensor) -> torch.Tensor | None:
+        """Return ``(S,)`` the mean width of the reachable sets of some of the states, None if it is not used."""
+        options = self.configuration
+        if not options.reachability_weight:
+            return None
+        states = observation[:, : options.reachability_states]
+        return action_width(self.agent.actor.weights, states, self.radius).mean((1, 2))
 
     def update(self, multiplier: torch.Tensor, learning_rate: float, *, measure: bool = False) -> Metrics:
         """Take one step of Algorithm 1, line "off-policy updates".
@@ -171,6 +181,8 @@ class Learner:
                 multiplier,
                 learning_rate=learning_rate,
                 saturation_penalty=options.saturation_penalty,
+                width=self._width(batch.observation),
+                width_penalty=options.reachability_weight,
             )
             update_targets(agent, options.target_rate)
         return metrics

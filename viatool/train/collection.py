@@ -133,6 +133,7 @@ class Collector:
         self.steady = self.noise <= max(configuration.constraint_noise, configuration.noise_lowest)
         self.seed_of_robot = np.repeat(np.arange(configuration.seeds), configuration.robots)
         self.budget = var[self.seed_of_robot]
+        self.distance = np.zeros(count)
         self.guide = Guide(world_map, count) if configuration.shaping_path == "around" else None
         self.cost, self.reward = np.zeros(count), np.zeros(count)
         self.length = np.zeros(count, dtype=np.int64)
@@ -188,7 +189,12 @@ class Collector:
     def _reward(self, step: Step, distance: Floats, turning: Floats) -> Floats:
         """Return the reward of a step, from how far the robots had to go and how they turned before it."""
         options = self.configuration
-        shaping = shaping_reward(options.shaping, options.discount, distance, self.distance, step.terminated)
+        if options.shaping_form == "progress":
+            shaping = options.shaping * (distance - self.distance)
+        else:
+            shaping = shaping_reward(
+                options.shaping, options.discount, distance, self.distance, step.terminated
+            )
         steering = options.steering_penalty * np.abs(self.simulator.previous[:, 1] - turning)
         return step.reward + shaping - steering
 
@@ -249,7 +255,5 @@ class Collector:
         """Draw goals of the coming episodes within this distance of their start (curriculum), in metres."""
         generator = self.world_map.generator
         if generator is not None:
-            least = min(generator.goal_distance[0], largest)
-            self.simulator.generator = generator.with_goal_distance(
-                least, min(generator.goal_distance[1], largest)
-            )
+            least, usual = generator.goal_distance
+            self.simulator.generator = generator.with_goal_distance(min(least, largest), min(usual, largest))

@@ -24,7 +24,9 @@ Positive = Annotated[FiniteFloat, Field(gt=0)]
 NonNegative = Annotated[FiniteFloat, Field(ge=0)]
 Fraction = Annotated[FiniteFloat, Field(ge=0, le=1)]
 Discount = Annotated[FiniteFloat, Field(gt=0, lt=1)]
+ShapingForm = Literal["potential", "progress"]
 ShapingPath = Literal["straight", "around"]
+Selection = Literal["success", "safety"]
 MethodName = Literal["td3", "td7", "rcpo", "sac-lag", "wcsac", "cvar-cpo", "via"]
 
 
@@ -64,10 +66,10 @@ class TrainingConfiguration(BaseModel):
     near_features: bool = _option(True, "show the critics exp(-4 clearance) of every LiDAR bin as well")
 
     # TD3
-    discount: Discount = _option(0.99, "gamma")
+    discount: Discount = _option(0.98, "gamma")
     learning_rate: Positive = _option(1e-3, "of Adam, for all networks")
     final_learning_rate: Fraction = _option(
-        0.1, "learning rate at the end, as a fraction of the first; linear"
+        0.02, "learning rate at the end, as a fraction of the first; linear"
     )
     return_steps: Count = _option(5, "n of the n-step returns of both critics (the paper: 1)")
     batch_size: Count = _option(128, "transitions of each seed in one update")
@@ -87,7 +89,7 @@ class TrainingConfiguration(BaseModel):
 
     # CVaR constraint
     alpha: Discount = _option(0.9, "CVaR level: the worst 1 - alpha of the episodes count")
-    cost_limit: Positive = _option(10.0, "b, limit of the CVaR of the episode cost")
+    cost_limit: Positive = _option(0.5, "b, limit of the CVaR of the episode cost")
     quantiles: Annotated[int, Field(ge=2)] = _option(20, "M, quantiles of the cost critic")
     huber_threshold: Positive = _option(1.0, "kappa of the quantile Huber loss")
     cost_critic_delay: Count = _option(2, "updates of the task critics for one update of the cost critic")
@@ -98,8 +100,8 @@ class TrainingConfiguration(BaseModel):
     var_rule: VarRule = _option("adaptive", "'adaptive' (the paper) or 'empirical' (quantile of the epoch)")
     var_ceiling: Fraction = _option(0.9, "u is kept below this fraction of b")
     multiplier_initial: NonNegative = _option(0.2, "lambda_0")
-    multiplier_step: NonNegative = _option(0.01, "beta_lambda")
-    multiplier_maximum: NonNegative = _option(0.3, "lambda_max, in units of the scaled reward")
+    multiplier_step: NonNegative = _option(0.03, "beta_lambda")
+    multiplier_maximum: NonNegative = _option(1.0, "lambda_max, in units of the scaled reward")
     multiplier_rule: MultiplierRule = _option(
         "mean", "'mean' (the paper: b - u - mean cost) or 'cvar' (b - CVaR)"
     )
@@ -117,10 +119,14 @@ class TrainingConfiguration(BaseModel):
         0.25, "per metre below proximity_range and step (the paper's task: 0.5)"
     )
     proximity_range: NonNegative = _option(1.35, "metres")
-    steering_penalty: NonNegative = _option(0.0, "per rad/s of change from one command to the next")
+    steering_penalty: NonNegative = _option(0.2, "per rad/s of change from one command to the next")
     shaping: NonNegative = _option(15.0, "potential-based shaping, per metre towards the goal; 0 is off")
+    shaping_form: ShapingForm = _option(
+        "progress",
+        "'potential' leaves the best policy as it is; 'progress' pays metres gained, undiscounted",
+    )
     shaping_path: ShapingPath = _option(
-        "straight", "metres to the goal are 'straight', or go 'around' the obstacles"
+        "around", "metres to the goal are 'straight', or go 'around' the obstacles"
     )
     shaping_lookahead: NonNegative = _option(
         0.5, "metres; with 'around', the distance to go is that of a point so far ahead of the robot"
@@ -129,6 +135,23 @@ class TrainingConfiguration(BaseModel):
         20.0, "metres, largest distance of the goal at the start of the training"
     )
     curriculum_epochs: Whole = _option(0, "epochs over which that distance grows to 20 m; 0 is no curriculum")
+
+    # Verification in the loop
+    reachability_weight: NonNegative = _option(
+        0.0, "weight of the mean width of the actions' reachable sets in the actor's loss; 0 is off"
+    )
+    reachability_eps: NonNegative = _option(0.01, "sensor error of these sets, in every channel's unit")
+    reachability_states: Count = _option(32, "states of each batch and seed whose sets are bounded")
+    select_by: Selection = _option(
+        "success", "the exported policy has the best 'success', or of those about as good the best 'safety'"
+    )
+    selection_tolerance: Fraction = _option(
+        0.01, "how much success (minus collisions) a candidate may lack to be about as good as the best"
+    )
+    verification_scenarios: Whole = _option(
+        0, "validation scenarios whose states are verified at every evaluation; 0 is off"
+    )
+    verification_eps: NonNegative = _option(0.01, "sensor error of that verification")
 
     # Evaluation and records
     evaluation_interval: Count = _option(3, "epochs between evaluations")
@@ -151,6 +174,8 @@ class TrainingConfiguration(BaseModel):
     def _consistent(self) -> TrainingConfiguration:
         if (self.epoch_steps is None) == (self.epoch_episodes is None):
             raise ValueError("give exactly one of epoch_steps and epoch_episodes, and null for the other")
+        if self.select_by == "safety" and not self.verification_scenarios:
+            raise ValueError("select_by: safety needs verification_scenarios, for example 20")
         if self.noise_highest < self.noise_lowest:
             raise ValueError(f"noise_highest {self.noise_highest} is below noise_lowest {self.noise_lowest}")
         if self.replay_capacity < max(self.learning_starts, self.robots):
@@ -174,6 +199,11 @@ class TrainingConfiguration(BaseModel):
 _PAPER: dict[str, Any] = {
     "seeds": 5,
     "epochs": 100,
+    "discount": 0.99,
+    "mirror": False,
+    "cost_limit": 10.0,
+    "multiplier_step": 0.01,
+    "multiplier_maximum": 0.3,
     "epoch_steps": None,
     "epoch_episodes": 70,
     "robots": 14,
@@ -195,28 +225,36 @@ _PAPER: dict[str, Any] = {
     "constraint_noise": 0.2,
     "turn_penalty": 0.5,
     "proximity_penalty": 0.5,
+    "steering_penalty": 0.0,
     "shaping": 0.0,
+    "shaping_form": "potential",
+    "shaping_path": "straight",
     "evaluation_interval": 5,
     "evaluation_start": 0.0,
     "checkpoint_interval": 10,
 }
 
-_BEST: dict[str, Any] = {
-    "seeds": 4,
-    "epochs": 90,
-    "batch_size": 256,
-    "replay_capacity": 400_000,
-    "final_learning_rate": 0.02,
-    "cost_limit": 1.5,
-    "multiplier_step": 0.02,
-    "multiplier_maximum": 1.0,
-    "final_scenarios": 2000,
-    "finalists": 8,
+_STUDY: dict[str, Any] = {
+    "seeds": 5,
+    "epochs": 75,
     "evaluation_start": 0.6,
+    "validation_scenarios": 1000,
 }
 
-PRESETS: dict[str, dict[str, Any]] = {"quick": {}, "paper": _PAPER, "best": _BEST}
-"""What each preset changes of the defaults: a policy in minutes, the paper's schedule, the best policy."""
+_BEST: dict[str, Any] = {
+    "seeds": 4,
+    "epochs": 100,
+    "batch_size": 256,
+    "replay_capacity": 400_000,
+    "final_scenarios": 4000,
+    "finalists": 8,
+    "evaluation_start": 0.6,
+    "validation_scenarios": 1000,
+}
+
+PRESETS: dict[str, dict[str, Any]] = {"quick": {}, "paper": _PAPER, "study": _STUDY, "best": _BEST}
+"""What each preset changes of the defaults: a policy in minutes, the paper's schedule, the comparison of methods
+over five seeds, the best policy."""
 
 
 def make_configuration(

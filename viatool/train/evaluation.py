@@ -59,11 +59,10 @@ class Evaluation:
 
 
 def drive(
-    command: Command,
+    commands: Sequence[Command],
     world_map: WorldMap,
     scenarios: Sequence[Scenario],
     *,
-    policies: int = 1,
     horizon: int = 300,
     seed: int = 0,
 ) -> Evaluation:
@@ -71,14 +70,12 @@ def drive(
 
     Parameters
     ----------
-    command : callable
-        From ``(S * N, n - 1)`` physical observations, the policies one after the other, to m/s and rad/s.
+    commands : sequence of callable
+        S policies, from ``(N, n - 1)`` physical observations to m/s and rad/s.
     world_map : WorldMap
         Its own noise of the LiDAR applies.
     scenarios : sequence of Scenario
         N.
-    policies : int
-        S.
     horizon : int
         Steps after which an episode ends as a timeout.
     seed : int
@@ -88,39 +85,40 @@ def drive(
     -------
     Evaluation
     """
-    count = len(scenarios)
-    simulator = NavigationSimulator(
-        world_map, policies * count, scenarios=list(scenarios) * policies, horizon=horizon, seed=seed
-    )
-    observation = simulator.reset()
-    active = np.ones(policies * count, dtype=bool)
-    success, collision = np.zeros_like(active), np.zeros_like(active)
-    cost, steps = np.zeros(active.shape), np.zeros(active.shape, dtype=np.int64)
-    while active.any():
-        step = simulator.step(command(observation))
-        observation = step.observation
-        cost += np.where(active, step.cost, 0.0)
-        steps += active
-        success |= active & step.success
-        collision |= active & step.collision
-        active &= ~(step.terminated | step.truncated)
-    shape = (policies, count)
-    return Evaluation(
-        success.reshape(shape), collision.reshape(shape), cost.reshape(shape), steps.reshape(shape)
-    )
+    shape = len(commands), len(scenarios)
+    success, collision = np.zeros(shape, dtype=bool), np.zeros(shape, dtype=bool)
+    cost, steps = np.zeros(shape), np.zeros(shape, dtype=np.int64)
+    for policy, command in enumerate(commands):
+        simulator = NavigationSimulator(
+            world_map, len(scenarios), scenarios=list(scenarios), horizon=horizon, seed=seed
+        )
+        observation, active = simulator.reset(), np.arange(len(scenarios))
+        while len(active):
+            step = simulator.step(command(observation))
+            cost[policy, active] += step.cost
+            steps[policy, active] += 1
+            success[policy, active] = step.success
+            collision[policy, active] = step.collision
+            simulator.keep(~step.done)
+            active, observation = active[~step.done], step.observation[~step.done]
+    return Evaluation(success, collision, cost, steps)
 
 
-def actor_command(actor: Weights, scaling: Scaling, budget: Floats) -> Command:
-    """Return the policies of S seeds without noise; the budget channel is held at ``budget (S,)``."""
+def actor_command(actor: Weights, scaling: Scaling, budget: float) -> Command:
+    """Return the policy of one seed without noise; the budget channel is held at `budget`."""
 
     def command(observation: NDArray[Any]) -> Floats:
-        count = len(observation) // actor.seeds
-        inputs = scaling.normalise(observation, np.repeat(budget, count)).view(actor.seeds, count, -1)
+        inputs = scaling.normalise(observation, np.full(len(observation), budget))
         with torch.no_grad():
-            action = act(actor, inputs)
-        return scaling.physical_action(action.reshape(len(observation), -1).numpy().astype(np.float64))
+            action = act(actor, inputs.unsqueeze(0))[0]
+        return scaling.physical_action(action.numpy().astype(np.float64))
 
     return command
+
+
+def actor_commands(actor: Weights, scaling: Scaling, budget: Floats) -> list[Command]:
+    """Return the policies of S seeds, see `actor_command`; budget is ``(S,)``."""
+    return [actor_command(actor.one(seed), scaling, float(budget[seed])) for seed in range(actor.seeds)]
 
 
 def policy_command(policy: Policy, budget: float) -> Command:

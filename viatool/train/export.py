@@ -28,21 +28,13 @@ TOLERANCE = 1e-4  # of the action range; float32 rounding stays about a hundred 
 _ACTIVATIONS = {"relu": "Relu", "tanh": "Tanh"}
 
 
-def select_seed(weights: Weights, seed: int) -> Weights:
-    """Return the network of one seed, with a leading dimension of 1."""
-    single = Weights(weights.sizes, 1, weights.activation)
-    for own, every in zip(single.layers, weights.layers, strict=True):
-        own.detach().copy_(every.detach()[seed : seed + 1])
-    return single
-
-
 def actor_network(actor: Weights, scaling: Scaling) -> Network:
     """Build the exported program of one seed.
 
     Parameters
     ----------
     actor : Weights
-        Of one seed, see `select_seed`.
+        Of one seed, see `Weights.one`.
     scaling : Scaling
         Becomes the first and the last affine node.
 
@@ -170,7 +162,7 @@ def export_checkpoint(
     every.flat.copy_(content["networks"]["actor"]["target"])
     training = training_record(configuration, seed, content["epoch"])
     specification = make_specification(robot, float(content["var"][seed]), training)
-    return export_actor(select_seed(every, seed), scaling, specification, path)
+    return export_actor(every.one(seed), scaling, specification, path)
 
 
 def check_against_torch(policy: Policy, actor: Weights, scaling: Scaling) -> float:
@@ -187,7 +179,7 @@ def check_against_torch(policy: Policy, actor: Weights, scaling: Scaling) -> flo
     assert policy.spec is not None
     budget = float(policy.spec.channel("budget").value or 0.0)
     observation[:, -1] = np.float32(budget)
-    expected = actor_command(actor, scaling, np.array([budget]))(observation[:, :-1])
+    expected = actor_command(actor, scaling, budget)(observation[:, :-1])
     difference = np.abs(policy.run(observation) - expected) / scaling.action_factor
     worst = float(difference.max())
     if not worst <= TOLERANCE:

@@ -81,7 +81,10 @@ class Guide:
         cell = place.astype(np.int64)
         (right, up), (column, row), robot = (place - cell).T, cell.T, np.arange(len(points))
         low = self.fields[robot, row, column] * (1 - right) + self.fields[robot, row, column + 1] * right
-        high = self.fields[robot, row + 1, column] * (1 - right) + self.fields[robot, row + 1, column + 1] * right
+        high = (
+            self.fields[robot, row + 1, column] * (1 - right)
+            + self.fields[robot, row + 1, column + 1] * right
+        )
         return np.asarray(low * (1 - up) + high * up)
 
 

@@ -75,6 +75,13 @@ class Weights:
         other.flat.copy_(self.flat)
         return other
 
+    def one(self, seed: int) -> Weights:
+        """Return a copy of the network of one seed, with a leading dimension of 1."""
+        single = Weights(self.sizes, 1, self.activation)
+        for own, every in zip(single.layers, self.layers, strict=True):
+            own.detach().copy_(every.detach()[seed : seed + 1])
+        return single
+
     def __call__(self, inputs: Tensor) -> Tensor:
         """Evaluate the S perceptrons.
 

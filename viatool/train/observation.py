@@ -36,6 +36,15 @@ class Scaling:
     action_offset: Floats
     action_factor: Floats
 
+    @property
+    def bins(self) -> int:
+        """Return how many LiDAR bins an observation begins with."""
+        return len(self.offset) - 6
+
+    def radius(self, eps: float) -> Tensor:
+        """Return ``(n,)`` the half widths of a box of `eps` in every channel's unit, 0 for the budget."""
+        return torch.from_numpy(np.append(eps * self.factor[:-1], 0.0).astype(np.float32))
+
     def normalise(self, observation: Floats, budget: Floats) -> Tensor:
         """Join physical observations ``(N, n - 1)`` and budgets ``(N,)`` to network inputs ``(N, n)``."""
         joined = np.concatenate([observation, budget[:, None]], axis=1)

@@ -15,7 +15,7 @@ from viatool.train.agent import ACTIONS, Learner, make_agent
 from viatool.train.collection import Collector
 from viatool.train.configuration import TrainingConfiguration
 from viatool.train.constraint import initial_var
-from viatool.train.evaluation import actor_command, drive
+from viatool.train.evaluation import actor_commands, drive
 from viatool.train.methods import METHODS
 from viatool.train.networks import Weights
 from viatool.train.observation import Scaling, make_scaling
@@ -103,12 +103,12 @@ def begin_run(configuration: TrainingConfiguration) -> TrainingRun:
         )
     scaling = make_scaling(world_map.robot, configuration.budget_limit)
     generator = torch.Generator().manual_seed(configuration.seed)
-    size, bins = len(scaling.offset), world_map.robot.lidar.bins
+    size = len(scaling.offset)
     method = METHODS[configuration.method](configuration)
-    agent = make_agent(configuration, method, size, bins, generator)
+    agent = make_agent(configuration, method, size, scaling.bins, generator)
     kind, ring = (Td7Learner, PrioritisedReplay) if method.embedded else (Learner, ReplayBuffer)
     replay = ring(configuration.seeds, configuration.replay_capacity, size, ACTIONS)
-    learner = kind(configuration, method, agent, replay, bins, generator)
+    learner = kind(configuration, method, agent, replay, scaling, generator)
     var = np.zeros(configuration.seeds)
     if method.budgeted and configuration.warmup_episodes:
         var = _warm_up(configuration, world_map, scaling, agent.actor.weights)
@@ -119,8 +119,8 @@ def begin_run(configuration: TrainingConfiguration) -> TrainingRun:
 def _warm_up(options: TrainingConfiguration, world_map: WorldMap, scaling: Scaling, actor: Weights) -> Floats:
     """Return u0 ``(S,)``: the alpha-quantile of episode costs of the initial policies, kept below b."""
     scenarios = random_scenarios(world_map, options.warmup_episodes, options.seed)
-    command = actor_command(actor, scaling, np.zeros(options.seeds))
-    outcome = drive(command, world_map, scenarios, policies=options.seeds, horizon=options.horizon)
+    commands = actor_commands(actor, scaling, np.zeros(options.seeds))
+    outcome = drive(commands, world_map, scenarios, horizon=options.horizon)
     return np.minimum(initial_var(outcome.cost, options.alpha), var_ceiling(options))
 
 
@@ -150,6 +150,7 @@ def run_state(run: TrainingRun) -> dict[str, Any]:
             "epoch": one.epoch,
             "score": one.score,
             "var": one.var,
+            "safety": one.safety,
             "weights": one.weights.flat,
         }
         for one in run.candidates
@@ -194,5 +195,6 @@ def resume_run(state: dict[str, Any], where: Path) -> TrainingRun:
     for one in state["candidates"]:
         weights = Weights(run.actor.sizes, 1, run.actor.activation)
         weights.flat.copy_(one["weights"])
-        run.candidates.append(Candidate(one["seed"], one["epoch"], one["score"], one["var"], weights))
+        kept = one["seed"], one["epoch"], one["score"], one["var"], weights, tuple(one["safety"])
+        run.candidates.append(Candidate(*kept))
     return run

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from viatool.policy import Policy
 from viatool.train.configuration import TrainingConfiguration
-from viatool.train.evaluation import Evaluation, actor_command, drive, policy_command
+from viatool.train.evaluation import Evaluation, actor_command, actor_commands, drive, policy_command
 from viatool.train.networks import Weights
 from viatool.train.observation import Scaling
 from viatool.world import Scenario, WorldMap
@@ -29,6 +29,9 @@ class Candidate:
         u, to which its budget channel will be fixed.
     weights : Weights
         Of the actor, one seed.
+    safety : tuple of float
+        Rates by which those of about the same score are compared, see `viatool.train.scoring`; empty where
+        safety does not decide.
     """
 
     seed: int
@@ -36,6 +39,7 @@ class Candidate:
     score: float
     var: float
     weights: Weights
+    safety: tuple[float, ...] = ()
 
 
 def random_scenarios(world_map: WorldMap, count: int, seed: int) -> tuple[Scenario, ...]:
@@ -46,9 +50,19 @@ def random_scenarios(world_map: WorldMap, count: int, seed: int) -> tuple[Scenar
     return tuple(own[index % len(own)] for index in range(count))
 
 
-def best_candidates(candidates: Sequence[Candidate], count: int) -> list[Candidate]:
-    """Return the best ones in order; of equal ones the later."""
-    return sorted(candidates, key=lambda one: (-one.score, -one.epoch, one.seed))[:count]
+def best_candidates(candidates: Sequence[Candidate], count: int, tolerance: float) -> list[Candidate]:
+    """Return the best ones in order.
+
+    Those within `tolerance` of the best score count as equally good, and then those of the next such class:
+    in a class the safer one comes first, then the better score, then the later.
+    """
+    best = max(one.score for one in candidates)
+
+    def rank(one: Candidate) -> tuple[float, tuple[float, ...], float, int, int]:
+        behind = (best - one.score) // tolerance if one.safety and tolerance else best - one.score
+        return (behind, tuple(-rate for rate in one.safety), -one.score, -one.epoch, one.seed)
+
+    return sorted(candidates, key=rank)[:count]
 
 
 def choose(
@@ -61,20 +75,10 @@ def choose(
     if len(candidates) == 1:
         return candidates[0]
     scenarios = random_scenarios(world_map, configuration.final_scenarios, configuration.validation_seed + 1)
-    first = candidates[0].weights
-    joint = Weights(first.sizes, len(candidates), first.activation)
-    for index, candidate in enumerate(candidates):
-        for every, own in zip(joint.layers, candidate.weights.layers, strict=True):
-            every.detach()[index] = own.detach()[0]
-    budget = np.array([candidate.var for candidate in candidates])
-    outcome = drive(
-        actor_command(joint, scaling, budget),
-        world_map,
-        scenarios,
-        policies=len(candidates),
-        horizon=configuration.horizon,
-    )
-    return candidates[int(np.argmax(outcome.score()))]
+    commands = [actor_command(one.weights, scaling, one.var) for one in candidates]
+    outcome = drive(commands, world_map, scenarios, horizon=configuration.horizon)
+    judged = [replace(one, score=score) for one, score in zip(candidates, outcome.score(), strict=True)]
+    return best_candidates(judged, 1, configuration.selection_tolerance)[0]
 
 
 def validate(
@@ -82,14 +86,8 @@ def validate(
 ) -> Evaluation:
     """Drive the policies of all seeds on the validation scenarios."""
     scenarios = random_scenarios(world_map, options.validation_scenarios, options.validation_seed)
-    return drive(
-        actor_command(actor, scaling, budget),
-        world_map,
-        scenarios,
-        policies=actor.seeds,
-        horizon=options.horizon,
-        seed=options.validation_seed,
-    )
+    commands = actor_commands(actor, scaling, budget)
+    return drive(commands, world_map, scenarios, horizon=options.horizon, seed=options.validation_seed)
 
 
 def evaluate_policy(
@@ -105,7 +103,7 @@ def evaluate_policy(
     for name, scenarios in sets.items():
         if scenarios:
             outcome = drive(
-                command, world_map, scenarios, horizon=configuration.horizon, seed=configuration.test_seed
+                [command], world_map, scenarios, horizon=configuration.horizon, seed=configuration.test_seed
             )
             evaluation[name] = {"episodes": float(len(scenarios)), **outcome.metrics(0)}
     return evaluation

@@ -85,5 +85,8 @@ class Td7Learner(Learner):
         values = twin_values(agent.task_critics.weights, self._critic_input(observation, raw.tanh()))
         value = values.mean((0, 2))
         loss = self.configuration.saturation_penalty * saturation(raw) - value
+        width = self._width(observation)
+        if width is not None:
+            loss = loss + self.configuration.reachability_weight * width
         agent.actor.descend(grad(loss.sum(), agent.actor.weights.layers), learning_rate)
         return {"actor_value": value.detach()}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from viatool.policy import Policy
 from viatool.train.collection import Collector, Episodes
 from viatool.train.configuration import TrainingConfiguration, load_configuration
 from viatool.train.constraint import update_multiplier, update_var
-from viatool.train.export import export_actor, select_seed, training_record
+from viatool.train.export import export_actor, training_record
 from viatool.train.methods.method import EpochCosts
 from viatool.train.observation import make_specification
 from viatool.train.progress import Progress, Silence
@@ -31,6 +31,7 @@ from viatool.train.records import (
     write_text,
 )
 from viatool.train.run import TrainingRun, begin_run, checkpoint, resume_run, run_state, var_ceiling
+from viatool.train.scoring import score_safety
 from viatool.train.selection import Candidate, best_candidates, choose, evaluate_policy, validate
 
 Floats = NDArray[np.float64]
@@ -336,16 +337,28 @@ def _evaluate(run: TrainingRun, rows: list[dict[str, float]]) -> str:
     """Validate all seeds, remember the best candidates, and return the end of the epoch's line."""
     options = run.configuration
     evaluation = validate(run.actor, run.var, run.world_map, run.scaling, options)
-    fresh = [
-        Candidate(seed, run.epoch, float(score), float(run.var[seed]), select_seed(run.actor, seed))
-        for seed, score in enumerate(evaluation.score())
-    ]
-    run.candidates = best_candidates([*run.candidates, *fresh], options.finalists)
-    for seed, row in enumerate(rows):
+    fresh = []
+    for seed, (row, score) in enumerate(zip(rows, evaluation.score(), strict=True)):
         row.update({f"validation_{name}": value for name, value in evaluation.metrics(seed).items()})
+        candidate = Candidate(seed, run.epoch, float(score), float(run.var[seed]), run.actor.one(seed))
+        fresh.append(_verified(run, candidate, row))
+    run.candidates = best_candidates(
+        [*run.candidates, *fresh], options.finalists, options.selection_tolerance
+    )
     best = run.candidates[0]
     rates = " ".join(f"{rate:.1%}" for rate in evaluation.success.mean(axis=1))
     return f"  validation {rates} (best: seed {best.seed}, epoch {best.epoch})"
+
+
+def _verified(run: TrainingRun, candidate: Candidate, row: dict[str, float]) -> Candidate:
+    """Verify a candidate if the configuration says so, and return it with its rates if these decide."""
+    options = run.configuration
+    if not options.verification_scenarios:
+        return candidate
+    safety = score_safety(candidate.weights, candidate.var, run.world_map, run.scaling, options)
+    row.update(safety.metrics())
+    decides = options.select_by == "safety"
+    return replace(candidate, safety=(safety.collision, safety.danger)) if decides else candidate
 
 
 def _finish(run: TrainingRun, directory: Path, progress: Progress, started: float) -> TrainingResult:

@@ -115,8 +115,10 @@ def update_actor(
     *,
     learning_rate: float,
     saturation_penalty: float = 0.0,
+    width: Tensor | None = None,
+    width_penalty: float = 0.0,
 ) -> Metrics:
-    """Descend ``-E[Q_1(s, pi(s))] + lambda E[cost of pi(s)]`` and a penalty on saturated outputs.
+    """Descend ``-E[Q_1(s, pi(s))] + lambda E[cost of pi(s)]`` and penalties on saturated and uncertain outputs.
 
     Parameters
     ----------
@@ -134,6 +136,10 @@ def update_actor(
         Of this step.
     saturation_penalty : float
         Weight of `saturation`.
+    width : Tensor, optional
+        ``(S,)`` of the actor's reachable sets, see `viatool.train.reachability`.
+    width_penalty : float
+        Weight of `width`.
     """
     raw = agent.actor.weights(observation)
     inputs = critic_input(features, raw.tanh())
@@ -144,6 +150,9 @@ def update_actor(
         cost = method.action_cost(agent.cost_critic.weights(inputs), budget).mean(-1)
         loss = loss + multiplier * cost
         metrics["action_cost"] = cost.detach()
+    if width is not None:
+        loss = loss + width_penalty * width
+        metrics["action_width"] = width.detach()
     agent.actor.descend(grad(loss.sum(), agent.actor.weights.layers), learning_rate)
     return metrics
 
