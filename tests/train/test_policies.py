@@ -27,9 +27,9 @@ def test_a_policy_drives_as_well_as_its_table_says(path: Path) -> None:
     assert outcome["collision_rate"] == pytest.approx(collisions, abs=0.01)
 
 
-def test_the_configuration_of_via_is_the_preset_best() -> None:
-    configuration = load_configuration("policies/via.yaml")
-    assert configuration == make_configuration("best")
+def test_the_configuration_of_via_is_the_one_in_its_specification() -> None:
+    configuration = load_configuration("policies/via.yaml").model_dump(mode="json")
     spec = load_policy("policies/via.onnx").spec
     assert spec is not None
-    assert spec.training["configuration"] == configuration.model_dump(mode="json")
+    trained = spec.training["configuration"]
+    assert {name: configuration[name] for name in trained} == trained

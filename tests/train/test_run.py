@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import csv
 import json
+import random
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -232,6 +236,22 @@ def test_a_killed_run_goes_on_as_if_it_had_never_stopped(
         (directory / "metrics.csv").read_bytes() for directory in (tmp_path / "killed", run[0].run_directory)
     ]
     assert rows[0] == rows[1]
+
+
+def test_a_run_whose_process_is_killed_goes_on(tmp_path: Path) -> None:
+    options = tiny(epochs=6, tensorboard=False)
+    (tmp_path / "options.yaml").write_text(options.to_yaml(), encoding="utf-8")
+    directory = tmp_path / "killed"
+    command = [sys.executable, "-m", "viatool", "train", "--config", str(tmp_path / "options.yaml")]
+    process = subprocess.Popen([*command, "--output", str(directory), "--quiet"])
+    while not (directory / "state.pt").exists():
+        assert process.poll() is None
+        time.sleep(0.01)
+    time.sleep(random.uniform(0.0, 0.1))  # any moment will do
+    process.kill()  # SIGKILL: nothing can be tidied up
+    process.wait()
+    assert not (directory / "evaluation.json").exists()
+    assert weights(resume(directory)) == weights(train(options, tmp_path / "whole"))
 
 
 def test_td7_resumes_with_its_priorities_and_codes(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from viatool.train.methods import METHODS
 from viatool.train.methods.via import cost_target
 from viatool.train.networks import TrainedNetwork, Weights
 from viatool.train.observation import make_scaling
+from viatool.train.reachability import action_width
 from viatool.train.replay import Batch, ReplayBuffer
 from viatool.train.returns import NStepReturns, Transition
 from viatool.train.updates import (
@@ -217,6 +218,30 @@ def test_saturated_outputs_are_drawn_back_to_where_tanh_has_a_slope() -> None:
             saturation_penalty=0.05,
         )
     assert agent.actor.weights(observation).abs().mean().item() < 3.0
+
+
+def test_a_penalty_on_the_width_of_reachable_sets_shrinks_them() -> None:
+    observation = torch.randn(1, 64, 3, generator=generator(3))
+    td3 = METHODS["td3"](make_configuration())
+    radius = torch.full((3,), 0.1)
+    widths = []
+    for penalty in (0.0, 1.0):
+        agent = tiny_agent()
+        for _ in range(50):
+            width = action_width(agent.actor.weights, observation, radius).mean((1, 2))
+            update_actor(
+                agent,
+                td3,
+                observation,
+                observation,
+                torch.zeros(1, 64),
+                torch.zeros(1),
+                learning_rate=1e-2,
+                width=width,
+                width_penalty=penalty,
+            )
+        widths.append(action_width(agent.actor.weights, observation, radius).mean().item())
+    assert widths[1] < 0.5 * widths[0]
 
 
 def test_targets_follow_by_their_rate() -> None:

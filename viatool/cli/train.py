@@ -14,10 +14,10 @@ from viatool.cli.terminal import open_console
 @click.command()
 @click.option(
     "--preset",
-    type=click.Choice(["quick", "paper", "best"]),
+    type=click.Choice(["quick", "paper", "study", "best"]),
     default="quick",
     show_default=True,
-    help="A policy in minutes, the paper's schedule, or the best policy.",
+    help="A policy in minutes, the paper's schedule, five seeds to compare methods, or the best policy.",
 )
 @click.option(
     "--config", "file", type=options.READABLE, metavar="FILE", help="YAML with any training option."

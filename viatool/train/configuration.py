@@ -66,7 +66,7 @@ class TrainingConfiguration(BaseModel):
     near_features: bool = _option(True, "show the critics exp(-4 clearance) of every LiDAR bin as well")
 
     # TD3
-    discount: Discount = _option(0.98, "gamma")
+    discount: Discount = _option(0.96, "gamma")
     learning_rate: Positive = _option(1e-3, "of Adam, for all networks")
     final_learning_rate: Fraction = _option(
         0.02, "learning rate at the end, as a fraction of the first; linear"
@@ -236,7 +236,7 @@ _PAPER: dict[str, Any] = {
 
 _STUDY: dict[str, Any] = {
     "seeds": 5,
-    "epochs": 75,
+    "epochs": 60,
     "evaluation_start": 0.6,
     "validation_scenarios": 1000,
 }
