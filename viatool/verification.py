@@ -177,6 +177,7 @@ def verify(
         seconds=stages.seconds,
         versions=result_versions(),
         origin=origin,
+        maps=policy.maps,
     )
 
 

@@ -228,7 +228,48 @@ def test_bounds_read_text_and_write_what_reads_back_exactly(run: Run, tmp_path: 
 def test_inspect_tells_what_a_policy_is(run: Run, policy: str) -> None:
     result = run("inspect", policy)
     assert result.exit_code == 0
-    assert "Tanh" in result.stdout
+    for fact in ("opset 1", "Tanh", "before the network", "after the network", "agrees with the network"):
+        assert fact in result.stdout
+
+
+def test_inspect_writes_what_it_found(run: Run, tmp_path: Path) -> None:
+    assert run("inspect", "policy.onnx", "--output", f"json:{tmp_path / 'found.json'}").exit_code == 0
+    written = json.loads((tmp_path / "found.json").read_text(encoding="utf-8"))
+    assert written["verifiable"] is True
+    assert json.loads(run("inspect", "policy.onnx", "-o", "json:-").stdout) == written
+    assert run("inspect", "policy.onnx", "-o", "xml:-").exit_code == 2
+    assert run("inspect", "policy.onnx", "foreign.onnx", "-o", "json:-").exit_code == 2
+
+
+def test_inspect_goes_on_after_a_policy_that_cannot_be_read(run: Run, hall: Path) -> None:
+    (hall / "text.onnx").write_text("not a model")
+    result = run("inspect", "text.onnx", "policy.onnx")
+    assert result.exit_code == 2
+    assert "text.onnx" in result.stderr
+    assert "agrees with the network" in result.stdout
+
+
+def test_the_report_says_which_maps_were_applied(run: Run, hall: Path, tmp_path: Path) -> None:
+    policy = viatool.load_policy("policy.onnx")
+    assert policy.spec is not None
+    sidecar = policy.spec.model_dump(mode="json")
+    sidecar["action_map"] = {"scale": [0.25, 0.5], "offset": [0.125, 0.0], "clip": True}
+    (tmp_path / "robot.yaml").write_text(json.dumps(sidecar), encoding="utf-8")
+    report = tmp_path / "report.json"
+    result = run(
+        *VERIFY[:1],
+        "foreign.onnx",
+        *VERIFY[2:],
+        "--spec",
+        tmp_path / "robot.yaml",
+        "--output",
+        f"json:{report}",
+    )
+    assert result.exit_code == 0
+    assumed = json.loads(report.read_text(encoding="utf-8"))["assumptions"]
+    assert "command = (0.25, 0.5) * output + (0.125, 0), clipped to" in assumed["after_the_network"]
+    assert assumed["before_the_network"]
+    assert "(0.25, 0.5) * output" in " ".join(result.stdout.split())
 
 
 def test_a_template_of_a_specification_can_be_filled_in(run: Run, tmp_path: Path) -> None:

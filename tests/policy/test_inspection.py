@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+from onnx import helper
 
 from tests.policy.models import model_of, node, save, two_layers, weights
 from viatool.errors import PolicyError
@@ -40,8 +42,12 @@ def test_a_policy_that_can_be_verified(tmp_path: Path) -> None:
     ]
     assert [layer.parameters for layer in found.layers] == [25, 0, 12, 0]
     assert found.activations == {"Relu": 5, "Tanh": 2}
-    assert found.before.startswith("none")
-    assert found.after.startswith("unknown")
+    assert found.maps is not None
+    assert found.maps.before.startswith("nothing")
+    assert found.maps.after.startswith(
+        "inside the model: Tanh; what the robot makes of the output is not known"
+    )
+    assert found.failure is None
 
 
 def test_a_policy_that_cannot_be_read_names_everything(tmp_path: Path) -> None:
@@ -59,11 +65,12 @@ def test_problems_beside_the_nodes(tmp_path: Path) -> None:
     )
     found = describe(save(two_layers(), tmp_path), spec)
     assert not found.verifiable
-    assert "4 observations" in found.problems[0]
+    assert "4 observations" in found.problems[0].message
     several = describe(
         save(model_of([node("Relu", ["x"], ["y"]), node("Tanh", ["x"], ["z"])], outputs=("y", "z")), tmp_path)
     )
-    assert "2 outputs" in several.problems[0]
+    assert "2 outputs" in several.problems[0].message
+    assert [value.depends_on for value in several.outputs] == [("x",), ("x",)]
     with pytest.raises(PolicyError):
         describe(tmp_path / "missing.onnx")
 
@@ -81,23 +88,65 @@ def test_the_maps_before_and_after_the_network(tmp_path: Path) -> None:
         action_map=ActionMap(scale=[0.25], offset=[0.5], clip=True),
     )
     found = describe(save(model_of(nodes, constants), tmp_path), spec)
-    assert "in 2 steps" in found.before
-    assert (
-        found.after == "by the specification: (0.25) * output + (0.5), clipped to the limits of the actions"
-    )
+    assert found.maps is not None
+    assert re.fullmatch(r"inside the model: 0\.5 \* value \+ \(.*\)", found.maps.before)
+    assert found.maps.after == "by the specification: command = 0.25 * output + 0.5, clipped to [0, 1]"
     assert [layer.kind for layer in found.layers][-1] == "Clip"
+
+
+def test_a_chain_of_maps_is_one_sentence(tmp_path: Path) -> None:
+    nodes = [
+        node("Sub", ["x", "m"], ["c"]),
+        node("Mul", ["c", "s"], ["n"]),
+        node("Clip", ["n", "low", "high"], ["k"]),
+        node("Gemm", ["k", "w"], ["g"], transB=1),
+        node("Tanh", ["g"], ["t"]),
+        node("Mul", ["t", "s"], ["y"]),
+    ]
+    constants = {
+        "m": np.full(4, 3, np.float32), "s": np.float32(2), "w": weights(2, 1, 4),
+        "low": np.float32(-5), "high": np.float32(5),
+    }  # fmt: skip
+    maps = load_policy(save(model_of(nodes, constants), tmp_path)).maps
+    assert maps.before == "inside the model: 2 * value + -6, then clipped to [-5, 5]"
+    assert maps.after.startswith("inside the model: Tanh, then 2 * value;")
+
+
+def test_a_value_that_is_also_read_raw_is_not_called_normalised(tmp_path: Path) -> None:
+    nodes = [node("Mul", ["x", "s"], ["n"]), node("Tanh", ["n"], ["t"]), node("Sub", ["t", "x"], ["y"])]
+    policy = load_policy(save(model_of(nodes, {"s": np.float32(2)}), tmp_path))
+    assert policy.maps.before.startswith("nothing")
 
 
 def test_the_template_is_a_specification(tmp_path: Path) -> None:
     path = save(two_layers(), tmp_path)
     sidecar = tmp_path / "robot.yaml"
-    for source in (describe(path), load_policy(path)):
-        sidecar.write_text(specification_template(source))
-        spec = load_specification(sidecar)
-        assert (spec.observation_size, spec.action_size) == (4, 2)
+    sidecar.write_text(specification_template(describe(path)))
+    spec = load_specification(sidecar)
+    assert (spec.observation_size, spec.action_size) == (4, 2)
+    assert spec.output is None
     assert load_policy(path, sidecar).spec == spec
-    with pytest.raises(PolicyError, match="sizes"):
-        specification_template(describe(save(model_of([node("Sin", ["x"], ["y"])]), tmp_path, "sin.onnx")))
+    with pytest.raises(PolicyError, match="wave"):
+        specification_template(
+            describe(save(model_of([node("Sin", ["x"], ["y"], name="wave")]), tmp_path, "sin.onnx"))
+        )
+
+
+def test_the_template_names_the_chosen_output(tmp_path: Path) -> None:
+    nodes = [node("Tanh", ["x"], ["action"]), node("ReduceSum", ["x"], ["value"])]
+    path = save(model_of(nodes, outputs=("action", "value")), tmp_path)
+    sidecar = tmp_path / "robot.yaml"
+    sidecar.write_text(specification_template(describe(path, output_name="action")))
+    assert load_policy(path, sidecar).output_size == 4
+
+
+def test_everything_that_prevents_verification_is_one_error(tmp_path: Path) -> None:
+    model = model_of([node("Sin", ["x"], ["y"], name="wave")])
+    helper.set_model_props(model, {"viatool.spec": "{}"})
+    failure = describe(save(model, tmp_path)).failure
+    assert isinstance(failure, PolicyError)
+    assert "wave" in failure.message
+    assert "viatool.spec" in failure.message
 
 
 def test_the_document_holds_everything(tmp_path: Path) -> None:
@@ -106,7 +155,8 @@ def test_the_document_holds_everything(tmp_path: Path) -> None:
     assert document["layers"][0] == {
         "kind": "affine", "size": 5, "precision": "float32", "sources": [0], "parameters": 25,
     }  # fmt: skip
-    assert document["inputs"] == [{"name": "x", "dtype": "float", "shape": ["batch", 4]}]
+    assert document["inputs"] == [{"name": "x", "dtype": "float", "shape": ["batch", 4], "depends_on": []}]
+    assert document["maps"].keys() == {"before", "after"}
     assert document["self_check"]["points"] > 50
     broken = json.loads(
         describe(save(model_of([node("Sin", ["x"], ["y"], name="wave")]), tmp_path)).to_json()

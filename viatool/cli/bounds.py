@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 @click.argument("observations", type=options.READABLE)
 @options.eps_option
 @options.spec_option
+@options.graph_options
 @options.bounds_options
 @click.option(
     "--output",
@@ -47,7 +48,12 @@ def command(**given: Any) -> None:
 
     if given["output"] is not None:
         check_bounds_file(given["output"])
-    policy = load_policy(given["policy"], given["spec_path"])
+    policy = load_policy(
+        given["policy"],
+        given["spec_path"],
+        input_name=given["graph_input"],
+        output_name=given["graph_output"],
+    )
     observations = load_observations(given["observations"], policy.input_size)
     eps = radii(policy, given["eps"])
     settings = {name: given[name] for name in ("order", "approximation", "refine", "arithmetic")}

@@ -37,11 +37,12 @@ def command(checkpoint: Path, output: Path, seed: int | None, map_path: Path | N
     The normaliser, the squashing and the scaling are inside the file, and the specification is in its
     metadata. The file is run in onnxruntime and compared with torch.
     """
-    from viatool.report import print_policy
+    from viatool.policy import describe
+    from viatool.report import print_inspection
     from viatool.report.files import check_writable
     from viatool.train import export_checkpoint
 
     check_writable(output)
-    policy = export_checkpoint(checkpoint, output, seed=seed, map_path=map_path)
+    export_checkpoint(checkpoint, output, seed=seed, map_path=map_path)
     if not quiet:
-        print_policy(policy, open_console())
+        print_inspection(describe(output), open_console())

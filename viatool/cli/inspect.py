@@ -3,50 +3,107 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import click
 
 from viatool.cli import options
+from viatool.cli.failures import explain
 from viatool.cli.terminal import open_console
 
-if TYPE_CHECKING:
-    from viatool.policy import Policy
+STDOUT = Path("-")
 
 
 @click.command()
 @click.argument("policies", metavar="POLICY...", type=options.POLICY, nargs=-1, required=True)
 @options.spec_option
+@options.graph_options
+@click.option(
+    "--output",
+    "-o",
+    metavar="json:PATH",
+    help="Write everything about the one policy as JSON; PATH - is stdout.",
+)
 @click.option(
     "--write-spec",
     type=options.WRITABLE,
     metavar="FILE",
-    help="Write the specification of the one policy as YAML, or a template of one to fill in.",
+    help="Write the specification of the one policy as YAML, or a template of one to fill in; - is stdout.",
 )
-def command(policies: tuple[Path, ...], spec_path: Path | None, write_spec: Path | None) -> None:
-    """Show the network and the specification of each POLICY, checked against onnxruntime."""
-    from viatool.policy import load_policy
-    from viatool.report import print_policy
-    from viatool.report.files import check_writable, write_whole
+@click.pass_context
+def command(ctx: click.Context, /, policies: tuple[Path, ...], **given: Any) -> None:
+    """Show the network and the specification of each POLICY, checked against onnxruntime.
 
-    if write_spec is not None:
-        if len(policies) > 1:
-            raise click.UsageError("--write-spec describes one policy, and several were given")
-        check_writable(write_spec)
-    for path in policies:
-        policy = load_policy(path, spec_path)
+    A policy that cannot be verified is shown as far as it can be read, with everything that prevents it; the
+    exit code is then 2, or 3 where the network and onnxruntime disagree.
+    """
+    json_path = _json_path(given["output"])
+    targets = [path for path in (json_path, given["write_spec"]) if path is not None]
+    _check_targets(targets, policies)
+    codes = [
+        _inspect(path, json_path=json_path, **{name: given[name] for name in given if name != "output"})
+        for path in policies
+    ]
+    ctx.exit(max(codes))
+
+
+def _inspect(
+    path: Path,
+    *,
+    spec_path: Path | None,
+    graph_input: str | None,
+    graph_output: str | None,
+    json_path: Path | None,
+    write_spec: Path | None,
+) -> int:
+    """Look into one policy; return the exit code that it would have by itself."""
+    from viatool.errors import ViatoolError
+    from viatool.policy import describe, specification_template
+    from viatool.report import print_inspection
+
+    try:
+        found = describe(path, spec_path, input_name=graph_input, output_name=graph_output)
+        if STDOUT not in (json_path, write_spec):
+            print_inspection(found, open_console())
+        if json_path is not None:
+            _write(json_path, found.to_json())
+        if found.failure is not None:
+            raise found.failure
         if write_spec is not None:
-            write_whole(write_spec, _specification(policy).encode())
-        print_policy(policy, open_console())
+            _write(write_spec, specification_template(found))
+    except ViatoolError as error:
+        code, message = explain(error)
+        click.echo(message, err=True)
+        return code
+    return 0
 
 
-def _specification(policy: Policy) -> str:
-    from viatool.policy import ActionChannel, ObservationChannel, PolicySpecification
+def _write(path: Path, text: str) -> None:
+    from viatool.report.files import write_whole
 
-    if policy.spec is not None:
-        return policy.spec.to_yaml()
-    template = PolicySpecification(
-        observation=[ObservationChannel(name="observation", size=policy.input_size)],
-        action=[ActionChannel(name=f"action_{i}", lower=-1.0, upper=1.0) for i in range(policy.output_size)],
-    )
-    return f"# A template: name the channels, their units and kinds; see docs/specification.md.\n{template.to_yaml()}"
+    if path == STDOUT:
+        click.echo(text, nl=False)
+    else:
+        write_whole(path, text.encode())
+
+
+def _check_targets(targets: list[Path], policies: tuple[Path, ...]) -> None:
+    """Refuse files that could not be written before anything is read."""
+    from viatool.report.files import check_writable
+
+    if targets and len(policies) > 1:
+        raise click.UsageError("--output and --write-spec describe one policy, and several were given")
+    if len(set(targets)) < len(targets):
+        raise click.UsageError(f"--output and --write-spec both go to '{targets[0]}'")
+    for path in targets:
+        if path != STDOUT:
+            check_writable(path)
+
+
+def _json_path(text: str | None) -> Path | None:
+    if text is None:
+        return None
+    name, colon, path = text.partition(":")
+    if name != "json" or not colon or not path:
+        raise click.UsageError(f"'{text}' is not json:PATH; inspect writes JSON alone")
+    return Path(path)

@@ -142,6 +142,19 @@ spec_option = click.option(
     metavar="FILE",
     help="Specification of a policy that carries none (YAML).",
 )
+
+
+def graph_options(command: Command) -> Command:
+    """Add the choice among several inputs and outputs of a model."""
+    for name, what in (("output", "action"), ("input", "observation")):
+        command = click.option(
+            f"--graph-{name}",
+            metavar="NAME",
+            help=f"Which {name} of the model is the {what}, where it has several.",
+        )(command)
+    return command
+
+
 eps_option = click.option(
     "--eps",
     type=EpsType(),

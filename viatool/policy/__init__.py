@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from viatool.policy.inspection import Inspection, Layer, describe
+from viatool.policy.maps import Maps
 from viatool.policy.network import (
     Activation,
     Affine,
@@ -35,6 +36,7 @@ __all__ = [
     "Inspection",
     "Layer",
     "LidarSpecification",
+    "Maps",
     "Maximum",
     "Minimum",
     "Network",

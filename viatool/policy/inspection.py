@@ -5,16 +5,19 @@ from __future__ import annotations
 import json
 import os
 from collections import Counter
+from contextlib import suppress
 from dataclasses import asdict, dataclass, fields
 
 import numpy as np
 import onnx
 
-from viatool.errors import PolicyError, SelfCheckError
+from viatool.errors import PolicyError, SelfCheckError, ViatoolError
 from viatool.policy.action_map import with_action_map
+from viatool.policy.graph import Graph, live, read_graph
+from viatool.policy.maps import Maps, is_elementwise, maps_of
 from viatool.policy.model_file import ModelFile, Port, actor_graph, open_model
 from viatool.policy.network import Activation, Affine, Network, Node
-from viatool.policy.policy import check_sizes
+from viatool.policy.policy import check_sizes, unsupported
 from viatool.policy.reader import Finding, read_network
 from viatool.policy.runtime import runtime_of
 from viatool.policy.self_check import SelfCheck, check_network
@@ -49,11 +52,22 @@ class Layer:
 
 @dataclass(frozen=True)
 class Value:
-    """An input or output of the graph: name, element type and shape as written in the file."""
+    """An input or output of the graph.
+
+    Parameters
+    ----------
+    name, dtype : str
+        As written in the file.
+    shape : tuple of int or str
+        As written in the file; names stand for free sizes.
+    depends_on : tuple of str
+        The inputs that an output depends on; an output of constants depends on none.
+    """
 
     name: str
     dtype: str
     shape: tuple[int | str, ...]
+    depends_on: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +86,8 @@ class Inspection:
         All of the graph.
     port : Port or None
         The input that is the observation; None where that could not be settled.
+    action : str or None
+        The output that is the action; None where that could not be settled.
     operators : dict
         How often each operator stands in the file's graph, by name.
     layers : tuple of Layer
@@ -84,10 +100,10 @@ class Inspection:
         None where it was not reached.
     findings : tuple of Finding
         Every node that is not supported.
-    problems : tuple of str
-        Whatever else prevents verification.
-    before, after : str
-        The maps that are applied to the observation and to the action.
+    problems : tuple of ViatoolError
+        Whatever else prevents verification; a `SelfCheckError` where the network was read wrongly.
+    maps : Maps or None
+        What is applied before and after the network; None where it cannot be read.
     """
 
     path: str
@@ -98,32 +114,47 @@ class Inspection:
     inputs: tuple[Value, ...]
     outputs: tuple[Value, ...]
     port: Port | None
+    action: str | None
     operators: dict[str, int]
     layers: tuple[Layer, ...]
     activations: dict[str, int]
     specification: PolicySpecification | None
     self_check: SelfCheck | None
     findings: tuple[Finding, ...]
-    problems: tuple[str, ...]
-    before: str = ""
-    after: str = ""
+    problems: tuple[ViatoolError, ...]
+    maps: Maps | None
 
     @property
     def verifiable(self) -> bool:
         """Whether nothing prevents verification."""
         return self.self_check is not None and not self.findings and not self.problems
 
+    @property
+    def failure(self) -> ViatoolError | None:
+        """Return one error with everything that prevents verification; None where nothing does."""
+        found = [unsupported(self.path, self.findings)] if self.findings else []
+        errors: list[ViatoolError] = [*found, *self.problems]
+        if len(errors) < 2:
+            return next(iter(errors), None)
+        kind = next((type(error) for error in errors if isinstance(error, SelfCheckError)), PolicyError)
+        return kind("\n".join(error.message for error in errors), "; ".join(e.hint for e in errors if e.hint))
+
     def to_json(self) -> str:
         """Return everything as a JSON document."""
         facts = {field.name: getattr(self, field.name) for field in fields(self)}
         spec = self.specification
         facts["specification"] = None if spec is None else spec.model_dump(mode="json", exclude_none=True)
+        facts["problems"] = [{"message": error.message, "hint": error.hint} for error in self.problems]
         facts["verifiable"] = self.verifiable
         return json.dumps(facts, default=asdict, indent=2) + "\n"
 
 
 def describe(
-    path: str | os.PathLike[str], spec: str | os.PathLike[str] | PolicySpecification | None = None
+    path: str | os.PathLike[str],
+    spec: str | os.PathLike[str] | PolicySpecification | None = None,
+    *,
+    input_name: str | None = None,
+    output_name: str | None = None,
 ) -> Inspection:
     """Look into a model file, as far as it can be read.
 
@@ -133,24 +164,28 @@ def describe(
         The ONNX file.
     spec : path or PolicySpecification, optional
         A sidecar; it replaces the specification inside the file.
+    input_name, output_name : str, optional
+        Which of several; they override those of the specification.
 
     Raises
     ------
     PolicyError
-        If the file or the sidecar cannot be read at all.
+        If the file cannot be read at all.
     """
     model = open_model(path)
-    problems: list[str] = []
+    problems: list[ViatoolError] = []
     found = _Found()
     try:
         if isinstance(spec, (str, os.PathLike)):
             spec = load_specification(spec)
         found.specification = spec or model.specification()
-        _look_inside(model, found)
+    except PolicyError as error:
+        problems.append(error)
+    try:
+        _look_inside(model, found, input_name, output_name)
     except (PolicyError, SelfCheckError) as error:
-        problems.append(str(error))
-    graph = model.proto.graph
-    initializers = {tensor.name for tensor in graph.initializer}
+        problems.append(error)
+    inputs, outputs = _ports(model)
     network = found.network
     return Inspection(
         path=str(model.path),
@@ -158,18 +193,18 @@ def describe(
         opset=model.opset,
         ir_version=int(model.proto.ir_version),
         producer=model.producer,
-        inputs=tuple(_value(value) for value in graph.input if value.name not in initializers),
-        outputs=tuple(_value(value) for value in graph.output),
+        inputs=inputs,
+        outputs=outputs,
         port=found.port,
-        operators=dict(sorted(Counter(node.op_type for node in graph.node).items())),
+        action=found.action,
+        operators=_operators(model),
         layers=() if network is None else tuple(layers_of(network)),
         activations={} if network is None else _activations(network),
         specification=found.specification,
         self_check=found.self_check,
         findings=found.findings,
         problems=tuple(problems),
-        before="" if network is None else map_before(network),
-        after=map_after(found.specification),
+        maps=found.maps,
     )
 
 
@@ -179,24 +214,55 @@ class _Found:
 
     specification: PolicySpecification | None = None
     port: Port | None = None
+    action: str | None = None
     network: Network | None = None
+    maps: Maps | None = None
     self_check: SelfCheck | None = None
     findings: tuple[Finding, ...] = ()
 
 
-def _look_inside(model: ModelFile, found: _Found) -> None:
+def _look_inside(model: ModelFile, found: _Found, input_name: str | None, output_name: str | None) -> None:
     spec = found.specification
-    graph, port = actor_graph(model, spec.input if spec else None, spec.output if spec else None)
-    found.port = port
+    graph, port = actor_graph(
+        model, input_name or (spec.input if spec else None), output_name or (spec.output if spec else None)
+    )
+    found.port, (found.action,) = port, graph.outputs
     reading = read_network(graph, port.name, port.shape, port.precision, model.folder)
     found.findings = reading.findings
     if reading.network is None:
         return
-    found.network = reading.network
+    found.network, found.maps = reading.network, maps_of(reading.network, spec)
     if spec is not None:
         check_sizes(model.path, reading.network, spec)
-    found.self_check = check_network(reading.network, runtime_of(model, graph, port), spec)
     found.network = with_action_map(reading.network, spec)
+    found.self_check = check_network(reading.network, runtime_of(model, graph, port), spec)
+
+
+def _ports(model: ModelFile) -> tuple[tuple[Value, ...], tuple[Value, ...]]:
+    """Return the inputs and the outputs of the file's graph."""
+    stored = {tensor.name for tensor in model.proto.graph.initializer}
+    try:
+        graph: Graph | None = read_graph(model.proto, model.folder)
+    except PolicyError:
+        graph = None
+    outputs = []
+    for value in model.proto.graph.output:
+        depends_on: tuple[str, ...] = ()
+        if graph is not None:
+            with suppress(PolicyError):
+                depends_on = tuple(live(graph, value.name).inputs)
+        outputs.append(_value(value, depends_on))
+    inputs = tuple(_value(value) for value in model.proto.graph.input if value.name not in stored)
+    return inputs, tuple(outputs)
+
+
+def _operators(model: ModelFile) -> dict[str, int]:
+    """Count the calls in the file's graph; an operator of another domain is named with it."""
+    names = (
+        node.op_type if node.domain in ("", "ai.onnx") else f"{node.domain}.{node.op_type}"
+        for node in model.proto.graph.node
+    )
+    return dict(sorted(Counter(names).items()))
 
 
 def layers_of(network: Network) -> list[Layer]:
@@ -216,14 +282,7 @@ def _kind(node: Node) -> str:
     per_row = sum(np.count_nonzero(weight, axis=1) for weight in node.weights)
     if ones and not node.bias.any() and np.max(per_row) <= 1:
         return "copy"
-    return "elementwise affine" if _is_elementwise(node) else "affine"
-
-
-def _is_elementwise(node: Affine) -> bool:
-    (weight, *more) = node.weights
-    return (
-        not more and weight.shape[0] == weight.shape[1] and np.array_equal(weight, np.diag(np.diag(weight)))
-    )
+    return "elementwise affine" if is_elementwise(node) else "affine"
 
 
 def _parameters(node: Node) -> int:
@@ -240,38 +299,13 @@ def _activations(network: Network) -> dict[str, int]:
     return dict(counter.most_common())
 
 
-def map_before(network: Network) -> str:
-    """Return in words what the model itself does to the observation before its first layer."""
-    count = 0
-    last = 0
-    for index, node in enumerate(network.nodes[1:], start=1):
-        if not isinstance(node, Affine) or node.sources != (last,) or not _is_elementwise(node):
-            break
-        count, last = count + 1, index
-    if not count:
-        return "none: the raw observation enters the first layer, so it must come as it was in training"
-    return f"inside the model: scale and offset of each entry, in {count} step{'s' if count > 1 else ''}"
-
-
-def map_after(spec: PolicySpecification | None) -> str:
-    """Return in words what the specification does to the output of the model."""
-    if spec is None:
-        return "unknown: there is no specification"
-    if spec.action_map is None:
-        return "none: the output of the model is the physical command"
-    scale = ", ".join(f"{value:g}" for value in spec.action_map.scale)
-    offset = ", ".join(f"{value:g}" for value in spec.action_map.offset)
-    clip = ", clipped to the limits of the actions" if spec.action_map.clip else ""
-    return f"by the specification: ({scale}) * output + ({offset}){clip}"
-
-
-def _value(value: onnx.ValueInfoProto) -> Value:
+def _value(value: onnx.ValueInfoProto, depends_on: tuple[str, ...] = ()) -> Value:
     if not value.type.HasField("tensor_type"):
-        return Value(value.name, str(value.type.WhichOneof("value") or "unknown"), ())
+        return Value(value.name, str(value.type.WhichOneof("value") or "unknown"), (), depends_on)
     tensor = value.type.tensor_type
     kinds = {number: name.lower() for name, number in onnx.TensorProto.DataType.items()}
     shape = tuple(
         int(axis.dim_value) if axis.HasField("dim_value") else (axis.dim_param or "?")
         for axis in tensor.shape.dim
     )
-    return Value(value.name, kinds.get(tensor.elem_type, str(tensor.elem_type)), shape)
+    return Value(value.name, kinds.get(tensor.elem_type, str(tensor.elem_type)), shape, depends_on)

@@ -186,7 +186,7 @@ def _only_output(graph: Graph) -> str:
         return depending[0]
     raise PolicyError(
         f"the model has {len(depending)} outputs that depend on its inputs: {', '.join(depending)}",
-        "name the action with `output:` in the specification (or output_name=...)",
+        "choose the action with --graph-output NAME, or with `output: NAME` in the specification",
     )
 
 

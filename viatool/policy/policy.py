@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -11,9 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from viatool.errors import PolicyError
 from viatool.policy.action_map import apply_action_map, with_action_map
+from viatool.policy.maps import Maps, maps_of
 from viatool.policy.model_file import ModelFile, Port, actor_graph, open_model
 from viatool.policy.network import Network
-from viatool.policy.reader import read_network
+from viatool.policy.reader import Finding, read_network
 from viatool.policy.runtime import Runtime, runtime_of
 from viatool.policy.self_check import SelfCheck, check_network
 from viatool.policy.specification import PolicySpecification
@@ -40,6 +42,8 @@ class Policy:
         The graph's input.
     self_check : SelfCheck or None
         What the comparison with onnxruntime found; None where it was skipped.
+    maps : Maps
+        What is applied to the numbers before and after the network, in words.
     """
 
     path: Path
@@ -49,6 +53,7 @@ class Policy:
     port: Port
     runtime: Runtime = field(repr=False)
     self_check: SelfCheck | None = None
+    maps: Maps = field(default_factory=Maps)
 
     @property
     def input_size(self) -> int:
@@ -150,7 +155,16 @@ def load_policy(
     if spec is not None:
         check_sizes(model.path, network, spec)
     found = check_network(network, runtime, spec) if self_check else None
-    return Policy(Path(path), model.sha256, with_action_map(network, spec), spec, port, runtime, found)
+    return Policy(
+        Path(path),
+        model.sha256,
+        with_action_map(network, spec),
+        spec,
+        port,
+        runtime,
+        found,
+        maps_of(network, spec),
+    )
 
 
 def load_actor(
@@ -166,14 +180,19 @@ def load_actor(
     graph, port = actor_graph(model, input_name, output_name)
     reading = read_network(graph, port.name, port.shape, port.precision, model.folder)
     if reading.network is None:
-        count = len(reading.findings)
-        lines = "".join(f"\n  - {finding}" for finding in reading.findings)
-        hints = dict.fromkeys(finding.hint for finding in reading.findings if finding.hint)
-        raise PolicyError(
-            f"{model.path}: {count} {'node is' if count == 1 else 'nodes are'} not supported:{lines}",
-            "; ".join(hints),
-        )
+        raise unsupported(model.path, reading.findings)
     return reading.network, runtime_of(model, graph, port), port
+
+
+def unsupported(path: str | os.PathLike[str], findings: Sequence[Finding]) -> PolicyError:
+    """Return the error that names every node that cannot be read, with each hint once."""
+    count = len(findings)
+    lines = "".join(f"\n  - {finding}" for finding in findings)
+    hints = dict.fromkeys(finding.hint for finding in findings if finding.hint)
+    return PolicyError(
+        f"{os.fspath(path)}: {count} {'node is' if count == 1 else 'nodes are'} not supported:{lines}",
+        "; ".join(hints),
+    )
 
 
 def check_sizes(path: Path, network: Network, spec: PolicySpecification) -> None:

@@ -6,7 +6,6 @@ import math
 
 from viatool.errors import PolicyError
 from viatool.policy.inspection import Inspection
-from viatool.policy.policy import Policy
 from viatool.policy.specification import ActionChannel, ObservationChannel, PolicySpecification
 
 _TEMPLATE_HEAD = """\
@@ -27,37 +26,32 @@ _TEMPLATE_MAP = """\
 """
 
 
-def specification_template(policy: Policy | Inspection) -> str:
+def specification_template(found: Inspection) -> str:
     """Return the YAML of a sidecar to fill in, with comments on what each entry means.
 
     Parameters
     ----------
-    policy : Policy or Inspection
+    found : Inspection
         Gives the sizes; a specification that it has is written out instead of placeholders.
+
+    Raises
+    ------
+    PolicyError
+        If the policy cannot be read, so that its sizes are not known.
     """
-    spec = policy.spec if isinstance(policy, Policy) else policy.specification
-    if spec is None:
-        spec = _placeholder(policy)
-    return _TEMPLATE_HEAD + spec.to_yaml() + ("" if spec.action_map else _TEMPLATE_MAP)
-
-
-def _placeholder(policy: Policy | Inspection) -> PolicySpecification:
-    inputs, outputs = _sizes(policy)
-    return PolicySpecification(
+    if found.specification is not None:
+        return found.specification.to_yaml()
+    if found.port is None or not found.layers:
+        raise found.failure or PolicyError(
+            f"{found.path} cannot be read, so its sizes are not known", "mend what `viatool inspect` reports"
+        )
+    inputs, outputs = math.prod(found.port.shape), found.layers[-1].size
+    placeholder = PolicySpecification(
         observation=[ObservationChannel(name="observation", size=inputs, unit="?", kind="other")],
         action=[
             ActionChannel(name=f"action_{index}", unit="?", lower=-1.0, upper=1.0) for index in range(outputs)
         ],
+        output=found.action if len(found.outputs) > 1 else None,
         robot="?",
     )
-
-
-def _sizes(policy: Policy | Inspection) -> tuple[int, int]:
-    if isinstance(policy, Policy):
-        return policy.input_size, policy.output_size
-    if policy.port is None or not policy.layers:
-        raise PolicyError(
-            f"{policy.path} cannot be read, so its sizes are not known",
-            "mend what `viatool inspect` reports first",
-        )
-    return math.prod(policy.port.shape), policy.layers[-1].size
+    return _TEMPLATE_HEAD + placeholder.to_yaml() + _TEMPLATE_MAP

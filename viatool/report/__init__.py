@@ -8,7 +8,8 @@ from viatool.report.console import print_checks, print_report
 from viatool.report.document import ReportDocument, load_document, read_result
 from viatool.report.gate import Check, Gate, Threshold, evaluate, parse_threshold
 from viatool.report.outputs import REPORTERS, STDOUT, Output, check_outputs, parse_output, write_outputs
-from viatool.report.summaries import print_bounds, print_episodes, print_map, print_policy, print_symbolic
+from viatool.report.policy_summary import print_inspection
+from viatool.report.summaries import print_bounds, print_episodes, print_map, print_symbolic
 
 __all__ = [
     "REPORTERS",
@@ -28,8 +29,8 @@ __all__ = [
     "print_checks",
     "print_comparison",
     "print_episodes",
+    "print_inspection",
     "print_map",
-    "print_policy",
     "print_report",
     "print_symbolic",
     "read_result",

@@ -1,4 +1,4 @@
-"""Short console summaries of what is not a result: a map, a policy, driven episodes, reachable sets."""
+"""Short console summaries of what is not a result: a map, driven episodes, reachable sets."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from rich.table import Table
 from rich.text import Text
 
 from viatool.report.foreign import shown
-from viatool.report.numbers import MISSING, count, counted, percentage, significant
+from viatool.report.numbers import count, counted, percentage, significant
 
 if TYPE_CHECKING:
-    from viatool.policy import Policy, PolicySpecification
+    from viatool.policy import Policy
     from viatool.taylor import ReachableSet, SymbolicAction
     from viatool.trajectory import Trajectory
     from viatool.world import WorldMap
@@ -108,57 +108,6 @@ def _freedom(world_map: WorldMap) -> str:
     start = scenes.footprint_clearance(starts, world_map.robot.footprint, index).min()
     goal = scenes.clearance(goals, index).min()
     return f"; starts at least {start:.2f} m and goals at least {goal:.2f} m from obstacles"
-
-
-def print_policy(policy: Policy, console: Console) -> None:
-    """Summarise a policy: its network and what its numbers mean."""
-    nodes = policy.network.nodes
-    kinds = Counter(type(node).__name__ for node in nodes[1:])
-    functions = Counter(node.function.name for node in nodes if hasattr(node, "function"))
-    facts = [
-        ("observation", f"{policy.input_size} numbers"),
-        ("action", f"{policy.output_size} numbers"),
-        ("network", _tally(kinds)),
-        ("activations", _tally(functions) or "none"),
-        ("onnxruntime", "agrees with the network as it was read"),
-        ("sha256", policy.sha256),
-    ]
-    print_facts(str(policy.path), facts, console)
-    if policy.spec is None:
-        hint = "  none: bounds work, geometry needs --spec FILE"
-        console.print(Text("specification", style="bold"), Text(hint), sep="\n")
-        return
-    _print_specification(policy.spec, console)
-
-
-def _tally(counter: Counter[str]) -> str:
-    return ", ".join(f"{number} {name}" for name, number in counter.items())
-
-
-def _print_specification(spec: PolicySpecification, console: Console) -> None:
-    table = Table(box=box.SIMPLE_HEAD, show_edge=False)
-    for name in ("channel", "size", "unit", "kind", "range or value"):
-        table.add_column(name, justify="right" if name == "size" else "left")
-    for channel in spec.observation:
-        value = MISSING if channel.value is None else f"fixed to {channel.value:g}"
-        if channel.lidar is not None:
-            value = f"{channel.lidar.minimum_range:g} to {channel.lidar.maximum_range:g}"
-        _add_row(table, channel.name, str(channel.size), channel.unit, channel.kind, value)
-    table.add_section()
-    for action in spec.action:
-        _add_row(table, action.name, "1", action.unit, action.kind, f"{action.lower:g} to {action.upper:g}")
-    console.print(table)
-    facts = [
-        ("robot", spec.robot),
-        ("control interval", f"{spec.control_interval:g} s"),
-        ("action map", "none" if spec.action_map is None else str(spec.action_map)),
-        *((f"training {name}", str(value)) for name, value in spec.training.items()),
-    ]
-    print_facts("specification", facts, console)
-
-
-def _add_row(table: Table, *texts: str) -> None:
-    table.add_row(*(Text(shown(text)) for text in texts))
 
 
 def print_episodes(trajectory: Trajectory, console: Console) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from viatool.policy import Maps
 from viatool.safety.judgement import Contested, Judgement
 from viatool.safety.layout import ActionName
 from viatool.safety.rates import RateByOutcome
@@ -69,6 +70,8 @@ class Result:
         Of the libraries that took part.
     origin : str
         Where the states come from, in words.
+    maps : Maps
+        What is applied to the numbers before and after the network, in words.
     """
 
     policy_path: Path
@@ -90,6 +93,7 @@ class Result:
     seconds: Mapping[str, float]
     versions: Mapping[str, str]
     origin: str = ""
+    maps: Maps = field(default_factory=Maps)
 
     @property
     def criterion(self) -> str:
@@ -247,6 +251,8 @@ class Result:
         unknown = "" if grid is None else f"; unknown cells count as {taken}"
         return {
             "states": "; ".join([self.origin or "of unknown origin", *self.trajectory.notes]),
+            "before_the_network": self.maps.before,
+            "after_the_network": self.maps.after,
             "footprint": outline,
             "clearance": f"more than {rules.clearance.collision:g} m (danger: {rules.clearance.danger:g} m)",
             "commands": (

@@ -1,0 +1,158 @@
+"""What is done to the numbers before the first layer and after the last one, in words.
+
+A policy that was exported without its normaliser, or whose actions still wait for a scaling, is verified for
+numbers that it never sees: no tool can tell, but every report says which maps were applied.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.policy.network import Activation, Affine, Cast, Input, Network, Node
+from viatool.policy.specification import ActionMap, PolicySpecification
+
+Floats = NDArray[np.float64]
+
+_LISTED = 6
+"""Most numbers that are written one by one; of more, the least and the largest are."""
+
+_BEFORE = ("Clip",)
+_AFTER = ("Clip", "Tanh", "Sigmoid", "HardSigmoid", "Softsign")
+NOTHING_BEFORE = (
+    "nothing: the observation enters the first layer as it is, so it has to come as it did in training"
+)
+NOTHING_AFTER = "nothing: the output of the model is the command"
+
+
+@dataclass(frozen=True)
+class Maps:
+    """Sentences on the maps before and after the layers of a network."""
+
+    before: str = NOTHING_BEFORE
+    after: str = NOTHING_AFTER
+
+
+@dataclass(frozen=True, eq=False)
+class Scaling:
+    """``factor * x + offset``, element by element."""
+
+    factor: Floats
+    offset: Floats
+
+
+Step = Scaling | Activation
+
+
+def maps_of(network: Network, spec: PolicySpecification | None) -> Maps:
+    """Return the maps of a network as it stands in the model file, without the action map of a specification."""
+    before, after = leading_steps(network), trailing_steps(network)
+    parts = [f"inside the model: {_in_words(after)}"] if after else []
+    if spec is None:
+        parts.append("what the robot makes of the output is not known: there is no specification")
+    elif spec.action_map is not None:
+        parts.append(f"by the specification: {_map_in_words(spec.action_map, spec)}")
+    return Maps(
+        f"inside the model: {_in_words(before)}" if before else NOTHING_BEFORE,
+        "; ".join(parts) or NOTHING_AFTER,
+    )
+
+
+def leading_steps(network: Network) -> list[Step]:
+    """Return the scalings and clips that every entry of the observation passes before it meets another."""
+    steps: list[Step] = []
+    last = 0
+    for index, node in enumerate(network.nodes[1:], start=1):
+        step = _step(node, _BEFORE)
+        if step is None or node.sources != (last,):
+            break
+        if any(last in later.sources for later in network.nodes[index + 1 :]):
+            break  # what follows reads the value before this step as well
+        last = index
+        steps = _joined(steps, step)
+    return steps
+
+
+def trailing_steps(network: Network) -> list[Step]:
+    """Return what every action passes by itself after the last layer that mixes values."""
+    index = len(network.nodes) - 1
+    found: list[Step] = []
+    while not isinstance(node := network.nodes[index], Input):
+        step = _step(node, _AFTER)
+        if step is None:
+            break
+        found.append(step)
+        (index,) = node.sources
+    else:
+        return []  # the whole model is one such chain; it stands before the first layer
+    steps: list[Step] = []
+    for step in reversed(found):
+        steps = _joined(steps, step)
+    return steps
+
+
+def _step(node: Node, functions: Sequence[str]) -> Step | None:
+    if isinstance(node, Activation):
+        return node if node.function.name in functions else None
+    if isinstance(node, Cast):
+        return Scaling(np.ones(node.size), np.zeros(node.size))
+    if isinstance(node, Affine) and is_elementwise(node):
+        return Scaling(np.diag(node.weights[0]).copy(), node.bias)
+    return None
+
+
+def is_elementwise(node: Affine) -> bool:
+    """Whether an affine node only scales and shifts each element of its one source."""
+    if len(node.sources) != 1:
+        return False
+    (weight,) = node.weights
+    return weight.shape[0] == weight.shape[1] and np.array_equal(weight, np.diag(np.diag(weight)))
+
+
+def _joined(steps: list[Step], step: Step) -> list[Step]:
+    """Append a step; two scalings in a row are one, and one that changes nothing is none."""
+    if isinstance(step, Scaling):
+        if steps and isinstance(steps[-1], Scaling):
+            first = steps.pop()
+            assert isinstance(first, Scaling)
+            step = Scaling(step.factor * first.factor, step.factor * first.offset + step.offset)
+        if (step.factor == 1).all() and not step.offset.any():
+            return steps
+    return [*steps, step]
+
+
+def _in_words(steps: Sequence[Step]) -> str:
+    return ", then ".join(_one_in_words(step) for step in steps)
+
+
+def _one_in_words(step: Step) -> str:
+    if isinstance(step, Scaling):
+        return _scaled_in_words("value", step.factor, step.offset)
+    parameters = dict(step.function.parameters)
+    if step.function.name == "Clip":
+        return f"clipped to [{parameters['min']:g}, {parameters['max']:g}]"
+    return step.function.name
+
+
+def _map_in_words(action_map: ActionMap, spec: PolicySpecification) -> str:
+    scale, offset = np.array(action_map.scale), np.array(action_map.offset)
+    text = f"command = {_scaled_in_words('output', scale, offset)}"
+    if action_map.clip:
+        text += ", clipped to " + ", ".join(f"[{c.lower:g}, {c.upper:g}]" for c in spec.action)
+    return text
+
+
+def _scaled_in_words(name: str, factor: Floats, offset: Floats) -> str:
+    scaled = name if (factor == 1).all() else f"{_numbers(factor)} * {name}"
+    return f"{scaled} + {_numbers(offset)}" if offset.any() else scaled
+
+
+def _numbers(array: Floats) -> str:
+    if (array == array[0]).all():
+        return f"{array[0]:.6g}"
+    if len(array) <= _LISTED:
+        return f"({', '.join(f'{value:.6g}' for value in array)})"
+    return f"({array.min():.6g} to {array.max():.6g})"

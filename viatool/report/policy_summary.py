@@ -1,0 +1,123 @@
+"""What a policy file holds, for a person: its ports, its layers, its maps and its meaning."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from viatool.report.foreign import shown
+from viatool.report.numbers import MISSING, count, counted
+from viatool.report.summaries import print_facts
+
+if TYPE_CHECKING:
+    from viatool.policy import Inspection, PolicySpecification
+    from viatool.policy.inspection import Value
+
+_LAYERS_SHOWN = 40
+
+
+def print_inspection(found: Inspection, console: Console) -> None:
+    """Print what was found in a model file."""
+    print_facts(found.path, _facts(found), console)
+    if found.layers:
+        _print_layers(found, console)
+    if found.specification is None:
+        hint = "  none: bounds work, geometry needs --spec FILE (--write-spec FILE writes one to fill in)"
+        console.print(Text("specification", style="bold"), Text(hint), sep="\n")
+    else:
+        _print_specification(found.specification, console)
+
+
+def _facts(found: Inspection) -> list[tuple[str, str]]:
+    facts = [
+        ("written by", f"{found.producer or 'unknown'}, opset {found.opset}, IR version {found.ir_version}"),
+        ("sha256", found.sha256),
+        *_values("input", found.inputs, None if found.port is None else found.port.name, "the observation"),
+        *_values("output", found.outputs, found.action, "the action"),
+        ("operators", ", ".join(f"{number} {name}" for name, number in found.operators.items()) or "none"),
+    ]
+    if found.layers:
+        weights = sum(layer.parameters for layer in found.layers)
+        neurons = ", ".join(f"{number} {name}" for name, number in found.activations.items())
+        facts += [
+            ("network", f"{counted(len(found.layers), 'layer')}, {count(weights)} numbers that are not 0"),
+            ("activations", neurons or "none: the policy is linear"),
+        ]
+    if found.maps is not None:
+        facts += [("before the network", found.maps.before), ("after the network", found.maps.after)]
+    check = found.self_check
+    if check is not None:
+        facts.append(
+            (
+                "onnxruntime",
+                f"agrees with the network as it was read: {counted(check.points, 'observation')}, largest "
+                f"difference {check.largest_difference:.2g}, where rounding explains {check.largest_tolerance:.2g}",
+            )
+        )
+    return facts
+
+
+def _values(kind: str, values: Sequence[Value], chosen: str | None, role: str) -> list[tuple[str, str]]:
+    return [(kind if index == 0 else "", _value(v, kind, chosen, role)) for index, v in enumerate(values)]
+
+
+def _value(value: Value, kind: str, chosen: str | None, role: str) -> str:
+    shape = f" [{', '.join(map(str, value.shape))}]" if value.shape else ""
+    text = f"{value.name}: {value.dtype}{shape}"
+    if value.name == chosen:
+        return f"{text}, {role}"
+    if kind == "input":
+        return f"{text}, not used" if chosen is not None else text
+    return f"{text}, of {', '.join(value.depends_on)}" if value.depends_on else f"{text}, constant"
+
+
+def _print_layers(found: Inspection, console: Console) -> None:
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False)
+    for name in ("layer", "kind", "size", "reads", "numbers", "precision"):
+        table.add_column(name, justify="left" if name in ("kind", "precision") else "right")
+    for index, layer in enumerate(found.layers[:_LAYERS_SHOWN], start=1):
+        table.add_row(
+            str(index),
+            layer.kind,
+            str(layer.size),
+            ", ".join(map(str, layer.sources)),
+            count(layer.parameters) if layer.parameters else "",
+            layer.precision,
+        )
+    console.print(table)
+    if len(found.layers) > _LAYERS_SHOWN:
+        console.print(
+            f"and {count(len(found.layers) - _LAYERS_SHOWN)} more; --output json:FILE lists them all"
+        )
+
+
+def _print_specification(spec: PolicySpecification, console: Console) -> None:
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False)
+    for name in ("channel", "size", "unit", "kind", "range or value", "eps"):
+        table.add_column(name, justify="right" if name in ("size", "eps") else "left")
+    for channel in spec.observation:
+        value = MISSING if channel.value is None else f"fixed to {channel.value:g}"
+        if channel.lidar is not None:
+            value = f"{channel.lidar.minimum_range:g} to {channel.lidar.maximum_range:g}"
+        eps = "" if channel.eps is None else f"{channel.eps:g}"
+        _add_row(table, channel.name, str(channel.size), channel.unit, channel.kind, value, eps)
+    table.add_section()
+    for action in spec.action:
+        limits = f"{action.lower:g} to {action.upper:g}"
+        _add_row(table, action.name, "1", action.unit, action.kind, limits, "")
+    console.print(table)
+    facts = [
+        ("robot", spec.robot),
+        ("control interval", f"{spec.control_interval:g} s"),
+        *((f"training {n}", str(v)) for n, v in spec.training.items() if not isinstance(v, dict | list)),
+    ]
+    print_facts("specification", facts, console)
+
+
+def _add_row(table: Table, *texts: str) -> None:
+    table.add_row(*(Text(shown(text)) for text in texts))
