@@ -208,11 +208,12 @@ class Network:
         """
         return self.values(observations)[-1]
 
-    def values(self, observations: Floats) -> list[Floats]:
-        """Evaluate every node in float64: one ``(B, size)`` array for each."""
+    def values(self, observations: Floats, noise: Sequence[Floats] | None = None) -> list[Floats]:
+        """Evaluate every node in float64: one ``(B, size)`` array for each, plus the noise of each if given."""
         values: list[Floats] = []
-        for node in self.nodes:
-            values.append(_evaluate(node, values, observations))
+        for index, node in enumerate(self.nodes):
+            value = _evaluate(node, values, observations)
+            values.append(value if noise is None else value + noise[index])
         return values
 
 
