@@ -1,10 +1,11 @@
-"""Mutated model files: each must load, or be refused by a viatool error, soon and in bounded memory.
+"""Mutated model files: each must load and agree with onnxruntime, or be refused by a viatool error, soon and in
+bounded memory.
 
-A short run belongs to the test suite. A long one, whose figure is in docs/hostile-files.md:
+A short run belongs to the test suite. A long one, whose figures are in docs/results/fuzz.md:
 
-    python -m tests.policy.fuzz --count 200000 --seed 1
+    python -m tests.policy.fuzz --count 200000 --seed 1 --corpus FOLDER
 
-Every case is a function of its number, so a failure is repeated with ``--only NUMBER``.
+Every case is a function of its number, the seed and the corpus, so a failure is repeated with ``--only NUMBER``.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 import argparse
 import math
 import multiprocessing
+import os
 import resource
 import signal
 import sys
@@ -29,25 +31,34 @@ from onnx import TensorProto, helper
 
 from tests.policy.models import node, two_layers
 from tests.policy.operator_cases import CASES
-from tests.policy.test_exports_shapes import keras, matlab, ml_agents
+from tests.policy.test_exports_shapes import isaac_lab, keras, matlab, ml_agents
 from viatool.errors import SelfCheckError, ViatoolError
 from viatool.policy import load_policy
 from viatool.policy.operators import registered
+from viatool.policy.self_check import check_network
 
 Generator = np.random.Generator
-SECONDS = 20
-"""Longest time for one file."""
-MEGABYTES = 3000
-"""Largest growth of the memory of a worker."""
+SECONDS = 5.0
+"""Longest processor time for one file."""
+MEGABYTES = 1000
+"""Largest growth of the memory of a worker by one file."""
 
 
-def corpus() -> list[bytes]:
-    """Models to start from: actors, every operator in its newest version, a function, external data."""
-    models = [two_layers(), keras(), matlab(), ml_agents()]
+def corpus(folder: Path | None = None) -> list[bytes]:
+    """Models to start from: actors, every operator in its oldest and newest version, a function, external data.
+
+    Parameters
+    ----------
+    folder : Path, optional
+        Its ``.onnx`` files stand first.
+    """
+    exports = [] if folder is None else [path.read_bytes() for path in sorted(folder.glob("*.onnx"))]
+    models = [two_layers(), keras(), matlab(), ml_agents(), isaac_lab()]
     newest = onnx.defs.onnx_opset_version()
     for operator in sorted(CASES):
-        version = max(v for name, v in registered() if name == operator and v <= newest)
-        models += [case.model(max(version, 6)) for case in CASES[operator](version)]
+        versions = [v for name, v in registered() if name == operator and v <= newest]
+        for version in sorted({min(versions), max(versions)}):
+            models += [case.model(max(version, 6)) for case in CASES[operator](version)]
     with_function = two_layers()
     body = [node("Constant", [], ["c"], value_float=0.5), node("Mul", ["v", "c"], ["w"])]
     with_function.functions.append(
@@ -63,7 +74,7 @@ def corpus() -> list[bytes]:
     tensor.data_location = TensorProto.EXTERNAL
     tensor.external_data.add(key="location", value="weights.bin")
     tensor.external_data.add(key="length", value=str(len(content)))
-    return [model.SerializeToString() for model in (*models, with_function, outside)]
+    return [*exports, *(model.SerializeToString() for model in (*models, with_function, outside))]
 
 
 # --- mutations of bytes ------------------------------------------------------------------------------------
@@ -142,6 +153,79 @@ def other_output(model: onnx.ModelProto, rng: Generator) -> None:
     call = a_node(model, rng)
     if call.output:
         call.output[int(rng.integers(len(call.output)))] = str(rng.choice(value_names(model)))
+
+
+def swap_inputs(model: onnx.ModelProto, rng: Generator) -> None:
+    """Exchange two operands of a call: mostly a valid model with another meaning."""
+    call = a_node(model, rng)
+    if len(call.input) > 1:
+        first, second = (int(i) for i in rng.choice(len(call.input), 2, replace=False))
+        call.input[first], call.input[second] = call.input[second], call.input[first]
+
+
+def similar_operator(model: onnx.ModelProto, rng: Generator) -> None:
+    """Call an operator with the same numbers of inputs and outputs: often a valid model."""
+    call = a_node(model, rng)
+    counts = (len(call.input), len(call.output))
+    fitting = [
+        schema.name
+        for schema in SCHEMAS
+        if schema.min_input <= counts[0] <= schema.max_input
+        and schema.min_output <= counts[1] <= schema.max_output
+    ]
+    call.op_type = str(rng.choice(fitting or [call.op_type]))
+    known = next((s.attributes for s in SCHEMAS if s.name == call.op_type), {})
+    for index in reversed(range(len(call.attribute))):
+        if call.attribute[index].name not in known:
+            del call.attribute[index]
+
+
+def nudge_attribute(model: onnx.ModelProto, rng: Generator) -> None:
+    """Change an attribute that is there by a little."""
+    call = a_node(model, rng)
+    if not call.attribute:
+        return
+    attribute = call.attribute[int(rng.integers(len(call.attribute)))]
+    if attribute.type == onnx.AttributeProto.INT:
+        attribute.i = min(max(attribute.i + int(rng.integers(-2, 3)), -(2**62)), 2**62)
+    elif attribute.type == onnx.AttributeProto.FLOAT:
+        attribute.f *= float(rng.choice([-1.0, 0.0, 0.5, 2.0]))
+    elif attribute.ints:
+        position = int(rng.integers(len(attribute.ints)))
+        attribute.ints[position] = min(max(attribute.ints[position] + int(rng.integers(-1, 2)), -9), 2**40)
+
+
+def close_a_cycle(model: onnx.ModelProto, rng: Generator) -> None:
+    """Let a node read what is made from its own output."""
+    nodes = model.graph.node
+    earlier, later = sorted(int(i) for i in rng.integers(len(nodes), size=2))
+    if nodes[earlier].input and nodes[later].output:
+        nodes[earlier].input[0] = nodes[later].output[0]
+
+
+def change_function(model: onnx.ModelProto, rng: Generator) -> None:
+    """Damage a model-local function, or wrap a node into a call of one."""
+    if not model.functions:
+        function = model.functions.add(name="F", domain="f", input=["v"], output=["w"])
+        function.opset_import.add(domain="", version=int(rng.integers(5, 30)))
+        function.opset_import.add(domain="f", version=1)
+        function.node.add(op_type=str(rng.choice(["Relu", "F", "Tanh", "LSTM"])), input=["v"], output=["w"])
+        function.node[0].domain = "f" if function.node[0].op_type == "F" else ""
+        model.opset_import.add(domain="f", version=1)
+        call = a_node(model, rng)
+        if len(call.input) == len(call.output) == 1:
+            call.op_type, call.domain = "F", "f"
+        return
+    function = model.functions[0]
+    what = int(rng.integers(4))
+    if what == 0:
+        function.output.append(str(rng.choice(["v", "w", "nowhere"])))
+    elif what == 1 and function.node:
+        function.node[0].op_type = str(rng.choice([schema.name for schema in SCHEMAS]))
+    elif what == 2:
+        function.input.append("more")
+    else:
+        model.functions.add().CopyFrom(function)
 
 
 def drop_node(model: onnx.ModelProto, rng: Generator) -> None:
@@ -235,7 +319,10 @@ def other_numbers(model: onnx.ModelProto, rng: Generator) -> None:
 def other_external(model: onnx.ModelProto, rng: Generator) -> None:
     for tensor in model.graph.initializer:
         tensor.data_location = TensorProto.EXTERNAL
-        names = ("weights.bin", "/dev/zero", "/etc/passwd", "../weights.bin", "", ".", "none.bin")
+        names = (
+            "weights.bin", "/dev/zero", "/etc/passwd", "../weights.bin", "", ".", "none.bin", "link.bin", "loop.bin",
+            "inner/../weights.bin", "C:\\weights.bin", "pipe.bin", "x" * 5000, "weights.bin/",
+        )  # fmt: skip
         tensor.external_data.add(key="location", value=str(rng.choice(names)))
         tensor.external_data.add(key=str(rng.choice(["offset", "length"])), value=str(odd_integer(rng)))
         if rng.random() < 0.5:
@@ -270,7 +357,9 @@ def other_port(model: onnx.ModelProto, rng: Generator) -> None:
 
 MODEL_MUTATIONS: tuple[Callable[[onnx.ModelProto, Generator], None], ...] = (
     other_operator, other_input, other_output, drop_node, double_node, insert_node, other_attribute, other_tensor,
-    other_numbers, other_external, other_shape, other_opset, other_port,
+    other_numbers, other_external, other_shape, other_opset, other_port, swap_inputs, similar_operator,
+    nudge_attribute, close_a_cycle, change_function, swap_inputs, similar_operator, nudge_attribute, other_numbers,
+    insert_node,
 )  # fmt: skip
 SCHEMAS = [schema for schema in onnx.defs.get_all_schemas() if schema.domain == ""]
 
@@ -285,7 +374,7 @@ def mutated(content: bytes, number: int, seed: int) -> bytes:
         return content
     model = onnx.ModelProto()
     model.ParseFromString(content)
-    for _ in range(int(rng.integers(1, 4))):
+    for _ in range(int(rng.choice([1, 1, 2, 3]))):
         if model.graph.node:
             MODEL_MUTATIONS[int(rng.integers(len(MODEL_MUTATIONS)))](model, rng)
     return model.SerializeToString()
@@ -298,73 +387,92 @@ class TooSlow(BaseException):
     """One file took longer than `SECONDS`; no `except Exception` may swallow it."""
 
 
-def outcome_of(content: bytes, folder: Path) -> str:
-    """Load one file; return how it ended, or the traceback of what must not happen."""
+def outcome_of(content: bytes, folder: Path, seed: int = 1) -> str:
+    """Load one file; return how it ended, or the traceback of what must not happen.
+
+    What loads has passed the self-check; it is compared with onnxruntime again, on other observations.
+    """
     path = folder / "policy.onnx"
     path.write_bytes(content)
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     try:
         policy = load_policy(path)
-        policy(np.zeros((2, policy.input_size)))
+        check_network(policy.network, policy.runtime, None, seed=seed + 1)
         ended = "loaded"
     except SelfCheckError as error:
-        ended = f"self-check: {error.message}"
+        # the program itself gives no number, for example 0 * inf with a stored 1e38: refused before any verdict
+        ended = "no number" if "against nan" in error.message else f"self-check: {error.message}"
     except ViatoolError as error:
         ended = (
             "refused" if error.message and "\n\n" not in error.message else f"bad message: {error.message!r}"
         )
     except TooSlow:
         return f"slow\n{traceback.format_exc()}"
+    except MemoryError:
+        return f"memory\n{traceback.format_exc()}"
     except BaseException:
         return f"crash\n{traceback.format_exc()}"
     grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - memory) / 1024
     return f"memory grew by {grown:.0f} MB" if grown > MEGABYTES else ended
 
 
-def run(numbers: range, seed: int) -> Iterator[tuple[int, str]]:
+def run(numbers: range, seed: int, seeds: list[bytes] | None = None) -> Iterator[tuple[int, str]]:
     """Mutate and load files in this process."""
 
     def give_up(*_: object) -> None:
         raise TooSlow
 
-    seeds = corpus()
-    weights = np.random.default_rng(0).normal(size=20).astype(np.float32).tobytes()
-    previous = signal.signal(signal.SIGALRM, give_up)
+    seeds = corpus() if seeds is None else seeds
+    previous = signal.signal(signal.SIGPROF, give_up)
     try:
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
-            (folder / "weights.bin").write_bytes(weights)
+            _lay_out(folder)
             for number in numbers:
                 content = mutated(seeds[number % len(seeds)], number, seed)
-                signal.alarm(SECONDS)
-                outcome = outcome_of(content, folder)
-                signal.alarm(0)
+                signal.setitimer(signal.ITIMER_PROF, SECONDS)
+                outcome = outcome_of(content, folder, number)
+                signal.setitimer(signal.ITIMER_PROF, 0)
                 yield number, outcome
     finally:
-        signal.alarm(0)
-        signal.signal(signal.SIGALRM, previous)
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.signal(signal.SIGPROF, previous)
 
 
-def _worker(numbers: range, seed: int, pipe: Any) -> None:
+def _lay_out(folder: Path) -> None:
+    """Put beside the model what external data may name: weights, links, a pipe, a folder."""
+    weights = np.random.default_rng(0).normal(size=20).astype(np.float32).tobytes()
+    (folder / "weights.bin").write_bytes(weights)
+    (folder / "link.bin").symlink_to("/etc/hostname")
+    (folder / "loop.bin").symlink_to("loop.bin")
+    (folder / "inner").mkdir()
+    os.mkfifo(folder / "pipe.bin")
+
+
+def _worker(numbers: range, seed: int, folder: Path | None, pipe: Any) -> None:
     limit = 8 * 2**30
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
-    for result in run(numbers, seed):
+    for result in run(numbers, seed, corpus(folder)):
         pipe.send(result)
     pipe.close()
 
 
-def run_isolated(count: int, seed: int, chunk: int = 2000) -> Iterator[tuple[int, str]]:
+def run_isolated(
+    count: int, seed: int, folder: Path | None = None, chunk: int = 5000
+) -> Iterator[tuple[int, str]]:
     """Load files in child processes, so that a crash of native code is a result and not the end."""
     start = 0
     context = multiprocessing.get_context("spawn")
     while start < count:
         receiver, sender = context.Pipe(duplex=False)
-        child = context.Process(target=_worker, args=(range(start, min(start + chunk, count)), seed, sender))
+        child = context.Process(
+            target=_worker, args=(range(start, min(start + chunk, count)), seed, folder, sender)
+        )
         child.start()
         sender.close()
         last = start - 1
         try:
-            while receiver.poll(3 * SECONDS):
+            while receiver.poll(120):
                 last, outcome = receiver.recv()
                 yield last, outcome
             child.kill()
@@ -383,15 +491,16 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=200_000)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--corpus", type=Path, help="a folder with more models to start from")
     parser.add_argument("--only", type=int, help="run one case in this process and show how it ends")
     options = parser.parse_args()
     if options.only is not None:
-        for _, outcome in run(range(options.only, options.only + 1), options.seed):
+        for _, outcome in run(range(options.only, options.only + 1), options.seed, corpus(options.corpus)):
             print(outcome)
         return 0
     tally: Counter[str] = Counter()
     began = time.perf_counter()
-    for number, outcome in run_isolated(options.count, options.seed):
+    for number, outcome in run_isolated(options.count, options.seed, options.corpus):
         kind = outcome.partition("\n")[0].partition(":")[0]
         tally[kind] += 1
         if kind not in ("loaded", "refused"):
@@ -399,7 +508,7 @@ def main() -> int:
         if (number + 1) % 10_000 == 0:
             print(number + 1, dict(tally), f"{time.perf_counter() - began:.0f} s", flush=True)
     print(f"{options.count} files, seed {options.seed}: {dict(tally)}, {time.perf_counter() - began:.0f} s")
-    return 0 if set(tally) <= {"loaded", "refused", "self-check"} else 1
+    return 0 if set(tally) <= {"loaded", "refused", "no number"} else 1
 
 
 if __name__ == "__main__":

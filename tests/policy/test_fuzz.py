@@ -1,4 +1,4 @@
-"""A short run of the fuzzer; docs/hostile-files.md has the figure of a long one."""
+"""A short run of the fuzzer; docs/results/fuzz.md has the figures of a long one."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def test_mutated_models_load_or_are_refused() -> None:
     for number, outcome in run(range(1500), seed=20):
         kind = outcome.partition("\n")[0].partition(":")[0]
         tally[kind] += 1
-        if kind not in ("loaded", "refused"):
+        if kind not in ("loaded", "refused", "no number"):
             bad[number] = outcome
     assert not bad
     assert tally["loaded"] > 100
