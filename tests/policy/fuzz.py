@@ -38,6 +38,8 @@ from viatool.policy.operators import registered
 from viatool.policy.self_check import check_network
 
 Generator = np.random.Generator
+MEMORY = Path("/dev/shm")
+"""Where files cost no disk, on Linux."""
 SECONDS = 5.0
 """Longest processor time for one file."""
 MEGABYTES = 1000
@@ -425,7 +427,7 @@ def run(numbers: range, seed: int, seeds: list[bytes] | None = None) -> Iterator
     seeds = corpus() if seeds is None else seeds
     previous = signal.signal(signal.SIGPROF, give_up)
     try:
-        with tempfile.TemporaryDirectory() as name:
+        with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as name:
             folder = Path(name)
             _lay_out(folder)
             for number in numbers:

@@ -20,8 +20,10 @@ class Case:
     initializers: dict[str, Any] = field(default_factory=dict)
     shape: tuple[int, ...] = (1, 4)
     name: str = ""
+    least_opset: int = 6
 
     def model(self, opset: int) -> onnx.ModelProto:
+        opset = max(opset, self.least_opset)
         return model_of(self.nodes, self.initializers, shape=self.shape, opset=opset)
 
 
@@ -365,6 +367,18 @@ def comparison(operator: str, version: int) -> list[Case]:
     forward = [slow, node(operator, ["x", "z"], ["c"]), node("Where", ["c", *branches], ["y"])]
     backward = [slow, node(operator, ["z", "x"], ["c"]), node("Where", ["c", *branches[::-1]], ["y"])]
     return [Case(forward, constants, name="x first"), Case(backward, constants, name="bound first")]
+
+
+@case("Or")
+def either(operator: str, version: int) -> list[Case]:
+    nodes = [
+        node("Greater", ["x", "b"], ["above"]),
+        node("Less", ["x", "a"], ["below"]),
+        node("Or", ["above", "below"], ["c"]),
+        node("Where", ["c", "x", "z"], ["y"]),
+    ]
+    bounds = {"a": np.float32(-0.5), "b": np.float32(0.5), "z": np.float32(0.0)}
+    return [Case(nodes, bounds, name="hard shrinkage", least_opset=9)]
 
 
 @case("ReduceSum", "ReduceMean", "ReduceSumSquare", "ReduceL1", "ReduceL2", "ReduceMax", "ReduceMin")

@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.policy.enclosure import escapes
+from viatool.errors import PolicyError
 from viatool.policy import Policy, load_policy
-from viatool.taylor import reach
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("onnxscript")
@@ -41,22 +42,9 @@ def export(module: torch.nn.Module, path: Path, *, dynamo: bool, **options: obje
     return path
 
 
-def assert_enclosed(policy: Policy, samples: int = 100_000, eps: float = 0.02) -> None:
-    """Reachable sets contain what onnxruntime computes on random observations of each box."""
-    states = 20
-    generator = np.random.default_rng(0)
-    centres = generator.normal(size=(states, policy.input_size)).astype(np.float32).astype(np.float64)
-    sets = reach(policy, centres, eps)
-    for _ in range(samples // (states * 250)):
-        offsets = generator.uniform(-eps, eps, (250, *centres.shape))
-        offsets[:50] = eps * np.sign(offsets[:50])
-        inside = np.clip(
-            (centres + offsets).astype(np.float32).astype(np.float64), centres - eps, centres + eps
-        )
-        inside = np.where(np.float32(inside) == inside, inside, np.float32(centres))
-        actions = policy.run(inside.reshape(-1, policy.input_size)).reshape(250, states, -1)
-        assert (sets.lower <= actions).all()
-        assert (actions <= sets.upper).all()
+def assert_enclosed(policy: Policy, samples: int = 20_000) -> None:
+    """Reachable sets contain what onnxruntime computes on observations of each box."""
+    assert escapes(policy, samples=samples) == 0
 
 
 class Residual(nn.Module):
@@ -130,6 +118,52 @@ class Attention(nn.Module):
         return self.head(torch.softmax(self.gate(x), dim=-1) * self.value(x))
 
 
+class ActorCritic(nn.Module):
+    """PPO's forward: the mean action, the value and the log-probability of the action."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.body = nn.Sequential(nn.Linear(SIZE, HIDDEN), nn.Tanh())
+        self.mean, self.value = nn.Linear(HIDDEN, ACTIONS), nn.Linear(HIDDEN, 1)
+        self.log_std = nn.Parameter(torch.zeros(ACTIONS))
+
+    def forward(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        features = self.body(x)
+        mean = self.mean(features)
+        spread = torch.ones_like(mean) * self.log_std.exp()
+        return mean, self.value(features), torch.distributions.Normal(mean, spread).log_prob(mean).sum(dim=1)
+
+
+class SquashedGaussian(nn.Module):
+    """SAC's actor: the branch of the deviation is computed and not used."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.body = nn.Sequential(nn.Linear(SIZE, HIDDEN), nn.ReLU())
+        self.mean, self.log_std = nn.Linear(HIDDEN, ACTIONS), nn.Linear(HIDDEN, ACTIONS)
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        features = self.body(x)
+        deviation = torch.clamp(self.log_std(features), -20, 2).exp()
+        return torch.tanh(self.mean(features) + 0.0 * torch.zeros_like(deviation))
+
+
+class ByHand(nn.Module):
+    """An activation or a normalisation that is written out in elementary operations."""
+
+    def __init__(self, function: Callable[[torch.Tensor], torch.Tensor]) -> None:
+        super().__init__()
+        self.inner, self.outer, self.function = nn.Linear(SIZE, HIDDEN), nn.Linear(HIDDEN, ACTIONS), function
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        return self.outer(self.function(self.inner(x)))
+
+
+def standardised(x: torch.Tensor) -> torch.Tensor:
+    deviation = x - x.mean(dim=-1, keepdim=True)
+    return deviation / torch.sqrt((deviation**2).mean(dim=-1, keepdim=True) + 1e-5)
+
+
 def mlp(activation: Callable[[], nn.Module]) -> nn.Module:
     return nn.Sequential(nn.Linear(SIZE, HIDDEN), activation(), nn.Linear(HIDDEN, ACTIONS))
 
@@ -155,11 +189,35 @@ MODULES: dict[str, Callable[[], nn.Module]] = {
 }
 
 
-@pytest.mark.parametrize("dynamo", [False, True], ids=["legacy", "dynamo"])
-@pytest.mark.parametrize("name", MODULES)
+BY_HAND: dict[str, Callable[[torch.Tensor], torch.Tensor]] = {
+    "Gelu": lambda x: 0.5 * x * (1.0 + torch.erf(x / 1.4142135)),
+    "Gelu tanh": lambda x: 0.5 * x * (1.0 + torch.tanh(0.7978845608 * (x + 0.044715 * x**3))),
+    "Silu": lambda x: x / (1.0 + torch.exp(-x)),
+    "Mish": lambda x: x * torch.tanh(torch.log(1.0 + torch.exp(x))),
+    "HardSwish": lambda x: x * nn.functional.relu6(x + 3.0) / 6.0,
+    "Softplus": lambda x: torch.clamp(x, min=0.0) + torch.log(1.0 + torch.exp(-torch.abs(x))),
+    "LeakyRelu": lambda x: torch.where(x > 0, x, 0.01 * x),
+    "HardShrink": nn.functional.hardshrink,
+    "LayerNorm": standardised,
+    "RMSNorm": lambda x: x * torch.rsqrt(x.pow(2).mean(dim=-1, keepdim=True) + 1e-6),
+    "unit length": lambda x: nn.functional.normalize(x, dim=-1),
+    "simplex": lambda x: torch.softmax(x.view(1, -1, 4), dim=-1).view(1, -1),
+    "gated": lambda x: torch.cat([nn.functional.glu(x)] * 2, dim=-1),
+}
+MODULES |= {"SquashedGaussian": SquashedGaussian}
+WRITTEN_OUT: dict[str, Callable[[], nn.Module]] = {
+    f"{name} by hand": (lambda f=function: ByHand(f)) for name, function in BY_HAND.items()
+}
+CASES = [(name, dynamo) for name in MODULES for dynamo in (False, True)]
+CASES += [(name, False) for name in WRITTEN_OUT]  # by the dynamo exporter in tests/benchmarks/exports.py
+
+
+@pytest.mark.parametrize(
+    ("name", "dynamo"), CASES, ids=[f"{name}-{'dynamo' if dynamo else 'legacy'}" for name, dynamo in CASES]
+)
 def test_an_export_is_read_and_enclosed(name: str, dynamo: bool, tmp_path: Path) -> None:
     torch.manual_seed(1)
-    module = MODULES[name]()
+    module = (MODULES | WRITTEN_OUT)[name]()
     policy = load_policy(export(module, tmp_path / "policy.onnx", dynamo=dynamo))
 
     observations = torch.randn(200, SIZE)
@@ -192,4 +250,15 @@ def test_older_opsets_of_the_legacy_exporter(name: str, opset: int, tmp_path: Pa
     torch.manual_seed(1)
     module = MODULES[name]()
     policy = load_policy(export(module, tmp_path / "policy.onnx", dynamo=False, opset_version=opset))
-    assert_enclosed(policy, samples=10_000)
+    assert_enclosed(policy)
+
+
+def test_one_output_of_several(tmp_path: Path) -> None:
+    torch.manual_seed(1)
+    names = ["action", "value", "log_probability"]
+    path = export(ActorCritic(), tmp_path / "policy.onnx", dynamo=False, output_names=names)
+    with pytest.raises(PolicyError, match=r"3 outputs .* action, value, log_probability"):
+        load_policy(path)
+    policy = load_policy(path, output_name="action")
+    assert policy.output_size == ACTIONS
+    assert_enclosed(policy)

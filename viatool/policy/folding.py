@@ -6,12 +6,14 @@ import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import onnx
 
 from viatool.policy.assembly import Computed, Refusal
+from viatool.policy.folded_rounding import cast_roundings, folded_roundings
 from viatool.policy.graph import GraphNode
 from viatool.policy.tensors import Array, Constant, convert, dtype_name
 
@@ -24,7 +26,7 @@ FOLDED_ONLY = frozenset((
     "BitwiseAnd", "BitwiseNot", "BitwiseOr", "BitwiseXor", "CastLike", "Ceil", "Constant",
     "ConstantOfShape", "Cos", "Cosh", "CumProd", "CumSum", "DequantizeLinear", "Equal", "EyeLike",
     "Floor", "Hardmax", "IsInf", "IsNaN", "Mod",
-    "NonZero", "Not", "OneHot", "Or", "QuantizeLinear", "Range", "ReduceProd", "Round", "Shape",
+    "NonZero", "Not", "OneHot", "QuantizeLinear", "Range", "ReduceProd", "Round", "Shape",
     "Sin", "Sinh", "Size", "Tan", "TopK", "Xor",
 ))
 # fmt: on
@@ -74,7 +76,11 @@ def fold(node: GraphNode, inputs: Sequence[Constant | None], attributes: Mapping
         raise Refusal("has no inputs")
     results = evaluate(node, [None if value is None else value.array for value in inputs], attributes)
     narrow = any(value is not None and value.dtype == "bfloat16" for value in inputs)
-    return [_held(result, narrow) for result in results]
+    held = [_held(result, narrow) for result in results]
+    roundings = folded_roundings(
+        node.operator, inputs, results, lambda arrays: evaluate(node, arrays, attributes)
+    )
+    return [replace(constant, roundings=roundings) for constant in held]
 
 
 def evaluate(node: GraphNode, arrays: Arrays, attributes: Mapping[str, Any]) -> list[Array]:
@@ -154,7 +160,7 @@ def _cast(node: GraphNode, inputs: Values, attributes: Mapping[str, Any]) -> Con
     dtype = dtype_name(attributes["to"])
     if dtype is None:
         raise Refusal("casts to a type that is neither a number nor a boolean")
-    return Constant(convert(inputs[0].array, dtype), dtype)
+    return Constant(convert(inputs[0].array, dtype), dtype, cast_roundings(inputs[0], dtype))
 
 
 def _identity(node: GraphNode, inputs: Values, attributes: Mapping[str, Any]) -> Constant:

@@ -257,7 +257,8 @@ def _affine_error(
     roundings = (terms + 1 + node.roundings) * unit
     signs = [np.isin(weight, (-1.0, 0.0, 1.0)).all(axis=1) for weight in node.weights]
     copies = (terms == 1) & (node.bias == 0) & (node.roundings == 0) & np.all(signs, axis=0)
-    factor = np.where(copies | (terms == 0), 0.0, roundings / np.maximum(1 - roundings, 1e-3))
+    stored = (terms == 0) & (node.roundings == 0)
+    factor = np.where(copies | stored, 0.0, roundings / np.maximum(1 - roundings, 1e-3))
     error: Floats = inherited + factor * magnitude + (factor > 0) * terms * tiny
     return error
 

@@ -52,10 +52,14 @@ class Constant:
         Its numbers; bfloat16 ones are held as float32.
     dtype : str
         The element type in the model.
+    roundings : int
+        How many roundings of its element type another runtime's value may be off, relative to each element;
+        0 for what is stored, and for what every runtime folds to the same numbers.
     """
 
     array: Array
     dtype: str
+    roundings: int = 0
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -82,7 +82,7 @@ def affine_rounding(node: Affine, unit: float) -> tuple[Floats, Floats]:
         terms += np.count_nonzero(weight, axis=1)
         copies &= np.isin(weight, (-1.0, 0.0, 1.0)).all(axis=1)
     has_bias = node.bias != 0
-    exact = (copies & (terms <= 1) & ~has_bias & (node.roundings == 0)) | (terms == 0)
+    exact = (node.roundings == 0) & ((copies & (terms <= 1) & ~has_bias) | (terms == 0))
     rounded = np.where(exact, 0.0, terms + has_bias + 1 + node.roundings)
     return gamma(rounded, unit), rounded
 

@@ -13,7 +13,7 @@ from viatool.policy.assembly import Computed, Refusal, broadcast_index
 from viatool.policy.network import Precision
 from viatool.policy.operators.elementwise import clipped
 from viatool.policy.operators.gates import gated, softsign
-from viatool.policy.operators.registry import Call, Value, finite, reads
+from viatool.policy.operators.registry import Call, Comparison, Result, Value, finite, reads
 from viatool.policy.tensors import Constant, as_precision, dtype_name
 
 Floats = NDArray[np.float64]
@@ -56,7 +56,8 @@ def weighted_sum(
     terms = []
     for value, factor in zip(values, factors, strict=True):
         if isinstance(value, Constant):
-            bias = bias + factor * np.broadcast_to(finite(value, "constant"), shape).ravel()
+            bias = bias + factor * np.broadcast_to(finite(value, "constant", counted=True), shape).ravel()
+            roundings += value.roundings
         else:
             terms.append((value, scattered(call, value, shape, np.full(size, factor))))
     return call.assembly.affine(terms, bias, shape, precision_of(values), roundings)
@@ -112,7 +113,7 @@ def read_mul(call: Call) -> Sequence[Value]:
     x, constant = (left, right) if isinstance(left, Computed) else (right, left)
     assert isinstance(x, Computed)
     assert isinstance(constant, Constant)
-    return [scaled_by(call, x, finite(constant, "factor"))]
+    return [scaled_by(call, x, finite(constant, "factor", counted=True), constant.roundings)]
 
 
 def scaled_by(call: Call, x: Computed, factors: Floats, roundings: int = 0) -> Computed:
@@ -138,24 +139,26 @@ def read_div(call: Call) -> Sequence[Value]:
     numerator, divisor = operands(call)
     if isinstance(divisor, Constant):
         assert isinstance(numerator, Computed)
-        return [divided_by(call, numerator, finite(divisor, "divisor"))]
+        divisors = finite(divisor, "divisor", counted=True)
+        return [divided_by(call, numerator, divisors, divisor.roundings)]
     if isinstance(numerator, Computed) and numerator.shape == divisor.shape:
         ratio = softsign(call.assembly, numerator, divisor)
         if ratio is not None:
             return [ratio]
     reciprocal = call.assembly.activation(divisor, "Reciprocal")
     if isinstance(numerator, Constant):
-        return [scaled_by(call, reciprocal, finite(numerator, "numerator"))]
+        factors = finite(numerator, "numerator", counted=True)
+        return [scaled_by(call, reciprocal, factors, numerator.roundings)]
     return [call.assembly.product(numerator, reciprocal)]
 
 
-def divided_by(call: Call, x: Computed, divisors: Floats) -> Computed:
+def divided_by(call: Call, x: Computed, divisors: Floats, roundings: int = 0) -> Computed:
     """Add the elementwise quotient of x by an array; a division by a power of two is exact."""
     if not divisors.all():
         raise Refusal("divides by zero", "export the policy again with a normaliser that has no zero spread")
     mantissas, _ = np.frexp(divisors)
     inexact = bool((np.abs(mantissas) != 0.5).any())
-    return scaled_by(call, x, 1.0 / divisors, roundings=int(inexact))
+    return scaled_by(call, x, 1.0 / divisors, roundings + int(inexact))
 
 
 @reads("Pow", 1, 7, 12, 13, 15, treatment="enclosed", note="constant exponent: an integer, 0.5 or -0.5")
@@ -227,9 +230,11 @@ def _extreme(
 
 
 @reads("Cast", 6, 9, 13, 19, 21, 23, 24, 25, 28, treatment="exact", note="between floating-point types")
-def read_cast(call: Call) -> Sequence[Value]:
-    """Read a change between floating-point types."""
+def read_cast(call: Call) -> Sequence[Result]:
+    """Read a change between floating-point types; a comparison that is cast to a boolean stays one."""
     dtype = dtype_name(call.integer("to"))
+    if dtype == "bool" and isinstance(call.inputs[0], Comparison):
+        return [call.inputs[0]]
     precision = as_precision(dtype) if dtype else None
     if precision is None:
         raise Refusal(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,11 +40,15 @@ def matrix_product(
     if isinstance(left, Computed) and isinstance(right, Computed):
         return _bilinear(call, left, right, shape, factor, roundings)
     if isinstance(left, Computed):
-        weight = factor * finite(right, "weight")  # type: ignore[arg-type]  # not both are computed
+        assert isinstance(right, Constant)
+        weight = factor * finite(right, "weight", counted=True)
+        roundings += right.roundings
         x = left.reshaped(_padded(left.shape, len(shape)))
         return call.assembly.linear(x, lambda basis: basis @ weight, shape, roundings=roundings)
     assert isinstance(right, Computed)
-    weight = factor * finite(left, "weight")
+    assert isinstance(left, Constant)
+    weight = factor * finite(left, "weight", counted=True)
+    roundings += left.roundings
     x = right.reshaped(_padded(right.shape, len(shape)))
     return call.assembly.linear(x, lambda basis: weight @ basis, shape, roundings=roundings)
 
@@ -84,7 +89,8 @@ def read_gemm(call: Call) -> Sequence[Value]:
         if np.broadcast_shapes(addend.shape, shape) != shape:
             raise Refusal(f"adds the shape {list(addend.shape)} to {list(shape)}")
         if isinstance(addend, Constant):
-            bias = beta * np.broadcast_to(finite(addend, "bias"), shape).ravel()
+            bias = beta * np.broadcast_to(finite(addend, "bias", counted=True), shape).ravel()
+            roundings += addend.roundings
         else:
             terms.append((addend, scattered(call, addend, shape, np.full(bias.size, beta))))
     if isinstance(left, Constant) and isinstance(right, Constant):
@@ -96,6 +102,7 @@ def read_gemm(call: Call) -> Sequence[Value]:
         terms.append((product, np.eye(product.size)))
     else:
         terms.append(_weight_term(call, left, right, alpha, shape))
+        roundings += sum(value.roundings for value in (left, right) if isinstance(value, Constant))
     return [call.assembly.affine(terms, bias, shape, terms[-1][0].precision, roundings)]
 
 
@@ -103,10 +110,12 @@ def _weight_term(
     call: Call, left: Value, right: Value, alpha: float, shape: Shape
 ) -> tuple[Computed, Floats]:
     if isinstance(left, Computed):
-        weight = alpha * finite(right, "weight")  # type: ignore[arg-type]  # not both are computed
+        assert isinstance(right, Constant)
+        weight = alpha * finite(right, "weight", counted=True)
         return left, call.assembly.matrix(left, lambda basis: basis @ weight, shape)
     assert isinstance(right, Computed)
-    weight = alpha * finite(left, "weight")
+    assert isinstance(left, Constant)
+    weight = alpha * finite(left, "weight", counted=True)
     return right, call.assembly.matrix(right, lambda basis: weight @ basis, shape)
 
 
@@ -117,7 +126,7 @@ def _matrix(call: Call, index: int, transposed: bool) -> Value:
     if not transposed:
         return value
     if isinstance(value, Constant):
-        return Constant(value.array.T, value.dtype)
+        return replace(value, array=value.array.T)
     order = np.arange(value.size).reshape(value.shape).T
     return call.assembly.copies([(value, order.ravel())], np.zeros(value.size), order.shape, value.precision)
 
@@ -125,7 +134,7 @@ def _matrix(call: Call, index: int, transposed: bool) -> Value:
 def _promoted(value: Value, axis: int) -> Value:
     shape = (1, *value.shape) if axis == 0 else (*value.shape, 1)
     if isinstance(value, Constant):
-        return Constant(value.array.reshape(shape), value.dtype)
+        return replace(value, array=value.array.reshape(shape))
     return value.reshaped(shape)
 
 

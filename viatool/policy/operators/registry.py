@@ -108,7 +108,10 @@ class Call:
         """Return an optional constant input that must be a single number, not NaN."""
         if not self.has(index):
             return default
-        array = np.asarray(self.constant(index, meaning).array, dtype=np.float64)
+        constant = self.constant(index, meaning)
+        array = np.asarray(constant.array, dtype=np.float64)
+        if constant.roundings:
+            array = finite(constant, meaning)
         if array.size != 1 or np.isnan(array).any():
             raise Refusal(f"has a {meaning} that is no single number")
         return float(array.ravel()[0])
@@ -201,14 +204,28 @@ def registered() -> Mapping[tuple[str, int], Entry]:
     return dict(_REGISTRY)
 
 
-def finite(constant: Constant, meaning: str) -> Floats:
+def finite(constant: Constant, meaning: str, *, counted: bool = False) -> Floats:
     """Return a constant as float64 numbers, all finite.
+
+    Parameters
+    ----------
+    constant : Constant
+        A stored or folded one.
+    meaning : str
+        What it is, for messages.
+    counted : bool
+        Whether the caller counts the roundings of a constant that runtimes fold differently.
 
     Raises
     ------
     Refusal
-        If one is NaN or infinite.
+        If one is NaN or infinite, or if the constant is inexact and the caller does not count that.
     """
+    if constant.roundings and not counted:
+        raise Refusal(
+            f"has a {meaning} that runtimes compute differently",
+            "let the exporter fold constants, or simplify the model (onnxsim) before it is verified",
+        )
     array = np.asarray(constant.array, dtype=np.float64)
     if not np.isfinite(array).all():
         raise Refusal(f"has a {meaning} with NaN or infinite numbers", "train and export the policy again")

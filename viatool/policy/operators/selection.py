@@ -41,6 +41,21 @@ for _operator, (_versions, _, _) in _COMPARISONS.items():
     reads(_operator, *_versions, treatment="folded", note=_NOTE)(_compare)
 
 
+@reads("Or", 7, treatment="folded", note=_NOTE)
+def read_or(call: Call) -> Sequence[Result]:
+    """Read ``x > b or x < -b`` as ``|x| > b``, torch's Hardshrink."""
+    above, below = call.inputs[:2]
+    if not isinstance(above, Comparison) or not isinstance(below, Comparison):
+        raise Refusal("is a step function of computed values", _STEP_HINT)
+    if below.above:
+        above, below = below, above
+    same = above.subject.node == below.subject.node and above.bound == -below.bound
+    # the comparison below holds where its opposite does not, so its strictness is the other way round
+    if not same or not above.above or below.above or above.strict == below.strict or not above.bound > 0:
+        raise Refusal("joins comparisons of computed values that are no rectifier", _STEP_HINT)
+    return [Comparison(call.assembly.activation(above.subject, "Abs"), above.bound, above.strict, True)]
+
+
 @reads("Where", 9, 16, treatment="exact", note="constant condition, or a rectifier")
 def read_where(call: Call) -> Sequence[Value]:
     """Read a selection by a constant condition, or a rectifier written as one."""
