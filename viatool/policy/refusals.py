@@ -64,6 +64,11 @@ def reason_for(node: GraphNode, version: int) -> Refusal:
     for reason, hint, operators in FAMILIES:
         if node.operator in operators:
             return Refusal(reason, hint)
+    if node.operator in ("Sin", "Cos", "Tan", "Atan", "Asin", "Acos"):
+        return Refusal(
+            "is a trigonometric function of computed values, which is not read",
+            "compute it before the network and make it part of the observation",
+        )
     return Refusal(
         f"is not read in opset version {version}",
         "export the actor alone, see docs/operators.md for what is read",

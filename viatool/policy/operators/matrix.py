@@ -18,8 +18,7 @@ Floats = NDArray[np.float64]
 Shape = tuple[int, ...]
 
 
-@reads("MatMul", 6, 9, 13, treatment="exact", note="enclosed between two computed values")
-@reads("MatMul", 1, treatment="exact", note="enclosed between two computed values")
+@reads("MatMul", 1, 9, 13, treatment="exact", note="enclosed between two computed values")
 def read_matmul(call: Call) -> Sequence[Value]:
     """Read a product of two tensors as numpy's matmul, vectors and batches of matrices included."""
     left, right = call.value(0), call.value(1)

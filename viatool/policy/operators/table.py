@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 from viatool.policy.folding import FOLDED_ONLY
-from viatool.policy.operators.registry import Entry, registered
+from viatool.policy.operators.registry import Entry, entry_of, registered
 from viatool.policy.refusals import FAMILIES
 
 Verdict = Literal["exact", "enclosed", "folded", "refused"]
@@ -47,11 +47,12 @@ _NOTES = """\
 """
 
 
-def treatment_of(operator: str) -> Verdict:
-    """Return how an operator of the default domain is treated."""
-    entries = [entry for (name, _), entry in registered().items() if name == operator]
-    if entries:
-        return entries[0].treatment
+def treatment_of(operator: str, version: int | None = None) -> Verdict:
+    """Return how an operator of the default domain is treated, in one version or in the newest that is read."""
+    known = [number for name, number in registered() if name == operator]
+    entry = entry_of(operator, max(known, default=0) if version is None else version)
+    if entry is not None:
+        return entry.treatment
     return "folded" if operator in FOLDED_ONLY else "refused"
 
 
