@@ -43,7 +43,9 @@ MEMORY = Path("/dev/shm")
 SECONDS = 5.0
 """Longest processor time for one file."""
 MEGABYTES = 1000
-"""Largest growth of the memory of a worker by one file."""
+"""Largest growth of the memory of a worker by a few files."""
+_CHECKED = 20
+"""Files between two looks at the memory: asking costs as much as reading a small file."""
 
 
 def corpus(folder: Path | None = None) -> list[bytes]:
@@ -396,7 +398,6 @@ def outcome_of(content: bytes, folder: Path, seed: int = 1) -> str:
     """
     path = folder / "policy.onnx"
     path.write_bytes(content)
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     try:
         policy = load_policy(path)
         check_network(policy.network, policy.runtime, None, seed=seed + 1)
@@ -414,8 +415,7 @@ def outcome_of(content: bytes, folder: Path, seed: int = 1) -> str:
         return f"memory\n{traceback.format_exc()}"
     except BaseException:
         return f"crash\n{traceback.format_exc()}"
-    grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - memory) / 1024
-    return f"memory grew by {grown:.0f} MB" if grown > MEGABYTES else ended
+    return ended
 
 
 def run(numbers: range, seed: int, seeds: list[bytes] | None = None) -> Iterator[tuple[int, str]]:
@@ -430,11 +430,18 @@ def run(numbers: range, seed: int, seeds: list[bytes] | None = None) -> Iterator
         with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as name:
             folder = Path(name)
             _lay_out(folder)
+            memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
             for number in numbers:
                 content = mutated(seeds[number % len(seeds)], number, seed)
                 signal.setitimer(signal.ITIMER_PROF, SECONDS)
                 outcome = outcome_of(content, folder, number)
                 signal.setitimer(signal.ITIMER_PROF, 0)
+                if number % _CHECKED == 0:
+                    memory, before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, memory
+                    if memory - before > 1024 * MEGABYTES:
+                        outcome = (
+                            f"memory grew by {(memory - before) / 1024:.0f} MB since {number - _CHECKED}"
+                        )
                 yield number, outcome
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0)
@@ -507,7 +514,7 @@ def main() -> int:
         tally[kind] += 1
         if kind not in ("loaded", "refused"):
             print(f"case {number}: {outcome}", flush=True)
-        if (number + 1) % 10_000 == 0:
+        if (number + 1) % 5_000 == 0:
             print(number + 1, dict(tally), f"{time.perf_counter() - began:.0f} s", flush=True)
     print(f"{options.count} files, seed {options.seed}: {dict(tally)}, {time.perf_counter() - began:.0f} s")
     return 0 if set(tally) <= {"loaded", "refused", "no number"} else 1

@@ -1,4 +1,4 @@
-"""Stable-Baselines3 and CleanRL models, exported by the recipes of docs/exporting.md."""
+"""Stable-Baselines3, CleanRL, RSL-RL and rl_games actors, exported by the recipes of docs/exporting.md."""
 
 from __future__ import annotations
 
@@ -138,5 +138,49 @@ def test_the_cleanrl_recipe(recipes: dict[str, Any], tmp_path: Path) -> None:
     module = recipes["CleanRLActor"](actor, np.linspace(-1, 1, SIZE), np.linspace(0.5, 2, SIZE))
     policy = load_policy(export(module, tmp_path / "policy.onnx", dynamo=True))
     observations = torch.randn(100, SIZE)
+    np.testing.assert_allclose(policy(observations.numpy()), module(observations).detach().numpy(), atol=1e-5)
+    assert_enclosed(policy)
+
+
+class EmpiricalNormalisation(torch.nn.Module):  # type: ignore[misc]
+    """As RSL-RL computes it: the standard deviation is raised by a hundredth."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.register_buffer("mean", torch.linspace(-1, 1, SIZE)[None])
+        self.register_buffer("std", torch.linspace(0.5, 2, SIZE)[None])
+
+    def forward(self, x: Any) -> Any:
+        return (x - self.mean) / (self.std + 1e-2)
+
+
+@pytest.mark.parametrize("normalise", [False, True], ids=["bare", "normalised"])
+def test_the_rsl_rl_recipe(normalise: bool, recipes: dict[str, Any], tmp_path: Path) -> None:
+    torch.manual_seed(0)
+    actor = torch.nn.Sequential(torch.nn.Linear(SIZE, 16), torch.nn.ELU(), torch.nn.Linear(16, 2))
+    normaliser = EmpiricalNormalisation() if normalise else None
+    path = tmp_path / "policy.onnx"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        recipes["export_rsl_rl"](actor, str(path), SIZE, normaliser)
+    policy = load_policy(path)
+    assert policy.maps.before.startswith("inside the model" if normalise else "nothing")
+    observations = torch.randn(50, SIZE)
+    expected = actor(normaliser(observations) if normaliser else observations).detach().numpy()
+    np.testing.assert_allclose(policy(observations.numpy()), expected, atol=1e-5)
+
+
+def test_the_rl_games_recipe(recipes: dict[str, Any], tmp_path: Path) -> None:
+    torch.manual_seed(0)
+    network, statistics = torch.nn.Module(), torch.nn.Module()
+    network.actor_mlp = torch.nn.Sequential(torch.nn.Linear(SIZE, 16), torch.nn.ELU())
+    network.mu, network.mu_act = torch.nn.Linear(16, 2), torch.nn.Identity()
+    statistics.running_mean = torch.linspace(-1, 1, SIZE, dtype=torch.float64)
+    statistics.running_var = torch.linspace(0.5, 2, SIZE, dtype=torch.float64)
+    statistics.epsilon = 1e-5
+    module = recipes["RlGamesActor"](network, statistics)
+    policy = load_policy(export(module, tmp_path / "policy.onnx", dynamo=False))
+    assert "clipped to [-5, 5]" in policy.maps.before
+    observations = torch.randn(50, SIZE)
     np.testing.assert_allclose(policy(observations.numpy()), module(observations).detach().numpy(), atol=1e-5)
     assert_enclosed(policy)
