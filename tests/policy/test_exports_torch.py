@@ -197,6 +197,7 @@ BY_HAND: dict[str, Callable[[torch.Tensor], torch.Tensor]] = {
     "HardSwish": lambda x: x * nn.functional.relu6(x + 3.0) / 6.0,
     "Softplus": lambda x: torch.clamp(x, min=0.0) + torch.log(1.0 + torch.exp(-torch.abs(x))),
     "LeakyRelu": lambda x: torch.where(x > 0, x, 0.01 * x),
+    "Elu": lambda x: torch.where(x > 0, x, 0.5 * (torch.exp(x) - 1.0)),
     "HardShrink": nn.functional.hardshrink,
     "LayerNorm": standardised,
     "RMSNorm": lambda x: x * torch.rsqrt(x.pow(2).mean(dim=-1, keepdim=True) + 1e-6),

@@ -10,6 +10,9 @@ from viatool.policy.activations import activation
 from viatool.policy.assembly import Assembly, Computed
 from viatool.policy.network import Affine
 
+_LARGEST_ELU = 2.0
+"""Written out, exp(x) - 1 errs by its last places where it is small, times alpha: no more than Elu's own error."""
+
 Branch = Computed | float
 Rule = Callable[[Assembly, Computed, float, Branch, Branch], Computed | None]
 
@@ -46,6 +49,21 @@ def _leaky(assembly: Assembly, x: Computed, bound: float, above: Branch, below: 
     if scaling is None or scaling.source.node != x.node or scaling.offset or scaling.roundings:
         return None
     return assembly.activation(x, activation("LeakyRelu", alpha=scaling.factor))
+
+
+def _elu(assembly: Assembly, x: Computed, bound: float, above: Branch, below: Branch) -> Computed | None:
+    """Recognise Elu: x above 0, ``alpha * (exp(x) - 1)`` below it."""
+    if bound != 0 or not _is(above, x) or not isinstance(below, Computed):
+        return None
+    alpha, raised = 1.0, assembly.scaling_of(below)
+    if raised is not None and raised.offset == 0 and not raised.roundings:
+        alpha, raised = raised.factor, assembly.scaling_of(raised.source)
+    if raised is None or (raised.factor, raised.offset, raised.roundings) != (1.0, -1.0, 0):
+        return None
+    argument = assembly.function_of(raised.source, "Exp")
+    if argument is None or argument.node != x.node or not 0 < alpha <= _LARGEST_ELU:
+        return None
+    return assembly.activation(x, activation("Elu", alpha=alpha))
 
 
 def _shifted(assembly: Assembly, x: Computed, bound: float, above: Branch, below: Branch) -> Computed | None:
@@ -136,6 +154,6 @@ def _is_zero(assembly: Assembly, branch: Branch) -> bool:
     return isinstance(node, Affine) and not node.sources and not node.bias.any()
 
 
-_CONTINUOUS: tuple[Rule, ...] = (_leaky, _shifted, _soft_shrink)
+_CONTINUOUS: tuple[Rule, ...] = (_leaky, _elu, _shifted, _soft_shrink)
 _JUMPING: tuple[Rule, ...] = (_softplus, _threshold, _hard_shrink)
 """These jump at the bound, so it matters which branch the bound itself takes."""

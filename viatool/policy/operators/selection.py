@@ -13,7 +13,7 @@ from viatool.policy.operators.shape import move
 from viatool.policy.tensors import Constant
 
 _STEP_HINT = "export the actor without the comparison, or clip instead"
-_NOTE = "as the condition of a rectifier: LeakyRelu, Threshold, torch's Softplus, the shrinkages"
+_NOTE = "as the condition of a rectifier: LeakyRelu, Elu, Threshold, torch's Softplus, the shrinkages"
 
 _COMPARISONS: dict[str, tuple[tuple[int, ...], bool, bool]] = {
     # operator: versions, true above the bound, the bound itself counts as below

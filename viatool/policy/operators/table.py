@@ -43,7 +43,9 @@ _NOTES = """\
 - Layer normalisation is taken to compute its variance from deviations, as onnxruntime does.
 - Activations that exporters write as several operators (`x * Sigmoid(x)`, `x * (1 + Erf(x / 1.4142135))`,
   `Where(x > 20, x, Softplus(x))`, ...) are recognised where they are equal to one function in real arithmetic.
-- Constants are folded in the element types of the model, as a runtime folds them.
+- Constants are folded in the element types of the model. What IEEE 754 fixes (sums, products, quotients, roots) is the
+  same in every runtime; an exponential, a power or a long sum is not, so such a constant carries how many roundings it
+  may be off, and the layer that uses it counts them.
 """
 
 
