@@ -9,15 +9,18 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
+import torch
 
 from viatool.errors import ConfigurationError
 from viatool.policy import load_policy
 from viatool.train import TrainingConfiguration, TrainingResult, make_configuration, resume, train
-from viatool.train.export import export_checkpoint
-from viatool.train.observation import make_scaling
+from viatool.train.export import export_actor, export_checkpoint
+from viatool.train.networks import HiddenActivation, Weights
+from viatool.train.observation import make_scaling, make_specification
 from viatool.world import load_map
 
 TINY = {
@@ -211,6 +214,15 @@ def test_a_foreign_file_is_no_checkpoint(tmp_path: Path) -> None:
         export_checkpoint(path, tmp_path / "policy.onnx")
     with pytest.raises(ConfigurationError, match="cannot read the checkpoint"):
         export_checkpoint(tmp_path / "missing.pt", tmp_path / "policy.onnx")
+
+
+@pytest.mark.parametrize("activation", get_args(HiddenActivation))
+def test_an_actor_of_any_activation_is_exported(activation: HiddenActivation, tmp_path: Path) -> None:
+    robot = load_map("maps/lab.yaml").robot
+    actor = Weights((26, 12, 2), 1, activation).draw(torch.Generator().manual_seed(0), 3.0)
+    specification = make_specification(robot, 0.0, {})
+    policy = export_actor(actor, make_scaling(robot, 10.0), specification, tmp_path / "actor.onnx")
+    assert policy(np.zeros((1, 26))).shape == (1, 2)  # the export itself compares with torch
 
 
 class Killed(Exception):  # noqa: N818  # an event, not an error

@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError,
 from viatool.errors import ConfigurationError
 from viatool.train.constraint import MultiplierRule, VarRule
 from viatool.train.networks import HiddenActivation
+from viatool.train.reachability import ENCLOSED
 
 Count = Annotated[int, Field(ge=1)]
 Whole = Annotated[int, Field(ge=0)]
@@ -176,6 +177,8 @@ class TrainingConfiguration(BaseModel):
             raise ValueError("give exactly one of epoch_steps and epoch_episodes, and null for the other")
         if self.select_by == "safety" and not self.verification_scenarios:
             raise ValueError("select_by: safety needs verification_scenarios, for example 20")
+        if self.reachability_weight and self.actor_activation not in ENCLOSED:
+            raise ValueError(f"reachability_weight needs actor_activation {' or '.join(ENCLOSED)}")
         if self.noise_highest < self.noise_lowest:
             raise ValueError(f"noise_highest {self.noise_highest} is below noise_lowest {self.noise_lowest}")
         if self.replay_capacity < max(self.learning_starts, self.robots):

@@ -15,7 +15,7 @@ from viatool.policy.activations import activation
 from viatool.policy.writer import write_onnx
 from viatool.train.configuration import TrainingConfiguration
 from viatool.train.evaluation import actor_command
-from viatool.train.networks import Weights
+from viatool.train.networks import HiddenActivation, Weights
 from viatool.train.observation import Scaling, make_scaling, make_specification
 from viatool.train.records import load_checkpoint
 from viatool.world import load_map
@@ -25,7 +25,15 @@ Floats = NDArray[np.float64]
 CHECKED_OBSERVATIONS = 4096
 TOLERANCE = 1e-4  # of the action range; float32 rounding stays about a hundred times below
 
-_ACTIVATIONS = {"relu": "Relu", "tanh": "Tanh"}
+_ACTIVATIONS: dict[HiddenActivation, str] = {
+    "relu": "Relu",
+    "elu": "Elu",
+    "tanh": "Tanh",
+    "sigmoid": "Sigmoid",
+    "softplus": "Softplus",
+    "silu": "Silu",
+    "gelu": "Gelu",
+}
 
 
 def actor_network(actor: Weights, scaling: Scaling) -> Network:

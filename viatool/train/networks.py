@@ -8,14 +8,25 @@ and seeds.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Literal
 
 import torch
 from torch import Tensor
+from torch.nn import functional
 
-HiddenActivation = Literal["relu", "tanh"]
+HiddenActivation = Literal["relu", "elu", "tanh", "sigmoid", "softplus", "silu", "gelu"]
+
+_ACTIVATIONS: dict[HiddenActivation, Callable[[Tensor], Tensor]] = {
+    "relu": torch.relu_,
+    "elu": functional.elu,
+    "tanh": torch.tanh_,
+    "sigmoid": torch.sigmoid,
+    "softplus": functional.softplus,
+    "silu": functional.silu,
+    "gelu": functional.gelu,
+}
 
 ADAM_DECAY = (0.9, 0.999)
 ADAM_EPSILON = 1e-8
@@ -95,10 +106,10 @@ class Weights:
         Tensor
             ``(S, B, sizes[-1])``.
         """
-        hidden = inputs
+        hidden, activate = inputs, _ACTIVATIONS[self.activation]
         for index in range(0, len(self.layers) - 2, 2):
             hidden = torch.baddbmm(self.layers[index + 1], hidden, self.layers[index])
-            hidden = hidden.relu_() if self.activation == "relu" else hidden.tanh_()
+            hidden = activate(hidden)
         return torch.baddbmm(self.layers[-1], hidden, self.layers[-2])
 
 

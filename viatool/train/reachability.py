@@ -76,3 +76,6 @@ _ENCLOSE: dict[HiddenActivation, Callable[[Tensor, Tensor], tuple[Tensor, Tensor
     "relu": _enclose_relu,
     "tanh": _enclose_tanh,
 }
+
+ENCLOSED = tuple(_ENCLOSE)
+"""Activations of actors whose width can be bounded."""
