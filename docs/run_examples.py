@@ -103,7 +103,7 @@ class Page:
     def _execute(self, command: str) -> str:
         """Run a command: viatool in this process, anything else in bash; return what it says."""
         if command.startswith("viatool "):
-            result = CliRunner().invoke(viatool, shlex.split(command, comments=True)[1:])
+            result = CliRunner().invoke(viatool, shlex.split(command, comments=True)[1:], prog_name="viatool")
             self.code = result.exit_code
             return tidy(result.stdout or result.stderr)
         environment = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}

@@ -1,4 +1,4 @@
-"""Write the generated pages: ``docs/cli.md`` from click, and the JSON Schemas from the typed models.
+"""Write the generated pages: the command line from click, the JSON Schemas and their tables from the typed models.
 
 Run it with an interpreter that has viatool and its `train` extra: ``python docs/write_reference.py``. A test
 fails when the pages in the repository are not what this script writes.
@@ -7,6 +7,7 @@ fails when the pages in the repository are not what this script writes.
 from __future__ import annotations
 
 import json
+import runpy
 from pathlib import Path
 
 import click
@@ -19,6 +20,7 @@ from viatool.train import TrainingConfiguration
 from viatool.world import MapFile
 
 DOCS = Path(__file__).resolve().parent
+schema_tables = runpy.run_path(str(DOCS / "schema_tables.py"))["schema_tables"]
 MODELS: dict[str, tuple[type[BaseModel], str]] = {
     "report.schema.json": (ReportDocument, "viatool report"),
     "map.schema.json": (MapFile, "viatool map"),
@@ -83,9 +85,31 @@ def schema(model: type[BaseModel], title: str) -> str:
     return json.dumps(content | {"title": title}, indent=2, sort_keys=True) + "\n"
 
 
+FIELDS = """\
+# Fields of the files
+
+Generated from the typed models by `python docs/write_reference.py`; a test holds this page to the program. The same as
+JSON Schemas, for editors and other programs: [map](map.schema.json), [specification](specification.schema.json),
+[report](report.schema.json), [training](training.schema.json) (its options are explained in
+[training](training.md)). Lengths are metres, angles radians, poses x, y, theta. [File formats](files.md) has examples.
+"""
+
+
+def fields() -> str:
+    """Return the page of all fields."""
+    shown = {
+        "map.schema.json": "Map",
+        "specification.schema.json": "Specification",
+        "report.schema.json": "Report",
+    }
+    parts = [schema_tables(MODELS[name][0].model_json_schema(), title) for name, title in shown.items()]
+    return "\n".join([FIELDS, *parts])
+
+
 def pages() -> dict[str, str]:
     """Return every generated page by its name in docs/."""
-    return {"cli.md": reference()} | {name: schema(*about) for name, about in MODELS.items()}
+    written = {"cli.md": reference(), "fields.md": fields()}
+    return written | {name: schema(*about) for name, about in MODELS.items()}
 
 
 if __name__ == "__main__":

@@ -13,11 +13,18 @@ import jsonschema
 import pytest
 import yaml
 
+import viatool
 from viatool.cli import main
 from viatool.cli.group import COMMANDS
 from viatool.policy import load_specification
 
 ROOT = Path(__file__).resolve().parents[2]
+NOT_PARSED = ("cli.md", "messages.md")  # usage lines, and commands that are wrong on purpose
+PAGES = [
+    page
+    for page in (*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), ROOT / "policies" / "README.md")
+    if page.name not in NOT_PARSED
+]
 
 
 def command_named(name: str) -> click.Command:
@@ -29,7 +36,7 @@ def command_named(name: str) -> click.Command:
 def documented_lines(path: Path) -> list[str]:
     """Return the viatool command lines of a page, continued lines joined."""
     text = path.read_text(encoding="utf-8").replace("\\\n", " ")
-    lines = re.findall(r"^(?:    )?(?:.*&& )?(?:\.venv/bin/)?(viatool [a-z].*)$", text, flags=re.MULTILINE)
+    lines = re.findall(r"^(?:    |\$ |.*&& \.venv/bin/)(viatool [a-z].*)$", text, flags=re.MULTILINE)
     return [line.split(" #")[0] for line in lines]
 
 
@@ -55,22 +62,18 @@ def test_every_command_and_option_is_in_the_reference(name: str) -> None:
             assert all(spelling in section for spelling in parameter.opts), (name, parameter.opts)
 
 
-@pytest.mark.parametrize(
-    "page",
-    [
-        "README.md",
-        "CONTRIBUTING.md",
-        "docs/ci.md",
-        "docs/report.md",
-        "docs/reproduce.md",
-        "docs/specification.md",
-    ],
-)
-def test_the_commands_of_the_readme_parse(page: str) -> None:
-    for line in documented_lines(ROOT / page):
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_the_commands_of_a_page_parse(page: Path) -> None:
+    for line in documented_lines(page):
         _, name, *arguments = shlex.split(line.replace("...", ""))
         assert name in COMMANDS, line
         command_named(name).make_context(name, arguments, resilient_parsing=False)
+
+
+def test_every_public_name_is_in_the_python_reference() -> None:
+    page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+    documented = set(re.findall(r"^\.\. auto(?:function|class):: (\w+)$", page, re.MULTILINE))
+    assert set(viatool.__all__) - {"__version__"} <= documented
 
 
 def test_the_readme_has_two_commands_for_a_fresh_machine() -> None:

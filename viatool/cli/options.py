@@ -227,11 +227,16 @@ def draw_scenarios(world_map: WorldMap, scenarios: int | None, seed: int) -> tup
 
     if scenarios is None and world_map.scenarios:
         return world_map.scenarios
-    if world_map.generator is None or scenarios is None:
+    if world_map.generator is None:
         lack = "no scenario generator" if scenarios else "no scenarios"
         raise ConfigurationError(
             f"map '{world_map.path}' has {lack}",
             "add 'scenarios' or a 'generator' to the map, or give --trajectory",
+        )
+    if scenarios is None:
+        raise ConfigurationError(
+            f"map '{world_map.path}' has no scenarios",
+            "draw some with --scenarios N, or give --trajectory",
         )
     return world_map.generator.draw(scenarios, seed)
 

@@ -1,0 +1,71 @@
+"""Turn a JSON Schema into tables: one for each mapping, with the type, the default and the meaning of its fields."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+Schema = dict[str, Any]
+
+
+def schema_tables(schema: Schema, title: str) -> str:
+    """Return a section of Markdown: the whole document first, then every part that it is made of."""
+    parts = {title: schema, **schema.get("$defs", {})}
+    return "\n".join(
+        _table(name, part, 2 if part is schema else 3) for name, part in parts.items() if "properties" in part
+    )
+
+
+def _table(name: str, part: Schema, level: int) -> str:
+    heading = f"{'#' * level} {name}"
+    lines = [heading, "", *_summary(part), "| field | type | default | meaning |", "|---|---|---|---|"]
+    required = part.get("required", [])
+    for field, about in part["properties"].items():
+        default = "required" if field in required else _default(about)
+        lines.append(f"| `{field}` | {_type(about)} | {default} | {about.get('description', '')} |")
+    return "\n".join(lines) + "\n"
+
+
+def _summary(part: Schema) -> list[str]:
+    text = part.get("description", "").partition("\n\n")[0]
+    return [" ".join(text.split()), ""] if text else []
+
+
+def _default(about: Schema) -> str:
+    value = about.get("default")
+    if isinstance(value, dict):
+        value = {name: part for name, part in value.items() if part is not None}
+    return "" if value is None or value in ({}, []) else f"`{json.dumps(value)}`"
+
+
+def _type(about: Schema) -> str:
+    """Return a type in words."""
+    if "$ref" in about:
+        return about["$ref"].rpartition("/")[2]
+    for choice in ("anyOf", "oneOf"):
+        if choice in about:
+            options = [_type(option) for option in about[choice] if option.get("type") != "null"]
+            return " or ".join(dict.fromkeys(options))
+    if "const" in about:
+        return f"`{about['const']}`"
+    if "enum" in about:
+        return ", ".join(f"`{value}`" for value in about["enum"])
+    if about.get("type") == "array":
+        return _array(about)
+    if about.get("type") == "object":
+        values = about.get("additionalProperties")
+        return f"mapping to {_type(values)}" if isinstance(values, dict) else "mapping"
+    return f"{about.get('type', 'anything')}{_limits(about)}"
+
+
+def _array(about: Schema) -> str:
+    if "prefixItems" in about:
+        return f"[{', '.join(_type(item) for item in about['prefixItems'])}]"
+    least = f", at least {about['minItems']}" if "minItems" in about else ""
+    return f"list of {_type(about.get('items', {}))}{least}"
+
+
+def _limits(about: Schema) -> str:
+    words = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<"}
+    found = [f"{sign} {about[key]:g}" for key, sign in words.items() if key in about]
+    return f" {', '.join(found)}" if found else ""
