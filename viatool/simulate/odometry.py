@@ -25,14 +25,19 @@ class Odometry:
         Standard deviation of the relative error of each wheel, drawn anew for every episode.
     track : float
         Distance between the wheels, in metres; not used without drift.
-    rng : numpy.random.Generator
-        Source of the errors.
+    seed : numpy.random.SeedSequence
+        Of the errors.
     """
 
-    def __init__(self, robots: int, drift: float, track: float, rng: np.random.Generator) -> None:
+    def __init__(self, robots: int, drift: float, track: float, seed: np.random.SeedSequence) -> None:
         self.poses = np.zeros((robots, 3))
-        self._drift, self._track, self._rng = drift, track, rng
+        self._drift, self._track = drift, track
+        self.reseed(seed)
         self._scale = np.ones((robots, 2))
+
+    def reseed(self, seed: np.random.SeedSequence) -> None:
+        """Draw later errors from a new source."""
+        self._rng = np.random.default_rng(seed)
 
     def reset(self, index: Indices, poses: Floats) -> None:
         """Start from true poses, (W, 3), of some robots."""

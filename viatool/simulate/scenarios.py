@@ -67,6 +67,10 @@ class FixedScenarios:
                     f"move the {what} into free space",
                 )
 
+    def reseed(self, seed: np.random.SeedSequence) -> None:
+        """Begin again with the first scenario."""
+        self._next = 0
+
     def own(self, scene: int) -> Obstacles:
         """Return the obstacles that one situation has besides the map's."""
         return self._scenarios[scene].obstacles
@@ -98,12 +102,17 @@ class RandomScenarios:
                 "add a `generator` to the map, or give scenarios",
             )
         self._generator = world_map.generator
-        self._rng = np.random.default_rng(seed)
-        self._drawn = self._generator.draw_arrays(max(_DRAWN_AHEAD, robots), self._rng)
-        self._used = 0
         self._latest: dict[int, tuple[ScenarioBatch, int]] = {}
+        self._ahead = max(_DRAWN_AHEAD, robots)
+        self.reseed(seed)
         first = self._drawn[:robots]
         self.scenes = Scenes(world_map.arena, world_map.obstacles, first.circles, first.edges())
+
+    def reseed(self, seed: np.random.SeedSequence) -> None:
+        """Draw later scenarios from a new source."""
+        self._rng = np.random.default_rng(seed)
+        self._drawn = self._generator.draw_arrays(self._ahead, self._rng)
+        self._used = 0
 
     @property
     def generator(self) -> ScenarioGenerator:

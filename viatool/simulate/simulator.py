@@ -131,7 +131,7 @@ class Simulator(ABC):
             self.conditions.dropout,
         )
         noise_seed, scenario_seed, drift_seed = np.random.SeedSequence(seed).spawn(3)
-        self._noise = np.random.Generator(np.random.SFC64(noise_seed))
+        self._noise = _noise(noise_seed)
         self._source: FixedScenarios | RandomScenarios = (
             RandomScenarios(world_map, robots, scenario_seed)
             if scenarios is None
@@ -148,7 +148,7 @@ class Simulator(ABC):
         self._observation = np.zeros((robots, self.observer.size))
         drift = self.conditions.drift
         track = model_of(self.robot).track if drift > 0.0 else 1.0
-        self._odometry = Odometry(robots, drift, track, np.random.default_rng(drift_seed))
+        self._odometry = Odometry(robots, drift, track, drift_seed)
         self._sent = DelayLine(robots, self.conditions.delay, self.robot.control_interval)
 
     def __len__(self) -> int:
@@ -180,6 +180,13 @@ class Simulator(ABC):
 
     def close(self) -> None:
         """Give back what the engine holds; nothing may be asked of it afterwards."""
+
+    def reseed(self, seed: int) -> None:
+        """Begin anew with a seed, as a new simulator would; `reset` has to follow."""
+        noise_seed, scenario_seed, drift_seed = np.random.SeedSequence(seed).spawn(3)
+        self._noise = _noise(noise_seed)
+        self._source.reseed(scenario_seed)
+        self._odometry.reseed(drift_seed)
 
     @property
     def generator(self) -> ScenarioGenerator | None:
@@ -290,6 +297,11 @@ class Simulator(ABC):
         turns = rate * self.robot.control_interval * np.stack([self.steps[index] - 1, self.steps[index]])
         earlier, now = np.floor(turns + 1e-9)
         return np.asarray(now > earlier)
+
+
+def _noise(seed: np.random.SeedSequence) -> np.random.Generator:
+    """Return the source of the sensor's errors: a fast one."""
+    return np.random.Generator(np.random.SFC64(seed))
 
 
 def _task(task: NavigationTask | None, horizon: int | None) -> NavigationTask:

@@ -99,21 +99,23 @@ class BulletWorld:
             Of the scenario.
         """
         self._arrange(own)
-        self.move_to(pose)
         self._speeds = [0.0, 0.0]
-        for joint in self._wheels:
-            pybullet.resetJointState(self.robot, joint, 0.0, 0.0, physicsClientId=self.client)
         self._set_motors()
-        for _ in range(_SETTLING):
-            pybullet.stepSimulation(physicsClientId=self.client)
+        # In the air the engine forgets the contacts of before, so that nothing is left of an earlier episode.
+        for height, steps in ((1.0, 2), (0.0, _SETTLING)):
+            self.move_to(pose, height)
+            for joint in self._wheels:
+                pybullet.resetJointState(self.robot, joint, 0.0, 0.0, physicsClientId=self.client)
+            for _ in range(steps):
+                pybullet.stepSimulation(physicsClientId=self.client)
         self.move_to(pose)  # settling may turn it by a hair
 
-    def move_to(self, pose: Floats) -> None:
-        """Set the robot's pose and stop it."""
+    def move_to(self, pose: Floats, height: float = 0.0) -> None:
+        """Set the robot's pose, as high above the floor as asked for, and stop it."""
         x, y, theta = (float(value) for value in pose)
         turn = (0.0, 0.0, math.sin(0.5 * theta), math.cos(0.5 * theta))
         pybullet.resetBasePositionAndOrientation(
-            self.robot, self._base_of(x, y, theta), turn, physicsClientId=self.client
+            self.robot, self._base_of(x, y, theta, height), turn, physicsClientId=self.client
         )
         pybullet.resetBaseVelocity(self.robot, (0.0,) * 3, (0.0,) * 3, physicsClientId=self.client)
 
@@ -204,10 +206,10 @@ class BulletWorld:
         place, turn = pybullet.getBasePositionAndOrientation(self.robot, physicsClientId=self.client)
         return place, turn
 
-    def _base_of(self, x: float, y: float, theta: float) -> tuple[float, float, float]:
+    def _base_of(self, x: float, y: float, theta: float, height: float) -> tuple[float, float, float]:
         ox, oy, oz = self._offset
         cosine, sine = math.cos(theta), math.sin(theta)
-        return x + cosine * ox - sine * oy, y + sine * ox + cosine * oy, oz
+        return x + cosine * ox - sine * oy, y + sine * ox + cosine * oy, height + oz
 
     def _load_robot(self) -> int:
         with tempfile.TemporaryDirectory() as folder:
