@@ -1,4 +1,4 @@
-"""Short console summaries of what is not a result: a map, a policy, driven episodes, reachable sets."""
+"""Short console summaries of what is not a result: a map, a policy, reachable sets."""
 
 from __future__ import annotations
 
@@ -13,12 +13,11 @@ from rich.table import Table
 from rich.text import Text
 
 from viatool.report.foreign import shown
-from viatool.report.numbers import MISSING, count, counted, percentage, significant
+from viatool.report.numbers import MISSING, count, counted, significant
 
 if TYPE_CHECKING:
     from viatool.policy import Policy, PolicySpecification
     from viatool.taylor import ReachableSet, SymbolicAction
-    from viatool.trajectory import Trajectory
     from viatool.world import WorldMap
 
 ROWS_SHOWN = 20
@@ -159,17 +158,6 @@ def _print_specification(spec: PolicySpecification, console: Console) -> None:
 
 def _add_row(table: Table, *texts: str) -> None:
     table.add_row(*(Text(shown(text)) for text in texts))
-
-
-def print_episodes(trajectory: Trajectory, console: Console) -> None:
-    """Summarise how driven episodes ended."""
-    tally = Counter(trajectory.outcomes.tolist())
-    facts = [("states", count(len(trajectory)))]
-    for outcome, number in sorted(tally.items()):
-        facts.append((outcome, f"{count(number)} ({percentage(number, trajectory.episodes)})"))
-    if trajectory.episodes and np.isfinite(trajectory.costs).any():
-        facts.append(("average cost", f"{significant(float(np.nanmean(trajectory.costs)))} steps in danger"))
-    print_facts(f"{counted(trajectory.episodes, 'episode')}, driven and not proved", facts, console)
 
 
 def print_bounds(policy: Policy, reachable: ReachableSet, console: Console) -> None:

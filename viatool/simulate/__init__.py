@@ -9,7 +9,9 @@ from viatool.simulate.motion import advance, wrap_angle
 from viatool.simulate.observation import Observer, Situation, measure_goals, navigation_channels
 from viatool.simulate.places import Places, observe_places
 from viatool.simulate.roll_out import Drive, drive, roll_out
+from viatool.simulate.simulation import Simulation, simulate
 from viatool.simulate.simulator import Simulator, Step
+from viatool.simulate.statistics import Share, Spread, Statistics, summarise_drive
 from viatool.simulate.task import NavigationTask
 
 __all__ = [
@@ -20,8 +22,12 @@ __all__ = [
     "NavigationTask",
     "Observer",
     "Places",
+    "Share",
+    "Simulation",
     "Simulator",
     "Situation",
+    "Spread",
+    "Statistics",
     "Step",
     "advance",
     "drive",
@@ -30,6 +36,8 @@ __all__ = [
     "navigation_channels",
     "observe_places",
     "roll_out",
+    "simulate",
+    "summarise_drive",
     "with_robot",
     "wrap_angle",
 ]

@@ -67,11 +67,12 @@ class NavigationSimulator(Simulator):
         half = 0.5 * self._track
         targets = command[:, :1] + command[:, 1:] * (half, -half)
         pieces = math.ceil(seconds / _FINE - 1e-9)
-        most = acceleration * seconds / pieces
+        fine = seconds / pieces
         for _ in range(pieces):
             before = self._rims
-            self._rims = before + np.clip(targets - before, -most, most)
-            right, left = (0.5 * (before + self._rims)).T
+            self._rims = before + np.clip(targets - before, -acceleration * fine, acceleration * fine)
+            changing = np.abs(self._rims - before) / (acceleration * fine)  # share of the time
+            right, left = (self._rims - 0.5 * changing * (self._rims - before)).T  # means over the time
             speeds = np.stack([0.5 * (right + left), (right - left) / self._track], axis=1)
-            poses = advance(poses, speeds, seconds / pieces)
+            poses = advance(poses, speeds, fine)
         return poses

@@ -197,7 +197,7 @@ class _Recording:
 
     def add_states(self, simulator: Simulator, observations: Floats, actions: Floats) -> None:
         """Record the states of one instant."""
-        time = simulator.steps * self.interval
+        time = np.asarray(simulator.steps * self.interval, dtype=np.float64)
         self.states.append((simulator.scene.copy(), time, simulator.poses.copy(), observations, actions))
 
     def add_step(self, simulator: Simulator, step: Step) -> None:

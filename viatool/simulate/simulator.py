@@ -178,7 +178,7 @@ class Simulator(ABC):
         """Return the true ranges of the rays of some robots, (W, R) m; by exact geometry unless overridden."""
         return self.observer.cast(self.scenes, situation)
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027  # most engines hold nothing
         """Give back what the engine holds; nothing may be asked of it afterwards."""
 
     def reseed(self, seed: int) -> None:

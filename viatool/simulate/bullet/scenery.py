@@ -6,6 +6,7 @@ without the margin that an engine puts around convex solids, and one mesh holds 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -13,13 +14,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.world import Obstacles, WorldMap
+from viatool.world import WorldMap
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
+Ring = tuple[tuple[float, float], ...]  # corners in metres
 
 HEIGHT = 0.6
 """Of all obstacles, in metres: above every LiDAR."""
@@ -52,14 +54,36 @@ def map_meshes(world_map: WorldMap) -> list[Mesh]:
     wall = inside.buffer(_WALL, join_style="mitre").difference(inside)
     grid = world_map.obstacles.grid
     regions = [wall, *(() if grid is None else shapely.get_parts(grid.polygons()))]
-    return _merged([*map(_extrude, regions), *map(_extrude, map(shapely.Polygon, world_map.obstacles.polygons))])
+    return _merged([_extrude(region) for region in regions]) + prisms(world_map.obstacles.polygons)
 
 
-def own_meshes(obstacles: Obstacles) -> list[Mesh]:
-    """Return the prisms of the polygons of one scenario."""
+def prisms(rings: Sequence[Floats]) -> list[Mesh]:
+    """Return the prisms over simple polygons, (n, 2) corners each."""
     import shapely
 
-    return _merged([_extrude(shapely.Polygon(ring)) for ring in obstacles.polygons])
+    return _merged([_extrude(shapely.Polygon(ring)) for ring in rings])
+
+
+def canonical_form(ring: Floats) -> tuple[Ring, tuple[float, float], float]:
+    """Return a polygon without its place: congruent ones with the same first corner have the same form.
+
+    Parameters
+    ----------
+    ring : ndarray
+        (n, 2) corners.
+
+    Returns
+    -------
+    tuple
+        The corners, in micrometres exactly, with the first one in the origin and the first edge along x; where the
+        first corner is; and how far the first edge is turned, in radians.
+    """
+    x, y = ring[0].tolist()
+    along = ring[1] - ring[0]
+    turn = math.atan2(along[1], along[0])
+    cosine, sine = math.cos(turn), math.sin(turn)
+    turned = (ring - ring[0]) @ np.array([[cosine, -sine], [sine, cosine]])
+    return tuple((round(a, 6), round(b, 6)) for a, b in turned.tolist()), (x, y), turn
 
 
 def _merged(meshes: Sequence[Mesh]) -> list[Mesh]:

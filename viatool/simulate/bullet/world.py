@@ -12,17 +12,23 @@ import numpy as np
 import pybullet
 from numpy.typing import NDArray
 
-from viatool.simulate.bullet.scenery import HEIGHT, Mesh, map_meshes, own_meshes
+from viatool.simulate.bullet.scenery import HEIGHT, Mesh, Ring, canonical_form, map_meshes, prisms
 from viatool.simulate.bullet.urdf import LEFT, RIGHT, write_urdf
 from viatool.simulate.models import RobotModel
 from viatool.world import Obstacles, WorldMap
 
 Floats = NDArray[np.float64]
+Form = float | Ring  # radius of a cylinder, or corners of a prism
 Segments = Sequence[tuple[int, float, float]]  # steps of the engine, v in m/s, omega in rad/s
 
 _GRAVITY = 9.81
-_RAY, _ROBOT, _FLOOR, _SOLID = 1, 2, 4, 8  # collision groups; a ray belongs to the first, as the engine has it
-_AWAY = (0.0, 0.0, -1000.0)  # where cylinders wait that the scenario does not need
+_RAY, _ROBOT, _FLOOR, _SOLID = (
+    1,
+    2,
+    4,
+    8,
+)  # collision groups; a ray belongs to the first, as the engine has it
+_AWAY = (0.0, 0.0, -1000.0)  # where solids wait that the scenario does not need
 _SETTLING = 12  # steps at rest after the robot was put down
 _ITERATIONS = 30  # of the engine's solver for contacts and joints
 
@@ -60,8 +66,7 @@ class BulletWorld:
         self.visible = visible
         self._most = acceleration * step  # change of a rim speed in one step, in m/s
         self.client = pybullet.connect(pybullet.GUI if window else pybullet.DIRECT)
-        self._cylinders: dict[float, list[int]] = {}
-        self._prisms: list[tuple[int, int]] = []  # body and shape
+        self._solids: dict[Form, list[int]] = {}  # of scenarios, in use or waiting
         pybullet.setGravity(0.0, 0.0, -_GRAVITY, physicsClientId=self.client)
         pybullet.setPhysicsEngineParameter(
             fixedTimeStep=step,
@@ -98,7 +103,7 @@ class BulletWorld:
         own : Obstacles
             Of the scenario.
         """
-        self._arrange(own)
+        self.arrange(own)
         self._speeds = [0.0, 0.0]
         self._set_motors()
         # In the air the engine forgets the contacts of before, so that nothing is left of an earlier episode.
@@ -137,7 +142,7 @@ class BulletWorld:
 
     def pose(self) -> tuple[float, float, float]:
         """Return x, y, theta of the robot, in metres and radians."""
-        (x, y, z), turn = self._base()
+        (x, y, _), turn = self._base()
         rotation = pybullet.getMatrixFromQuaternion(turn)
         ox, oy, oz = self._offset
         # The engine places the centre of mass; the robot's origin is off by a fixed vector in its frame.
@@ -242,41 +247,48 @@ class BulletWorld:
             )
             self._add_body(-1, (0.5 * (x_min + x_max), 0.5 * (y_min + y_max), -0.005), slab)
 
-    def _arrange(self, own: Obstacles) -> None:
-        """Stand up the obstacles of a scenario: cylinders are used again, prisms made anew."""
-        for body, shape in self._prisms:
-            pybullet.removeBody(body, physicsClientId=self.client)
-            pybullet.removeCollisionShape(shape, physicsClientId=self.client)
-        self._prisms = [self._add_mesh(mesh, _PAINT["own"]) for mesh in own_meshes(own)]
-        waiting = {radius: list(bodies) for radius, bodies in self._cylinders.items()}
+    def arrange(self, own: Obstacles) -> None:
+        """Stand up the obstacles of a scenario; solids of the same form are used again, so that memory stays flat."""
+        waiting = {form: list(bodies) for form, bodies in self._solids.items()}
         for x, y, radius in own.circles.tolist():
-            if waiting.get(radius):
-                self._stand(waiting[radius].pop(), (x, y, 0.5 * HEIGHT))
-            else:
-                body = self._add_cylinder(radius, (x, y), _PAINT["own"])
-                self._cylinders.setdefault(radius, []).append(body)
+            self._stand(waiting, radius, (x, y, 0.5 * HEIGHT), 0.0)
+        for ring in own.polygons:
+            form, (x, y), turn = canonical_form(ring)
+            self._stand(waiting, form, (x, y, 0.0), turn)
         for bodies in waiting.values():
             for body in bodies:
-                self._stand(body, _AWAY)
+                self._move_body(body, _AWAY, 0.0)
 
-    def _stand(self, body: int, place: tuple[float, float, float]) -> None:
-        pybullet.resetBasePositionAndOrientation(
-            body, place, (0.0, 0.0, 0.0, 1.0), physicsClientId=self.client
-        )
+    def _stand(
+        self, waiting: dict[Form, list[int]], form: Form, place: tuple[float, float, float], turn: float
+    ) -> None:
+        """Take a solid of some form that is not in use, or make one, and put it somewhere."""
+        if waiting.get(form):
+            body = waiting[form].pop()
+        else:
+            body = self._add_solid(form)
+            self._solids.setdefault(form, []).append(body)
+        self._move_body(body, place, turn)
+
+    def _add_solid(self, form: Form) -> int:
+        if isinstance(form, float):
+            return self._add_cylinder(form, (0.0, 0.0), _PAINT["own"])
+        (mesh,) = prisms([np.array(form)])
+        return self._add_mesh(mesh, _PAINT["own"])
+
+    def _move_body(self, body: int, place: tuple[float, float, float], turn: float) -> None:
+        rotation = (0.0, 0.0, math.sin(0.5 * turn), math.cos(0.5 * turn))
+        pybullet.resetBasePositionAndOrientation(body, place, rotation, physicsClientId=self.client)
 
     def _add_cylinder(self, radius: float, place: tuple[float, float], paint: tuple[float, ...]) -> int:
         size: dict[str, Any] = {"radius": radius, "physicsClientId": self.client}
         shape = pybullet.createCollisionShape(pybullet.GEOM_CYLINDER, height=HEIGHT, **size)
         drawn = -1
         if self.visible:
-            drawn = pybullet.createVisualShape(
-                pybullet.GEOM_CYLINDER, length=HEIGHT, rgbaColor=paint, **size
-            )
-        body = self._add_body(shape, (*place, 0.5 * HEIGHT), drawn)
-        pybullet.setCollisionFilterGroupMask(body, -1, _SOLID, _ROBOT | _RAY, physicsClientId=self.client)
-        return body
+            drawn = pybullet.createVisualShape(pybullet.GEOM_CYLINDER, length=HEIGHT, rgbaColor=paint, **size)
+        return self._add_obstacle(shape, drawn, (*place, 0.5 * HEIGHT))
 
-    def _add_mesh(self, mesh: Mesh, paint: tuple[float, ...]) -> tuple[int, int]:
+    def _add_mesh(self, mesh: Mesh, paint: tuple[float, ...]) -> int:
         content: dict[str, Any] = {
             "vertices": mesh.vertices.tolist(),
             "indices": mesh.faces.ravel().tolist(),
@@ -288,9 +300,12 @@ class BulletWorld:
         drawn = (
             pybullet.createVisualShape(pybullet.GEOM_MESH, rgbaColor=paint, **content) if self.visible else -1
         )
-        body = self._add_body(shape, (0.0, 0.0, 0.0), drawn)
+        return self._add_obstacle(shape, drawn, (0.0, 0.0, 0.0))
+
+    def _add_obstacle(self, shape: int, drawn: int, place: tuple[float, float, float]) -> int:
+        body = self._add_body(shape, place, drawn)
         pybullet.setCollisionFilterGroupMask(body, -1, _SOLID, _ROBOT | _RAY, physicsClientId=self.client)
-        return body, shape
+        return body
 
     def _add_body(self, shape: int, place: tuple[float, float, float], drawn: int) -> int:
         return int(

@@ -190,7 +190,7 @@ def _serve(connection: Connection, blueprint: Blueprint) -> None:
             break
         try:
             connection.send(getattr(worlds, method)(tasks))
-        except Exception as error:  # noqa: BLE001  # it is raised again on the other side
+        except Exception as error:  # it is raised again on the other side
             connection.send(error)
     worlds.close()
 

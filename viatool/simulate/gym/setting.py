@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from gymnasium.spaces import Box
+from gymnasium.spaces import Box, Space
 
 from viatool.errors import ConfigurationError
 from viatool.policy import load_policy, load_specification
@@ -101,14 +101,14 @@ class Setting:
             ),
         )
 
-    def observation_space(self, lidar: Lidar) -> Box:
+    def observation_space(self, lidar: Lidar) -> Space[Any]:
         """Return the limits of the columns, (n,) float32."""
         bounds = [self._bounds(channel, lidar) for channel in self.specification.observation]
         sizes = [channel.size for channel in self.specification.observation]
         low, high = (np.repeat(np.array(side, np.float32), sizes) for side in zip(*bounds, strict=True))
         return Box(low, high, dtype=np.float32)
 
-    def action_space(self) -> Box:
+    def action_space(self) -> Space[Any]:
         """Return the limits of v in m/s and omega in rad/s, (2,) float32."""
         robot = self.world_map.robot
         low = np.array([robot.min_linear, -robot.max_angular], np.float32)
@@ -185,7 +185,9 @@ def task_specification(robot: Robot) -> PolicySpecification:
     )
 
 
-def information(cost: Any, success: Any, collision: Any, clearance: Any, goal_distance: Any) -> dict[str, Any]:
+def information(
+    cost: Any, success: Any, collision: Any, clearance: Any, goal_distance: Any
+) -> dict[str, Any]:
     """Return what `info` holds after a step, of one robot or of all."""
     return {
         "cost": cost,
