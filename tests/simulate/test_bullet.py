@@ -11,10 +11,13 @@ import pytest
 
 from viatool.errors import ConfigurationError
 from viatool.simulate import Conditions, NavigationSimulator, Simulator, make_simulator, with_robot
-from viatool.simulate.bullet import BulletSimulator
-from viatool.simulate.bullet.world import BulletWorld
 from viatool.simulate.models import MODELS
 from viatool.world import ROBOTS, Lidar, Obstacles, Scenario, Scenes, WorldMap, load_map
+
+pytest.importorskip("pybullet", reason="pybullet has no wheels for this Python", exc_type=ModuleNotFoundError)
+
+from viatool.simulate.bullet import BulletSimulator
+from viatool.simulate.bullet.world import BulletWorld
 
 MAPS = [
     f"{name}{kind}" for name in ("lab", "office", "corridor", "warehouse") for kind in ("", "-grid", ".ros")

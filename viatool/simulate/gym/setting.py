@@ -34,7 +34,7 @@ class Setting:
     Parameters
     ----------
     map : WorldMap or path
-        Where to drive.
+        Where to drive; or the name of a sample, such as lab.
     engine : str
         "kinematic" or "bullet".
     robot : str, optional
@@ -78,7 +78,7 @@ class Setting:
     specification: PolicySpecification = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        world_map = self.map if isinstance(self.map, WorldMap) else load_map(Path(self.map))
+        world_map = self.map if isinstance(self.map, WorldMap) else load_map(Path(self.map))  # or a sample
         if self.robot is not None:
             world_map = with_robot(world_map, self.robot)
         object.__setattr__(self, "world_map", world_map)
@@ -128,7 +128,7 @@ class Setting:
             return given
         if given is None:
             return task_specification(robot)
-        if Path(given).suffix.lower() != ".onnx":
+        if Path(given).suffix.lower() in (".yaml", ".yml"):
             return load_specification(Path(given))
         specification = load_policy(given).spec
         if specification is None:
