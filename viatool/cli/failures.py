@@ -27,6 +27,7 @@ _EXTRA_OF_MODULE = {
     "gymnasium": "train",
     "pybullet": "sim",
     "rosbags": "ros",
+    "imageio_ffmpeg": "sim",
 }
 
 

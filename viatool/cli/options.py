@@ -193,6 +193,20 @@ threads_option = click.option(
 quiet_option = click.option("--quiet", "-q", is_flag=True, help="Print no report and no progress.")
 
 
+clearance_option = click.option(
+    "--clearance", type=QuantityType("m"), help="Collision distance d_col instead of the map's."
+)
+danger_option = click.option(
+    "--danger", type=QuantityType("m"), help="Danger distance d_danger instead of the map's."
+)
+footprint_option = click.option(
+    "--footprint",
+    type=FootprintType(),
+    help="Footprint instead of the robot's: 'point' (the LiDAR origin), a disc's radius in m, the "
+    "corners 'x,y x,y x,y ...' of a polygon in m, or a YAML file with them.",
+)
+
+
 def open_map(path: Path, unknown: Literal["free", "obstacle"] | None = None) -> WorldMap:
     """Load a map; what a user should know about it goes to stderr."""
     import warnings
@@ -284,21 +298,12 @@ def clearance_options(command: Command) -> Command:
     """Add the options that override the map's clearances and robot."""
     for option in reversed(
         (
-            click.option(
-                "--clearance", type=QuantityType("m"), help="Collision distance d_col instead of the map's."
-            ),
-            click.option(
-                "--danger", type=QuantityType("m"), help="Danger distance d_danger instead of the map's."
-            ),
+            clearance_option,
+            danger_option,
             click.option(
                 "--interval", type=QuantityType("s"), help="Control interval instead of the robot's."
             ),
-            click.option(
-                "--footprint",
-                type=FootprintType(),
-                help="Footprint instead of the robot's: 'point' (the LiDAR origin), a disc's radius in m, the "
-                "corners 'x,y x,y x,y ...' of a polygon in m, or a YAML file with them.",
-            ),
+            footprint_option,
             click.option(
                 "--delay",
                 type=QuantityType("s", zero=True),

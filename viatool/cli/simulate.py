@@ -1,13 +1,21 @@
-"""``viatool simulate``: drive a policy and record the states."""
+"""``viatool simulate``: drive a policy, report how it fared, and record the states."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from viatool.cli import options
-from viatool.cli.terminal import open_console
+from viatool.cli.condition_options import condition_options, engine_options
+from viatool.cli.terminal import open_console, show_progress
+
+if TYPE_CHECKING:
+    from viatool.report import Output
+    from viatool.simulate import Conditions, Simulation
+    from viatool.world import WorldMap
 
 
 @click.command()
@@ -15,9 +23,21 @@ from viatool.cli.terminal import open_console
 @options.map_option
 @options.unknown_option
 @options.spec_option
-@options.scenarios_option
+@click.option(
+    "--episodes",
+    "--scenarios",
+    "scenarios",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Drive N scenarios drawn by the map's generator instead of the map's fixed ones.",
+)
 @options.seed_option
+@engine_options
 @options.noise_option
+@condition_options
+@options.clearance_option
+@options.danger_option
+@options.footprint_option
 @click.option(
     "--horizon",
     type=click.IntRange(min=1),
@@ -27,29 +47,130 @@ from viatool.cli.terminal import open_console
 @click.option(
     "--output",
     "-o",
+    multiple=True,
+    metavar="FORMAT:PATH",
+    help="Write a report: json, figure (png, svg, pdf) or trajectory (npz, csv; for verify --trajectory); "
+    "PATH - is stdout, and a path alone that ends in .npz or .csv is a trajectory. Repeatable.",
+)
+@click.option(
+    "--record",
     type=options.WRITABLE,
     metavar="FILE",
-    help="Write the trajectory (npz, csv), for verify --trajectory.",
+    help="Write a film (gif, mp4) of the first episodes.",
+)
+@click.option("--render", is_flag=True, help="Play the first episodes back in a window.")
+@click.option(
+    "--shown",
+    type=click.IntRange(min=1),
+    default=3,
+    show_default=True,
+    metavar="N",
+    help="Episodes that a film or the window shows.",
 )
 @options.threads_option
 @options.quiet_option
 def command(**given: Any) -> None:
     """Drive POLICY (ONNX) through the scenarios of a map and report how the episodes end."""
-    from viatool.policy import load_policy
-    from viatool.report import print_episodes
-    from viatool.report.files import check_writable
-    from viatool.simulate import roll_out
-    from viatool.trajectory import write_trajectory
+    from viatool.report import STDOUT, check_outputs, write_outputs
+    from viatool.report.simulation import print_simulation
 
-    if given["output"] is not None:
-        check_writable(given["output"])
-    policy = load_policy(given["policy"], given["spec_path"])
-    world_map = options.open_map(given["map_path"], given["unknown"])
-    scenarios = options.draw_scenarios(world_map, given["scenarios"], given["seed"])
-    trajectory = roll_out(
-        policy, world_map, scenarios, noise=given["noise"], horizon=given["horizon"], seed=given["seed"]
-    )
-    if given["output"] is not None:
-        write_trajectory(given["output"], trajectory, policy.spec)
+    outputs = tuple(_output(text) for text in given["output"])
+    check_outputs(outputs)
+    _check_pictures(given["record"], render=given["render"])
+    simulation = _simulate(given)
+    write_outputs(simulation, outputs)
     if not given["quiet"]:
-        print_episodes(trajectory, open_console())
+        to_stdout = any(output.path == STDOUT for output in outputs)
+        print_simulation(simulation, open_console(stderr=to_stdout))
+    _show(simulation, given)
+
+
+def _output(text: str) -> Output:
+    """Read FORMAT:PATH; a path alone is that of a trajectory."""
+    from viatool.errors import ConfigurationError
+    from viatool.report import parse_output
+    from viatool.report.simulation import SIMULATION_REPORTERS
+
+    named = text.partition(":")[0] in SIMULATION_REPORTERS
+    if named or Path(text).suffix.lower() not in (".npz", ".csv"):
+        if ":" not in text:
+            raise ConfigurationError(
+                f"'{text}' is neither FORMAT:PATH nor a trajectory file (.npz, .csv)",
+                f"write for example json:run.json; formats are {', '.join(SIMULATION_REPORTERS)}",
+            )
+        return parse_output(text, SIMULATION_REPORTERS)
+    return parse_output(f"trajectory:{text}", SIMULATION_REPORTERS)
+
+
+def _simulate(given: Mapping[str, Any]) -> Simulation:
+    from viatool.policy import load_policy
+    from viatool.simulate import simulate
+
+    policy = load_policy(given["policy"], given["spec_path"])
+    world_map = _world(given)
+    scenarios = options.draw_scenarios(world_map, given["scenarios"], given["seed"])
+    with show_progress(quiet=given["quiet"]) as progress:
+        return simulate(
+            policy,
+            world_map,
+            scenarios,
+            engine=given["engine"],
+            conditions=_conditions(given),
+            horizon=given["horizon"],
+            seed=given["seed"],
+            workers=given["workers"],
+            lidar=given["lidar"],
+            progress=lambda done, total: progress("drive", done, total),
+        )
+
+
+def _world(given: Mapping[str, Any]) -> WorldMap:
+    """Return the map with the robot, the footprint and the clearances that were asked for."""
+    from dataclasses import replace
+
+    from viatool.safety.rules import as_footprint
+    from viatool.simulate import with_robot
+
+    world_map = options.open_map(given["map_path"], given["unknown"])
+    world_map = world_map.with_clearance(given["clearance"], given["danger"])
+    if given["robot"] is not None:
+        world_map = with_robot(world_map, given["robot"])
+    if given["footprint"] is not None:
+        outline = as_footprint(given["footprint"])
+        world_map = world_map.with_robot(replace(world_map.robot, footprint=outline))
+    return world_map
+
+
+def _conditions(given: Mapping[str, Any]) -> Conditions:
+    from viatool.simulate import Conditions
+
+    names = ("noise", "dropout", "lidar_rate", "delay", "drift", "acceleration")
+    return Conditions(**{name: given[name] for name in names})
+
+
+def _check_pictures(record: Path | None, *, render: bool) -> None:
+    """Refuse a film or a window that cannot be, before anything is driven."""
+    if record is None and not render:
+        return
+    from viatool.report.files import check_writable
+    from viatool.simulate.bullet.playback import check_film, check_window
+
+    if record is not None:
+        check_film(record)
+        check_writable(record)
+    if render:
+        check_window()
+
+
+def _show(simulation: Simulation, given: Mapping[str, Any]) -> None:
+    """Write the film and open the window that were asked for."""
+    if given["record"] is not None:
+        from viatool.report.files import replacing
+        from viatool.simulate.bullet.playback import write_film
+
+        with show_progress(quiet=given["quiet"]) as progress, replacing(given["record"]) as draft:
+            write_film(simulation, draft, given["shown"], lambda done, all: progress("film", done, all))
+    if given["render"]:
+        from viatool.simulate.bullet.playback import play_in_window
+
+        play_in_window(simulation, given["shown"])

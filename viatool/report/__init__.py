@@ -9,7 +9,7 @@ from viatool.report.document import ReportDocument, load_document, read_result
 from viatool.report.gate import Check, Gate, Threshold, evaluate, parse_threshold
 from viatool.report.outputs import REPORTERS, STDOUT, Output, check_outputs, parse_output, write_outputs
 from viatool.report.policy_summary import print_inspection
-from viatool.report.summaries import print_bounds, print_episodes, print_map, print_symbolic
+from viatool.report.summaries import print_bounds, print_map, print_symbolic
 
 __all__ = [
     "REPORTERS",
@@ -28,7 +28,6 @@ __all__ = [
     "print_bounds",
     "print_checks",
     "print_comparison",
-    "print_episodes",
     "print_inspection",
     "print_map",
     "print_report",

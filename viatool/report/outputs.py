@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, cast
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from viatool.errors import ConfigurationError
 from viatool.report.files import check_writable, write_whole
@@ -44,15 +44,16 @@ class Reporter(Protocol):
 
 @dataclass(frozen=True)
 class Output:
-    """One requested output; the path ``-`` is stdout."""
+    """One requested output; the path ``-`` is stdout. Formats are those of a result unless other ones are given."""
 
     format: str
     path: Path
+    reporters: Mapping[str, str] = field(default_factory=lambda: REPORTERS, repr=False)
 
     @property
     def reporter(self) -> Reporter:
         """Import the module that renders the format."""
-        return cast(Reporter, import_module(REPORTERS[self.format]))
+        return cast(Reporter, import_module(self.reporters[self.format]))
 
     @property
     def suffix(self) -> str:
@@ -60,8 +61,15 @@ class Output:
         return (self.reporter.SUFFIXES or ("",))[0] if self.path == STDOUT else self.path.suffix.lower()
 
 
-def parse_output(text: str) -> Output:
+def parse_output(text: str, reporters: Mapping[str, str] = REPORTERS) -> Output:
     """Read FORMAT:PATH.
+
+    Parameters
+    ----------
+    text : str
+        What the user wrote.
+    reporters : mapping
+        Names of the formats, with the modules that render them.
 
     Raises
     ------
@@ -69,12 +77,12 @@ def parse_output(text: str) -> Output:
         If the format is unknown or there is no path.
     """
     name, colon, path = text.partition(":")
-    if name not in REPORTERS or not colon or not path:
+    if name not in reporters or not colon or not path:
         raise ConfigurationError(
             f"'{text}' is not FORMAT:PATH with a known format",
-            f"write for example json:report.json; formats are {', '.join(REPORTERS)}",
+            f"write for example json:report.json; formats are {', '.join(reporters)}",
         )
-    return Output(name, Path(path))
+    return Output(name, Path(path), reporters)
 
 
 def check_outputs(outputs: Sequence[Output]) -> None:
@@ -98,13 +106,13 @@ def check_outputs(outputs: Sequence[Output]) -> None:
             check_writable(output.path)
 
 
-def write_outputs(result: Result, outputs: Sequence[Output], checks: Sequence[Check] = ()) -> None:
+def write_outputs(result: Any, outputs: Sequence[Output], checks: Sequence[Check] = ()) -> None:
     """Write every output, each whole or not at all.
 
     Parameters
     ----------
     result : Result
-        What was found.
+        What was found: whatever the reporters of the outputs render.
     outputs : sequence of Output
         Where it goes.
     checks : sequence of Check

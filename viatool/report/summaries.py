@@ -1,8 +1,7 @@
-"""Short console summaries of what is not a result: a map, driven episodes, reachable sets."""
+"""Short console summaries of what is not a result: a map, reachable sets."""
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
@@ -13,12 +12,11 @@ from rich.table import Table
 from rich.text import Text
 
 from viatool.report.foreign import shown
-from viatool.report.numbers import count, counted, percentage, significant
+from viatool.report.numbers import count, counted, significant
 
 if TYPE_CHECKING:
     from viatool.policy import Policy
     from viatool.taylor import ReachableSet, SymbolicAction
-    from viatool.trajectory import Trajectory
     from viatool.world import WorldMap
 
 ROWS_SHOWN = 20
@@ -108,17 +106,6 @@ def _freedom(world_map: WorldMap) -> str:
     start = scenes.footprint_clearance(starts, world_map.robot.footprint, index).min()
     goal = scenes.clearance(goals, index).min()
     return f"; starts at least {start:.2f} m and goals at least {goal:.2f} m from obstacles"
-
-
-def print_episodes(trajectory: Trajectory, console: Console) -> None:
-    """Summarise how driven episodes ended."""
-    tally = Counter(trajectory.outcomes.tolist())
-    facts = [("states", count(len(trajectory)))]
-    for outcome, number in sorted(tally.items()):
-        facts.append((outcome, f"{count(number)} ({percentage(number, trajectory.episodes)})"))
-    if trajectory.episodes and np.isfinite(trajectory.costs).any():
-        facts.append(("average cost", f"{significant(float(np.nanmean(trajectory.costs)))} steps in danger"))
-    print_facts(f"{counted(trajectory.episodes, 'episode')}, driven and not proved", facts, console)
 
 
 def print_bounds(policy: Policy, reachable: ReachableSet, console: Console) -> None:

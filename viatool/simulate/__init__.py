@@ -2,24 +2,42 @@
 
 from __future__ import annotations
 
+from viatool.simulate.conditions import Conditions
+from viatool.simulate.engines import ENGINES, make_simulator, with_robot
+from viatool.simulate.kinematic import NavigationSimulator
 from viatool.simulate.motion import advance, wrap_angle
 from viatool.simulate.observation import Observer, Situation, measure_goals, navigation_channels
 from viatool.simulate.places import Places, observe_places
-from viatool.simulate.roll_out import roll_out
-from viatool.simulate.simulator import NavigationSimulator, Step
+from viatool.simulate.roll_out import Drive, drive, roll_out
+from viatool.simulate.simulation import Simulation, simulate
+from viatool.simulate.simulator import Simulator, Step
+from viatool.simulate.statistics import Share, Spread, Statistics, summarise_drive
 from viatool.simulate.task import NavigationTask
 
 __all__ = [
+    "ENGINES",
+    "Conditions",
+    "Drive",
     "NavigationSimulator",
     "NavigationTask",
     "Observer",
     "Places",
+    "Share",
+    "Simulation",
+    "Simulator",
     "Situation",
+    "Spread",
+    "Statistics",
     "Step",
     "advance",
+    "drive",
+    "make_simulator",
     "measure_goals",
     "navigation_channels",
     "observe_places",
     "roll_out",
+    "simulate",
+    "summarise_drive",
+    "with_robot",
     "wrap_angle",
 ]

@@ -36,12 +36,15 @@ class Situation:
         (B, 2) metres.
     previous : ndarray
         (B, 2) the command of the step before, m/s and rad/s.
+    believed : ndarray, optional
+        (B, 3) where the robots think they are, if that differs from where they are; goals are seen from there.
     """
 
     poses: Floats
     scene: Indices
     goals: Floats
     previous: Floats
+    believed: Floats | None = None
 
 
 def navigation_channels(lidar: Lidar) -> tuple[ObservationChannel, ...]:
@@ -85,6 +88,13 @@ class Observer:
         Whose LiDAR is used where the LiDAR channel does not describe one, and whose noise.
     noise : float, optional
         Standard deviation of the rays in metres; None is the robot's.
+    dropout : float
+        Share of the rays that return nothing, at random, and so read the maximum range.
+
+    Attributes
+    ----------
+    directions : ndarray
+        (2, R) float32 unit vectors of the rays in the robot's frame, in the order in which ranges are read.
 
     Raises
     ------
@@ -95,8 +105,13 @@ class Observer:
     """
 
     def __init__(
-        self, channels: Sequence[ObservationChannel], robot: Robot, noise: float | None = None
+        self,
+        channels: Sequence[ObservationChannel],
+        robot: Robot,
+        noise: float | None = None,
+        dropout: float = 0.0,
     ) -> None:
+        self.dropout = dropout
         self.channels = tuple(channels)
         self.size = sum(channel.size for channel in channels)
         self.lidar = _lidar(self.channels, robot)
@@ -108,7 +123,7 @@ class Observer:
         per_bin = self.lidar.rays // self.lidar.bins
         # First rays of all bins, second rays of all bins, ...: a minimum over the first axis is fast.
         order = np.arange(self.lidar.rays).reshape(self.lidar.bins, per_bin).T.ravel()
-        self._directions = self.lidar.directions()[:, order].astype(np.float32)
+        self.directions = self.lidar.directions()[:, order].astype(np.float32)
         for channel in self.channels:
             if channel.kind in ("other", "budget") and channel.value is None:
                 raise PolicyError(
@@ -116,15 +131,36 @@ class Observer:
                     "give the channel a fixed `value` in the specification, or a recorded trajectory",
                 )
 
-    def scan(self, scenes: Scenes, situation: Situation, rng: np.random.Generator) -> NDArray[np.float32]:
-        """Return the smallest reading of each bin, (B, bins) m: noisy, clipped to the LiDAR's range."""
+    def cast(self, scenes: Scenes, situation: Situation) -> NDArray[np.float32]:
+        """Return the true ranges of the rays, (B, R) m."""
+        ranges: NDArray[np.float32] = scenes.cast(
+            situation.poses, situation.scene, self.lidar, directions=self.directions
+        )
+        return ranges
+
+    def read(self, ranges: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.float32]:
+        """Return the smallest reading of each bin, noisy and clipped to the LiDAR's range.
+
+        Parameters
+        ----------
+        ranges : ndarray
+            (B, R) true ranges in metres, in the order of `directions`; overwritten.
+        rng : numpy.random.Generator
+            Source of the sensor noise.
+
+        Returns
+        -------
+        ndarray
+            (B, bins) metres.
+        """
         lidar = self.lidar
-        ranges = scenes.cast(situation.poses, situation.scene, lidar, directions=self._directions)
         if self.noise > 0.0:
             error = draw_normal(rng, *ranges.shape)
             error *= np.float32(self.noise)
             error *= ranges < lidar.maximum_range  # a ray that hits nothing has no error
             ranges += error
+        if self.dropout > 0.0:
+            ranges[rng.random(ranges.shape, dtype=np.float32) < self.dropout] = lidar.maximum_range
         binned = ranges.reshape(len(ranges), -1, lidar.bins).min(axis=1)
         clipped: NDArray[np.float32] = np.clip(binned, lidar.minimum_range, lidar.maximum_range)
         return clipped
@@ -143,7 +179,7 @@ class Observer:
         rng : numpy.random.Generator
             Source of the sensor noise.
         """
-        return {"lidar": self.scan(scenes, situation, rng), **measure_goals(situation)}
+        return {"lidar": self.read(self.cast(scenes, situation), rng), **measure_goals(situation)}
 
     def observe(self, scenes: Scenes, situation: Situation, rng: np.random.Generator) -> Floats:
         """Return observations, (B, size): `measure`, then `assemble`."""
@@ -167,8 +203,9 @@ class Observer:
 
 def measure_goals(situation: Situation) -> dict[str, Floats]:
     """Return the values of the channels that need no LiDAR, by kind, (B,) each."""
+    poses = situation.poses if situation.believed is None else situation.believed
     return {
-        **polar_goals(situation.poses, situation.goals),
+        **polar_goals(poses, situation.goals),
         "previous_linear": situation.previous[:, 0],
         "previous_angular": situation.previous[:, 1],
     }

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Protocol
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from viatool.errors import ConfigurationError, PolicyError
-from viatool.simulate.simulator import NavigationSimulator, Step
+from viatool.simulate.conditions import Conditions
+from viatool.simulate.engines import largest_batch, make_simulator
+from viatool.simulate.simulator import Simulator, Step
 from viatool.simulate.task import NavigationTask
 from viatool.trajectory import Trajectory
 from viatool.world import Scenario, WorldMap
@@ -32,17 +35,54 @@ class RunnablePolicy(Protocol):
         """Return the actions (B, A) of observations (B, n), as the deployed program computes them."""
 
 
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """What driving N scenarios gave.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        Every state in which the policy decided.
+    ends : ndarray
+        (N, 3) pose at the end of each episode, after the last decision; metres and radians.
+    clearances : ndarray
+        Clearance after every step of every episode, in metres.
+    least_clearance : ndarray
+        (N,) the smallest of each episode, in metres.
+    """
+
+    trajectory: Trajectory
+    ends: Floats
+    clearances: Floats
+    least_clearance: Floats
+
+
 def roll_out(
     policy: RunnablePolicy,
     world_map: WorldMap,
     scenarios: Sequence[Scenario] | None = None,
+    **settings: Any,
+) -> Trajectory:
+    """Drive a policy through scenarios and return the states alone; everything is as for `drive`."""
+    return drive(policy, world_map, scenarios, **settings).trajectory
+
+
+def drive(
+    policy: RunnablePolicy,
+    world_map: WorldMap,
+    scenarios: Sequence[Scenario] | None = None,
     *,
+    engine: str = "kinematic",
+    conditions: Conditions | None = None,
     noise: float | None = None,
     horizon: int | None = None,
     seed: int = 0,
     task: NavigationTask | None = None,
-) -> Trajectory:
-    """Drive a policy through scenarios, all at once, until each ends.
+    workers: int = 1,
+    lidar: str | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Drive:
+    """Drive a policy through scenarios, many at once, until each ends.
 
     Parameters
     ----------
@@ -52,18 +92,28 @@ def roll_out(
         Where it drives.
     scenarios : sequence of Scenario, optional
         One episode each; None is the map's fixed scenarios.
+    engine : str
+        "kinematic" or "bullet".
+    conditions : Conditions, optional
+        What makes the robot less than ideal.
     noise : float, optional
-        Standard deviation of the LiDAR's rays in metres; None is the map's.
+        Standard deviation of the LiDAR's rays in metres; None is that of the conditions, else the map's.
     horizon : int, optional
         Steps after which an episode is a timeout; None is the task's 300.
     seed : int
         Of the sensor noise.
     task : NavigationTask, optional
         Goal radius and horizon.
+    workers : int
+        Processes of the physics engine; they do not change what comes out.
+    lidar : str, optional
+        How the physics engine casts rays, "rays" or "analytic".
+    progress : callable, optional
+        Called with the episodes that have ended and all of them.
 
     Returns
     -------
-    Trajectory
+    Drive
         The states of all episodes, one after the other, in the order of the scenarios. Observations are the
         float32 numbers that the policy received; actions are what it asked for, before the robot's limits.
 
@@ -72,61 +122,101 @@ def roll_out(
     PolicyError
         If the policy has no specification, or one that cannot be simulated.
     ConfigurationError
-        If there is no scenario, or the policy expects another control interval than the map's robot has.
+        If there is no scenario, one starts or ends in an obstacle, the engine or its robot is not known, or the
+        policy expects another control interval than the map's robot has.
     """
     spec = _fitting_specification(policy, world_map)
     chosen = tuple(world_map.scenarios if scenarios is None else scenarios)
-    simulator = NavigationSimulator(
+    simulator = make_simulator(
+        engine,
         world_map,
-        len(chosen),
+        min(len(chosen), largest_batch(engine)),
+        workers=workers,
+        lidar=lidar,
         scenarios=chosen,
         noise=noise,
         horizon=horizon,
         seed=seed,
         task=task,
         channels=spec.observation,
+        conditions=conditions,
     )
-    columns = command_columns(spec)
-    recording = _Recording(len(chosen), world_map.robot.control_interval)
-    active = np.arange(len(chosen))
+    try:
+        return _record(policy, simulator, chosen, command_columns(spec), progress)
+    finally:
+        simulator.close()
+
+
+def _record(
+    policy: RunnablePolicy,
+    simulator: Simulator,
+    scenarios: tuple[Scenario, ...],
+    columns: list[int],
+    progress: Callable[[int, int], None] | None,
+) -> Drive:
+    """Drive all scenarios; a robot that is done takes the next one, or leaves."""
+    count, ended = len(scenarios), 0
+    recording = _Recording(count, simulator.robot.control_interval)
+    begun = len(simulator)
     observations = simulator.reset()
-    while len(active):
+    while len(simulator):
         actions = np.asarray(policy.run(observations), dtype=np.float64)
-        recording.add_states(active, simulator.poses, observations, actions)
+        recording.add_states(simulator, observations, actions)
         step = simulator.step(actions[:, columns])
-        recording.add_step(active, step)
-        simulator.keep(~step.done)
-        active, observations = active[~step.done], step.observation[~step.done]
-    return recording.trajectory(chosen)
+        recording.add_step(simulator, step)
+        observations = step.observation
+        done = np.flatnonzero(step.done)
+        if not len(done):
+            continue
+        ended += len(done)
+        if progress is not None:
+            progress(ended, count)
+        going = np.ones(len(simulator), dtype=bool)
+        going[done[count - begun :]] = False
+        renewed = step.done & going
+        if renewed.any():
+            begun += int(renewed.sum())
+            observations = simulator.reset(renewed)
+        if not going.all():
+            simulator.keep(going)
+            observations = observations[going]
+    return recording.drive(scenarios)
 
 
 class _Recording:
-    """Collects the states of episodes that run side by side."""
+    """Collects the states of episodes that run side by side; the scene of a robot is its episode."""
 
     def __init__(self, episodes: int, interval: float) -> None:
         self.interval = interval
         self.states: list[tuple[Indices, Floats, Floats, Floats, Floats]] = []
+        self.clearances: list[Floats] = []
         self.outcomes = np.full(episodes, "timeout", dtype="U9")
         self.costs = np.zeros(episodes)
+        self.ends = np.zeros((episodes, 3))
+        self.least = np.full(episodes, np.inf)
 
-    def add_states(self, active: Indices, poses: Floats, observations: Floats, actions: Floats) -> None:
+    def add_states(self, simulator: Simulator, observations: Floats, actions: Floats) -> None:
         """Record the states of one instant."""
-        time = np.full(len(active), len(self.states) * self.interval)
-        self.states.append((active, time, poses, observations, actions))
+        time = np.asarray(simulator.steps * self.interval, dtype=np.float64)
+        self.states.append((simulator.scene.copy(), time, simulator.poses.copy(), observations, actions))
 
-    def add_step(self, active: Indices, step: Step) -> None:
+    def add_step(self, simulator: Simulator, step: Step) -> None:
         """Record what followed."""
-        self.costs[active] += step.cost
-        self.outcomes[active[step.success]] = "success"
-        self.outcomes[active[step.collision]] = "collision"
+        episode = simulator.scene
+        self.costs[episode] += step.cost
+        self.outcomes[episode[step.success]] = "success"
+        self.outcomes[episode[step.collision]] = "collision"
+        self.ends[episode] = simulator.poses
+        self.least[episode] = np.minimum(self.least[episode], step.clearance)
+        self.clearances.append(step.clearance)
 
-    def trajectory(self, scenarios: tuple[Scenario, ...]) -> Trajectory:
+    def drive(self, scenarios: tuple[Scenario, ...]) -> Drive:
         """Return everything, sorted by episode."""
         episode, time, poses, observations, actions = (
             np.concatenate(arrays) for arrays in zip(*self.states, strict=True)
         )
         order = np.argsort(episode, kind="stable")
-        return Trajectory(
+        trajectory = Trajectory(
             poses=poses[order],
             observations=observations[order],
             actions=actions[order],
@@ -136,6 +226,7 @@ class _Recording:
             costs=self.costs,
             scenarios=scenarios,
         )
+        return Drive(trajectory, self.ends, np.concatenate(self.clearances)[order], self.least)
 
 
 def specification_of(policy: RunnablePolicy) -> PolicySpecification:

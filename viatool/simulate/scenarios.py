@@ -8,7 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viatool.errors import ConfigurationError
-from viatool.world import Scenario, ScenarioBatch, ScenarioGenerator, Scenes, WorldMap
+from viatool.world import (
+    Footprint,
+    Obstacles,
+    Scenario,
+    ScenarioBatch,
+    ScenarioGenerator,
+    Scenes,
+    WorldMap,
+)
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -37,9 +45,35 @@ class FixedScenarios:
                 "add `scenarios` or a `generator` to the map",
             )
         self.scenes = Scenes.of(world_map, scenarios)
+        self._scenarios = tuple(scenarios)
         self._starts = np.array([scenario.start for scenario in scenarios])
         self._goals = np.array([scenario.goal for scenario in scenarios])
         self._next = 0
+        self._check_room(world_map.robot.footprint)
+
+    def _check_room(self, footprint: Footprint) -> None:
+        """Refuse a start or a goal that no robot can be at."""
+        every = np.arange(len(self._scenarios))
+        inside = self.scenes.footprint_clearance(self._starts, footprint, every) <= 0.0
+        for what, places, wrong in (
+            ("start", self._starts, inside),
+            ("goal", self._goals, self.scenes.blocked(self._goals, every)),
+        ):
+            for index in np.flatnonzero(wrong)[:1]:
+                x, y = places[index, :2]
+                raise ConfigurationError(
+                    f"the {what} ({x:g}, {y:g}) of scenario '{self._scenarios[index].name}' lies in an obstacle "
+                    "or off the map",
+                    f"move the {what} into free space",
+                )
+
+    def reseed(self, seed: np.random.SeedSequence) -> None:
+        """Begin again with the first scenario."""
+        self._next = 0
+
+    def own(self, scene: int) -> Obstacles:
+        """Return the obstacles that one situation has besides the map's."""
+        return self._scenarios[scene].obstacles
 
     def take(self, slots: Indices) -> Taken:
         """Return the next scenario for each of W robots."""
@@ -68,11 +102,17 @@ class RandomScenarios:
                 "add a `generator` to the map, or give scenarios",
             )
         self._generator = world_map.generator
-        self._rng = np.random.default_rng(seed)
-        self._drawn = self._generator.draw_arrays(max(_DRAWN_AHEAD, robots), self._rng)
-        self._used = 0
+        self._latest: dict[int, tuple[ScenarioBatch, int]] = {}
+        self._ahead = max(_DRAWN_AHEAD, robots)
+        self.reseed(seed)
         first = self._drawn[:robots]
         self.scenes = Scenes(world_map.arena, world_map.obstacles, first.circles, first.edges())
+
+    def reseed(self, seed: np.random.SeedSequence) -> None:
+        """Draw later scenarios from a new source."""
+        self._rng = np.random.default_rng(seed)
+        self._drawn = self._generator.draw_arrays(self._ahead, self._rng)
+        self._used = 0
 
     @property
     def generator(self) -> ScenarioGenerator:
@@ -88,7 +128,13 @@ class RandomScenarios:
         """Draw a scenario for each of W robots and build it into their scenes."""
         batch = self._next(len(slots))
         self.scenes.replace(slots, batch.circles, batch.edges())
+        self._latest.update((slot, (batch, row)) for row, slot in enumerate(slots.tolist()))
         return slots, batch.starts, batch.goals
+
+    def own(self, scene: int) -> Obstacles:
+        """Return the obstacles that one situation has besides the map's."""
+        batch, row = self._latest[scene]
+        return batch.scenario(row, "").obstacles
 
     def _next(self, count: int) -> ScenarioBatch:
         if self._used + count > len(self._drawn):

@@ -1,7 +1,12 @@
-"""The kinematic simulator: many robots at once, each in its own scene."""
+"""What all simulators share: scenarios, observations, rewards, costs and the ends of episodes.
+
+An engine adds how robots move, and may add how rays are cast: `NavigationSimulator` moves them along arcs,
+`viatool.simulate.bullet` on wheels.
+"""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -10,13 +15,16 @@ from numpy.typing import NDArray
 
 from viatool.errors import ConfigurationError
 from viatool.policy.specification import ObservationChannel
-from viatool.simulate.motion import advance
-from viatool.simulate.observation import Observer, Situation, navigation_channels
+from viatool.simulate.conditions import Conditions
+from viatool.simulate.models import model_of
+from viatool.simulate.observation import Observer, Situation, measure_goals, navigation_channels
+from viatool.simulate.odometry import DelayLine, Odometry
 from viatool.simulate.scenarios import FixedScenarios, RandomScenarios
 from viatool.simulate.task import NavigationTask
-from viatool.world import Scenario, ScenarioGenerator, WorldMap
+from viatool.world import Obstacles, Scenario, ScenarioGenerator, WorldMap
 
 Floats = NDArray[np.float64]
+Ranges = NDArray[np.float32]
 Booleans = NDArray[np.bool_]
 Indices = NDArray[np.int64]
 
@@ -55,8 +63,8 @@ class Step:
         return self.terminated | self.truncated
 
 
-class NavigationSimulator:
-    """E robots that drive to goals among obstacles, in lockstep and without a loop over robots.
+class Simulator(ABC):
+    """E robots that drive to goals among obstacles, in lockstep.
 
     Parameters
     ----------
@@ -68,7 +76,7 @@ class NavigationSimulator:
         Taken one after the other, again from the first when they are used up. None draws a new one from the
         map's generator at every reset.
     noise : float, optional
-        Standard deviation of the LiDAR's rays in metres; None is the map's.
+        Standard deviation of the LiDAR's rays in metres, instead of that of `conditions`.
     horizon : int, optional
         Steps after which an episode is truncated; None is the task's.
     seed : int
@@ -77,11 +85,13 @@ class NavigationSimulator:
         Rewards, goal radius and horizon.
     channels : sequence of ObservationChannel, optional
         Columns of the observations; None is `navigation_channels`.
+    conditions : Conditions, optional
+        What makes the robot less than ideal.
 
     Attributes
     ----------
     poses, goals, previous : ndarray
-        (E, 3), (E, 2) and (E, 2): x, y, theta; x, y; the last command as carried out, in m/s and rad/s.
+        (E, 3), (E, 2) and (E, 2): x, y, theta; x, y; the last command as sent to the motors, in m/s and rad/s.
     steps : ndarray
         (E,) since the last reset.
     scenes, scene : Scenes, ndarray
@@ -94,6 +104,9 @@ class NavigationSimulator:
     simulation. The reward's proximity term uses the smallest reading. Robots do not meet each other.
     """
 
+    largest = 2**31
+    """Most robots that one simulator of the kind should have at once."""
+
     def __init__(
         self,
         world_map: WorldMap,
@@ -105,13 +118,20 @@ class NavigationSimulator:
         seed: int = 0,
         task: NavigationTask | None = None,
         channels: Sequence[ObservationChannel] | None = None,
+        conditions: Conditions | None = None,
     ) -> None:
         self.world_map = world_map
         self.robot = world_map.robot
         self.task = _task(task, horizon)
-        self.observer = Observer(channels or navigation_channels(self.robot.lidar), self.robot, noise)
-        noise_seed, scenario_seed = np.random.SeedSequence(seed).spawn(2)
-        self._noise = np.random.Generator(np.random.SFC64(noise_seed))
+        self.conditions = (conditions or Conditions()).with_noise(noise)
+        self.observer = Observer(
+            channels or navigation_channels(self.robot.lidar),
+            self.robot,
+            self.conditions.noise,
+            self.conditions.dropout,
+        )
+        noise_seed, scenario_seed, drift_seed = np.random.SeedSequence(seed).spawn(3)
+        self._noise = _noise(noise_seed)
         self._source: FixedScenarios | RandomScenarios = (
             RandomScenarios(world_map, robots, scenario_seed)
             if scenarios is None
@@ -124,11 +144,49 @@ class NavigationSimulator:
         self.goals = np.zeros((robots, 2))
         self.previous = np.zeros((robots, 2))
         self.steps = np.zeros(robots, np.int64)
+        self._readings = np.zeros((robots, self.observer.lidar.bins), np.float32)
         self._observation = np.zeros((robots, self.observer.size))
+        drift = self.conditions.drift
+        track = model_of(self.robot).track if drift > 0.0 else 1.0
+        self._odometry = Odometry(robots, drift, track, drift_seed)
+        self._sent = DelayLine(robots, self.conditions.delay, self.robot.control_interval)
 
     def __len__(self) -> int:
         """Return E, the number of robots."""
         return len(self.poses)
+
+    @abstractmethod
+    def _place(self, index: Indices) -> None:
+        """Put W robots down at rest at their poses in their scenes."""
+
+    @abstractmethod
+    def _move(self, commands: Sequence[tuple[float, Floats]]) -> tuple[Floats, Booleans]:
+        """Let all robots follow commands for one control interval.
+
+        Parameters
+        ----------
+        commands : sequence of (float, ndarray)
+            Seconds, and the v in m/s and omega in rad/s, (E, 2), that reach the motors during them.
+
+        Returns
+        -------
+        tuple of ndarray
+            Poses (E, 3) after it, and which bodies touch an obstacle, (E,) bool.
+        """
+
+    def _ranges(self, index: Indices | slice, situation: Situation) -> Ranges:
+        """Return the true ranges of the rays of some robots, (W, R) m; by exact geometry unless overridden."""
+        return self.observer.cast(self.scenes, situation)
+
+    def close(self) -> None:  # noqa: B027  # most engines hold nothing
+        """Give back what the engine holds; nothing may be asked of it afterwards."""
+
+    def reseed(self, seed: int) -> None:
+        """Begin anew with a seed, as a new simulator would; `reset` has to follow."""
+        noise_seed, scenario_seed, drift_seed = np.random.SeedSequence(seed).spawn(3)
+        self._noise = _noise(noise_seed)
+        self._source.reseed(scenario_seed)
+        self._odometry.reseed(drift_seed)
 
     @property
     def generator(self) -> ScenarioGenerator | None:
@@ -142,6 +200,10 @@ class NavigationSimulator:
                 "a simulator of fixed scenarios draws none", "create it with scenarios=None"
             )
         self._source.generator = generator
+
+    def own_obstacles(self, robot: int) -> Obstacles:
+        """Return the obstacles around one robot that only its scenario has."""
+        return self._source.own(int(self.scene[robot]))
 
     def reset(self, which: Booleans | None = None) -> Floats:
         """Put robots at the start of their next scenario.
@@ -161,7 +223,10 @@ class NavigationSimulator:
             self.scene[index], self.poses[index], self.goals[index] = self._source.take(self._slots[index])
             self.previous[index] = 0.0
             self.steps[index] = 0
-            self._observation[index] = self.observer.observe(self.scenes, self._situation(index), self._noise)
+            self._place(index)
+            self._odometry.reset(index, self.poses[index])
+            self._sent.reset(index)
+            self._observation[index] = self.observer.assemble(self._measure(index))
         return self._observation.copy()
 
     def step(self, actions: Floats) -> Step:
@@ -178,21 +243,23 @@ class NavigationSimulator:
             What happened. Nothing is reset: call `reset` with `Step.done`.
         """
         self.previous = self.robot.clip(np.asarray(actions, dtype=np.float64))
-        self.poses = advance(self.poses, self.previous, self.robot.control_interval)
+        before = self.poses
+        self.poses, touching = self._move(self._sent.send(self.previous))
+        self._odometry.follow(before, self.poses)
         self.steps += 1
         clearance = self.scenes.footprint_clearance(self.poses, self.robot.footprint, self.scene)
         away = self.goals - self.poses[:, :2]
         distance = np.sqrt(np.square(away).sum(axis=1))
-        collision = clearance < self.world_map.clearance.collision
+        collision = (clearance < self.world_map.clearance.collision) | touching
         success = (distance < self.task.goal_radius) & ~collision
         terminated = success | collision
-        measured = self.observer.measure(self.scenes, self._situation(), self._noise)
+        measured = self._measure(slice(None))
         self._observation = self.observer.assemble(measured)
         nearest = measured["lidar"].min(axis=1)
         return Step(
             observation=self._observation.copy(),
             reward=self.task.reward(self.previous, nearest, success, collision),
-            cost=(clearance < self.world_map.clearance.danger).astype(np.float64),
+            cost=((clearance < self.world_map.clearance.danger) | touching).astype(np.float64),
             terminated=terminated,
             truncated=(self.steps >= self.task.horizon) & ~terminated,
             success=success,
@@ -203,12 +270,38 @@ class NavigationSimulator:
 
     def keep(self, which: Booleans) -> None:
         """Go on with some of the robots only, (E,) bool; the others leave the simulation."""
-        for name in ("_slots", "scene", "poses", "goals", "previous", "steps", "_observation"):
+        names = ("_slots", "scene", "poses", "goals", "previous", "steps", "_readings", "_observation")
+        for name in names:
             setattr(self, name, getattr(self, name)[which])
+        self._odometry.keep(which)
+        self._sent.keep(which)
 
-    def _situation(self, index: Indices | slice = slice(None)) -> Situation:
-        """Return where some of the robots are."""
-        return Situation(self.poses[index], self.scene[index], self.goals[index], self.previous[index])
+    def _measure(self, index: Indices | slice) -> dict[str, NDArray[np.floating]]:
+        """Return what some robots measure, by the kind of the channel."""
+        situation = Situation(
+            self.poses[index],
+            self.scene[index],
+            self.goals[index],
+            self.previous[index],
+            self._odometry.poses[index],
+        )
+        readings = self.observer.read(self._ranges(index, situation), self._noise)
+        rate = self.conditions.lidar_rate
+        if rate is not None:
+            readings = np.where(self._scanned(index, rate)[:, None], readings, self._readings[index])
+            self._readings[index] = readings
+        return {"lidar": readings, **measure_goals(situation)}
+
+    def _scanned(self, index: Indices | slice, rate: float) -> Booleans:
+        """Tell which robots' LiDAR has completed a scan in the last interval."""
+        turns = rate * self.robot.control_interval * np.stack([self.steps[index] - 1, self.steps[index]])
+        earlier, now = np.floor(turns + 1e-9)
+        return np.asarray(now > earlier)
+
+
+def _noise(seed: np.random.SeedSequence) -> np.random.Generator:
+    """Return the source of the sensor's errors: a fast one."""
+    return np.random.Generator(np.random.SFC64(seed))
 
 
 def _task(task: NavigationTask | None, horizon: int | None) -> NavigationTask:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from viatool.studies.study import Study
 
-STUDIES = ("table1", "table2", "binding", "figures")
+STUDIES = ("table1", "table2", "binding", "figures", "transfer")
 """Names of all studies, in the order in which ``all`` runs them."""
 
 __all__ = ["STUDIES", "study_named"]

@@ -1,0 +1,198 @@
+"""What an environment is made of: the map, the engine, and the spaces of observations and actions."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from gymnasium.spaces import Box, Space
+
+from viatool.errors import ConfigurationError
+from viatool.policy import load_policy, load_specification
+from viatool.policy.specification import ActionChannel, ObservationChannel, PolicySpecification
+from viatool.simulate.conditions import Conditions
+from viatool.simulate.engines import make_simulator, with_robot
+from viatool.simulate.observation import navigation_channels
+from viatool.simulate.simulator import Simulator
+from viatool.simulate.task import NavigationTask
+from viatool.world import Lidar, Robot, Scenario, WorldMap, load_map
+
+Where = WorldMap | str | os.PathLike[str]
+Meaning = PolicySpecification | str | os.PathLike[str]
+
+_BUDGET = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setting:
+    """The parameters of both kinds of environment, which `gymnasium.make` and `make_vec` take by name.
+
+    Parameters
+    ----------
+    map : WorldMap or path
+        Where to drive; or the name of a sample, such as lab.
+    engine : str
+        "kinematic" or "bullet".
+    robot : str, optional
+        A robot that is known by name, instead of the map's.
+    noise : float, optional
+        Standard deviation of the LiDAR's rays in metres; None is the map's.
+    delay, dropout, drift, acceleration, lidar_rate
+        As for `viatool.simulate.Conditions`.
+    horizon : int, optional
+        Steps after which an episode is truncated; None is the task's 300.
+    scenarios : str or sequence of Scenario
+        "random" draws one from the map's generator at every reset, "fixed" takes the map's one after the other.
+    observation : PolicySpecification or path, optional
+        The columns of the observation: a specification, a YAML file of one, or a policy (ONNX) that carries one. By
+        default those of the policies that `viatool train` exports: LiDAR bins, goal distance, cosine and sine of its
+        bearing, previous v and omega, and the budget of the CVaR constraint, which is 0.
+    task : NavigationTask, optional
+        Rewards and goal radius.
+    lidar : str, optional
+        Of the bullet engine: "rays" or "analytic".
+    workers : int
+        Processes of the bullet engine.
+    """
+
+    map: Where
+    engine: str = "kinematic"
+    robot: str | None = None
+    noise: float | None = None
+    delay: float = 0.0
+    dropout: float = 0.0
+    drift: float = 0.0
+    acceleration: float | None = None
+    lidar_rate: float | None = None
+    horizon: int | None = None
+    scenarios: Literal["random", "fixed"] | Sequence[Scenario] = "random"
+    observation: Meaning | None = None
+    task: NavigationTask | None = None
+    lidar: str | None = None
+    workers: int = 1
+    world_map: WorldMap = field(init=False, repr=False)
+    specification: PolicySpecification = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        world_map = self.map if isinstance(self.map, WorldMap) else load_map(Path(self.map))  # or a sample
+        if self.robot is not None:
+            world_map = with_robot(world_map, self.robot)
+        object.__setattr__(self, "world_map", world_map)
+        object.__setattr__(self, "specification", self._meaning(world_map.robot))
+
+    def simulator(self, robots: int) -> Simulator:
+        """Return a simulator of E robots."""
+        return make_simulator(
+            self.engine,
+            self.world_map,
+            robots,
+            workers=self.workers,
+            lidar=self.lidar,
+            scenarios=self._scenarios(),
+            horizon=self.horizon,
+            task=self.task,
+            channels=self.specification.observation,
+            conditions=Conditions(
+                self.noise, self.dropout, self.lidar_rate, self.delay, self.drift, self.acceleration
+            ),
+        )
+
+    def observation_space(self, lidar: Lidar) -> Space[Any]:
+        """Return the limits of the columns, (n,) float32."""
+        bounds = [self._bounds(channel, lidar) for channel in self.specification.observation]
+        sizes = [channel.size for channel in self.specification.observation]
+        low, high = (np.repeat(np.array(side, np.float32), sizes) for side in zip(*bounds, strict=True))
+        return Box(low, high, dtype=np.float32)
+
+    def action_space(self) -> Space[Any]:
+        """Return the limits of v in m/s and omega in rad/s, (2,) float32."""
+        robot = self.world_map.robot
+        low = np.array([robot.min_linear, -robot.max_angular], np.float32)
+        high = np.array([robot.max_linear, robot.max_angular], np.float32)
+        return Box(low, high, dtype=np.float32)
+
+    def _scenarios(self) -> Sequence[Scenario] | None:
+        if not isinstance(self.scenarios, str):
+            return tuple(self.scenarios)
+        if self.scenarios not in ("random", "fixed"):
+            raise ConfigurationError(f"unknown scenarios '{self.scenarios}'", "choose random or fixed")
+        return None if self.scenarios == "random" else self.world_map.scenarios
+
+    def _meaning(self, robot: Robot) -> PolicySpecification:
+        given = self.observation
+        if isinstance(given, PolicySpecification):
+            return given
+        if given is None:
+            return task_specification(robot)
+        if Path(given).suffix.lower() in (".yaml", ".yml"):
+            return load_specification(Path(given))
+        specification = load_policy(given).spec
+        if specification is None:
+            raise ConfigurationError(
+                f"policy '{given}' carries no specification", "give a specification (YAML) as observation"
+            )
+        return specification
+
+    def _bounds(self, channel: ObservationChannel, lidar: Lidar) -> tuple[float, float]:
+        """Return the least and the largest value of a channel."""
+        if channel.value is not None:  # a constant; a space needs some width
+            return channel.value - 1.0, channel.value + 1.0
+        robot = self.world_map.robot
+        x_min, y_min, x_max, y_max = self.world_map.bounds
+        bounds: dict[str, tuple[float, float]] = {
+            "lidar": (lidar.minimum_range, lidar.maximum_range),
+            # With drift a goal may seem farther away than the arena is wide.
+            "goal_distance": (0.0, 2.0 * float(np.hypot(x_max - x_min, y_max - y_min))),
+            "goal_cosine": (-1.0, 1.0),
+            "goal_sine": (-1.0, 1.0),
+            "previous_linear": (robot.min_linear, robot.max_linear),
+            "previous_angular": (-robot.max_angular, robot.max_angular),
+        }
+        return bounds[channel.kind]
+
+
+def task_specification(robot: Robot) -> PolicySpecification:
+    """Return the specification of a policy that learns the task: also the sidecar of its export.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its LiDAR, limits and control interval.
+    """
+    return PolicySpecification(
+        observation=[
+            *navigation_channels(robot.lidar),
+            ObservationChannel(name="budget", kind="budget", value=_BUDGET),
+        ],
+        action=[
+            ActionChannel(
+                name="v", unit="m/s", lower=robot.min_linear, upper=robot.max_linear, kind="linear"
+            ),
+            ActionChannel(
+                name="omega",
+                unit="rad/s",
+                lower=-robot.max_angular,
+                upper=robot.max_angular,
+                kind="angular",
+            ),
+        ],
+        robot=robot.name,
+        control_interval=robot.control_interval,
+    )
+
+
+def information(
+    cost: Any, success: Any, collision: Any, clearance: Any, goal_distance: Any
+) -> dict[str, Any]:
+    """Return what `info` holds after a step, of one robot or of all."""
+    return {
+        "cost": cost,
+        "is_success": success,
+        "collision": collision,
+        "clearance": clearance,
+        "goal_distance": goal_distance,
+    }

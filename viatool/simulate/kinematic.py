@@ -1,0 +1,78 @@
+"""The kinematic engine: many robots at once on the arcs of the unicycle, without a loop over robots."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.simulate.models import model_of
+from viatool.simulate.motion import advance
+from viatool.simulate.simulator import Simulator
+from viatool.world import WorldMap
+
+Floats = NDArray[np.float64]
+Booleans = NDArray[np.bool_]
+Indices = NDArray[np.int64]
+
+_FINE = 0.01  # seconds over which a changing speed is taken as its mean
+
+
+class NavigationSimulator(Simulator):
+    """Robots that have the speed they are told to have, at once or within the acceleration of their wheels.
+
+    Parameters
+    ----------
+    world_map : WorldMap
+        Arena, obstacles, robot and clearances.
+    robots : int
+        E.
+    **settings
+        As for `Simulator`.
+
+    Notes
+    -----
+    With an acceleration limit, each wheel's rim speed changes at that rate until it has the speed that the
+    command asks of it; the robot has to be one whose wheels are known (`viatool.simulate.models`).
+    """
+
+    def __init__(self, world_map: WorldMap, robots: int, **settings: Any) -> None:
+        super().__init__(world_map, robots, **settings)
+        self._track = model_of(self.robot).track if self.conditions.acceleration is not None else 0.0
+        self._rims = np.zeros((robots, 2))  # speeds of both wheels' rims, right and left, in m/s
+        self._touching = np.zeros(robots, dtype=bool)  # bodies are not modelled
+
+    def keep(self, which: Booleans) -> None:
+        """Go on with some of the robots only, (E,) bool; the others leave the simulation."""
+        super().keep(which)
+        self._rims, self._touching = self._rims[which], self._touching[which]
+
+    def _place(self, index: Indices) -> None:
+        self._rims[index] = 0.0
+
+    def _move(self, commands: Sequence[tuple[float, Floats]]) -> tuple[Floats, Booleans]:
+        poses = self.poses
+        for seconds, command in commands:
+            if self.conditions.acceleration is None:
+                poses = advance(poses, command, seconds)
+            else:
+                poses = self._accelerate(poses, command, seconds, self.conditions.acceleration)
+        return poses, self._touching
+
+    def _accelerate(self, poses: Floats, command: Floats, seconds: float, acceleration: float) -> Floats:
+        """Move while the rims of the wheels approach the speeds that a command asks for."""
+        half = 0.5 * self._track
+        targets = command[:, :1] + command[:, 1:] * (half, -half)
+        pieces = math.ceil(seconds / _FINE - 1e-9)
+        fine = seconds / pieces
+        for _ in range(pieces):
+            before = self._rims
+            self._rims = before + np.clip(targets - before, -acceleration * fine, acceleration * fine)
+            changing = np.abs(self._rims - before) / (acceleration * fine)  # share of the time
+            right, left = (self._rims - 0.5 * changing * (self._rims - before)).T  # means over the time
+            speeds = np.stack([0.5 * (right + left), (right - left) / self._track], axis=1)
+            poses = advance(poses, speeds, fine)
+        return poses

@@ -1,0 +1,107 @@
+"""The job of ``viatool simulate``: drive a policy, and keep everything that a report of it needs."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from viatool.policy import Policy
+from viatool.simulate.conditions import Conditions
+from viatool.simulate.roll_out import Drive, command_columns, drive, specification_of
+from viatool.simulate.statistics import Statistics, summarise_drive
+from viatool.world import Scenario, WorldMap
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """A policy that was driven, how, and what came of it.
+
+    Parameters
+    ----------
+    policy : Policy
+        That decided.
+    world_map : WorldMap
+        With the robot that drove.
+    engine : str
+        "kinematic" or "bullet".
+    lidar : str
+        "rays" or "analytic".
+    conditions : Conditions
+        Of the robot.
+    seed : int
+        Of scenarios and noise.
+    drive : Drive
+        The states.
+    statistics : Statistics
+        Their figures.
+    seconds : float
+        Wall time.
+    """
+
+    policy: Policy
+    world_map: WorldMap
+    engine: str
+    lidar: str
+    conditions: Conditions
+    seed: int
+    drive: Drive
+    statistics: Statistics
+    seconds: float
+
+    def beyond_limits(self) -> list[str]:
+        """Return in words which commands of the policy the robot cannot follow."""
+        spec, robot = specification_of(self.policy), self.world_map.robot
+        able = [
+            (robot.min_linear, robot.max_linear, "m/s"),
+            (-robot.max_angular, robot.max_angular, "rad/s"),
+        ]
+        told = []
+        for column, (low, high, unit) in zip(command_columns(spec), able, strict=True):
+            asked = spec.action[column]
+            if asked.lower < low - 1e-9 or asked.upper > high + 1e-9:
+                told.append(
+                    f"{asked.name} {asked.lower:g} to {asked.upper:g} {unit}, {robot.name} does {low:g} to {high:g}"
+                )
+        return told
+
+
+def simulate(
+    policy: Policy,
+    world_map: WorldMap,
+    scenarios: Sequence[Scenario] | None = None,
+    *,
+    engine: str = "kinematic",
+    conditions: Conditions | None = None,
+    horizon: int | None = None,
+    seed: int = 0,
+    workers: int = 1,
+    lidar: str | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Simulation:
+    """Drive a policy through scenarios and sum up what happened; everything is as for `drive`."""
+    started = time.perf_counter()
+    driven = drive(
+        policy,
+        world_map,
+        scenarios,
+        engine=engine,
+        conditions=conditions,
+        horizon=horizon,
+        seed=seed,
+        workers=workers,
+        lidar=lidar,
+        progress=progress,
+    )
+    columns = command_columns(specification_of(policy))
+    return Simulation(
+        policy=policy,
+        world_map=world_map,
+        engine=engine,
+        lidar=lidar or ("rays" if engine == "bullet" else "analytic"),
+        conditions=conditions or Conditions(),
+        seed=seed,
+        drive=driven,
+        statistics=summarise_drive(driven, world_map.robot, columns),
+        seconds=time.perf_counter() - started,
+    )
