@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from viatool.errors import ConfigurationError
-from viatool.trajectory import whole_file
+from viatool.whole_file import whole_file
 
 
 @contextmanager
