@@ -77,7 +77,7 @@ class Cluster:
             run = f"viatool-{uuid.uuid4().hex[:12]}"
             parcel = client.submit(_keep, Parcel.of(work), key=f"{run}-work")
             waiting: dict[Future, Piece[Content]] = {}
-            finished = as_completed()
+            finished = as_completed(loop=client.loop)
 
             def top_up() -> None:
                 for piece in islice(rest, max(0, 2 * self._threads + _AHEAD - len(waiting))):
