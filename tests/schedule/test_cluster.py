@@ -73,7 +73,9 @@ def test_a_cluster_loses_a_worker_and_then_its_scheduler(tmp_path, monkeypatch):
             with pytest.raises(ConfigurationError, match=r"tcp://.* has viatool .* instead of 99\.0"):
                 open_scheduler(address=cluster.address)
 
-        with pytest.raises(WorkError, match="the connection to the scheduler tcp://.* was lost") as caught:
-            for _ in scheduler.run(Square(seconds=0.2), pieces(400)):
-                cluster.scheduler.kill()
+        run = scheduler.run(Square(seconds=0.2), pieces(400))
+        next(run)
+        cluster.scheduler.kill()
+        with pytest.raises(WorkError, match=r"the connection to the scheduler tcp://.* was lost") as caught:
+            list(run)
         assert "--resume" in caught.value.hint

@@ -126,7 +126,7 @@ class Checkpoint:
 def _read(path: Path) -> dict[str, NDArray[Any]] | None:
     """Return the arrays of a piece; None if the file is damaged."""
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
             return {name: archive[name] for name in archive.files}
     except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile):
         return None
