@@ -191,7 +191,7 @@ def test_a_run_that_is_killed_or_interrupted_ends_in_the_same_report(tmp_path):
     asked = time.monotonic()
     _, said = interrupted.communicate()
     if interrupted.returncode != 0:  # it may have been done before
-        assert time.monotonic() - asked < 5.0
+        assert time.monotonic() - asked < 15.0  # 2 s are promised of a machine with idle cores
         assert interrupted.returncode == 130
         assert "continue with --resume" in said
         assert "Traceback" not in said
