@@ -70,7 +70,9 @@ def test_a_cluster_loses_a_worker_and_then_its_scheduler(tmp_path, monkeypatch):
 
         with monkeypatch.context() as changed:
             changed.setattr("viatool.__version__", "99.0")
-            with pytest.raises(ConfigurationError, match=r"tcp://.* has viatool .* instead of 99\.0"):
+            with pytest.raises(
+                ConfigurationError, match=r"tcp://.* of the cluster has viatool .* instead of 99\.0"
+            ):
                 open_scheduler(address=cluster.address)
 
         run = scheduler.run(Square(seconds=0.2), pieces(400))

@@ -155,23 +155,26 @@ class Cluster:
                 f"the cluster at {self.address} has no worker after {_WORKER_SECONDS:g} s",
                 f"start some with 'dask worker {self.address}'",
             ) from error
-        here = decisive_versions()
-        for worker, there in client.run(decisive_versions, on_error="return").items():
+        here, others = decisive_versions(), client.run(decisive_versions, on_error="return")
+        try:
+            others[f"scheduler {self.address}"] = client.run_on_scheduler(decisive_versions)
+        except Exception as error:  # whatever its import raises comes back
+            raise _not_importable(error, f"scheduler {self.address}") from error
+        for process, there in others.items():
             if isinstance(there, BaseException):
-                raise _not_importable(there, worker) from there
+                raise _not_importable(there, f"worker {process}") from there
             differing = describe_mismatch(here, there)
             if differing:
                 raise ConfigurationError(
-                    f"the worker {worker} has {differing}",
-                    "install the same versions on the workers as here",
+                    f"{process} of the cluster has {differing}", "install the same versions there as here"
                 )
         self._threads = max(1, sum(client.nthreads().values()))
 
 
-def _not_importable(error: BaseException, worker: str = "a worker") -> ConfigurationError:
+def _not_importable(error: BaseException, process: str = "worker") -> ConfigurationError:
     return ConfigurationError(
-        f"{worker} cannot import viatool ({type(error).__name__}: {error})",
-        "install viatool in the environment of the workers as well",
+        f"the {process} cannot import viatool ({type(error).__name__}: {error})",
+        "install viatool in the environments of the scheduler and of the workers as well",
     )
 
 

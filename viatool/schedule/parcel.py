@@ -9,19 +9,17 @@ import platform
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from typing import Any, TypeVar
 
 from threadpoolctl import threadpool_limits
 
-import viatool
 from viatool.errors import ConfigurationError, ViatoolError, WorkError
 from viatool.schedule.pieces import Piece
+from viatool.versions import result_versions
 
 Answer = TypeVar("Answer")
 
-_DECISIVE = ("numpy", "scipy", "onnx", "onnxruntime")
-"""Libraries whose version decides the last digit of a result."""
 _MOST_OPEN = 4
 _opened: dict[str, Callable[[Any], Any]] = {}
 _lock = threading.Lock()
@@ -38,13 +36,9 @@ def numeric_threads() -> int:
 
 def decisive_versions() -> dict[str, str]:
     """Return the versions in which two processes must agree to compute the same."""
-    found = {"viatool": viatool.__version__, "python": ".".join(platform.python_version_tuple()[:2])}
-    for name in _DECISIVE:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = "missing"
-    return found
+    found = result_versions()
+    major, minor, *_ = found["python"].split(".")
+    return {**found, "python": f"{major}.{minor}", "scipy": version("scipy")}
 
 
 def describe_mismatch(here: dict[str, str], there: dict[str, str]) -> str:
