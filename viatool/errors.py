@@ -57,3 +57,7 @@ class EmptyEvaluationError(ViatoolError):
 
 class SelfCheckError(ViatoolError):
     """The loaded network and onnxruntime disagree: no verdict may rest on this import."""
+
+
+class WorkError(ViatoolError):
+    """Work could not be carried out, whatever it was about: a worker died, or the cluster was lost."""

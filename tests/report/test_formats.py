@@ -18,7 +18,7 @@ from tests.hall import MAP, write_policy
 from viatool.report import REPORTERS, Check, evaluate, parse_threshold, print_report, read_result
 from viatool.report.figure_report import PANELS, choose_episodes
 from viatool.report.gate import Gate
-from viatool.report.outputs import Output
+from viatool.report.outputs import Output, content_of
 from viatool.safety import Result
 
 HOSTILE = "<img src=x onerror=alert(1)>\"'`|**bold**\r\n::error::owned\x1b[31m%0A=1+1]]>&amp; @team #1 $x$"
@@ -49,8 +49,7 @@ def hostile(folder: Path) -> Result:
 
 def render(result: Result, name: str, checks: tuple[Check, ...] = ()) -> str:
     output = Output(name, Path("-"))
-    content = output.reporter.render(result, checks, output.suffix)
-    return content if isinstance(content, str) else content.decode()
+    return b"".join(content_of(output, result, checks)).decode()
 
 
 def test_junit_has_a_case_for_each_trajectory_and_each_condition(plain: Result) -> None:
@@ -150,7 +149,7 @@ def test_every_format_survives_hostile_names(
 ) -> None:
     monkeypatch.delenv("GITHUB_STEP_SUMMARY", raising=False)
     output = Output(name, Path("-"))
-    assert output.reporter.render(hostile, FAILED, output.suffix)
+    assert b"".join(content_of(output, hostile, FAILED))
 
 
 def test_the_console_prints_no_control_characters_of_a_map(

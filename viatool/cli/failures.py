@@ -28,6 +28,8 @@ _EXTRA_OF_MODULE = {
     "pybullet": "sim",
     "rosbags": "ros",
     "imageio_ffmpeg": "sim",
+    "dask": "cluster",
+    "distributed": "cluster",
 }
 
 
@@ -55,6 +57,7 @@ def explain(error: BaseException) -> tuple[int, str]:
     if isinstance(error, InputError):
         return UNUSABLE_INPUT, compose(error.message, error.hint)
     if isinstance(error, ViatoolError):
+        _trace(error)
         return INTERNAL_ERROR, compose(error.message, error.hint)
     if isinstance(error, ModuleNotFoundError) and (error.name or "").split(".")[0] in _EXTRA_OF_MODULE:
         return UNUSABLE_INPUT, _missing_extra((error.name or "").split(".")[0])
@@ -95,9 +98,14 @@ def _operating_system(error: OSError) -> tuple[int, str]:
     return UNUSABLE_INPUT, compose(f"{name}{error.strerror or error}", "check the path and its permissions")
 
 
-def _internal(error: BaseException) -> tuple[int, str]:
+def _trace(error: BaseException) -> None:
+    """Print where an error comes from, when that is asked for."""
     if os.environ.get(TRACEBACK_VARIABLE):
         traceback.print_exception(error)
+
+
+def _internal(error: BaseException) -> tuple[int, str]:
+    _trace(error)
     text = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
     return INTERNAL_ERROR, compose(
         f"internal error: {text}", f"set {TRACEBACK_VARIABLE}=1, run again and report the traceback as a bug"

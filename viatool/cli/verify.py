@@ -11,6 +11,7 @@ from viatool.cli import options
 from viatool.cli.gating import build_gate, gate_options, leave_by_gate
 from viatool.cli.states import bag_settings, choose_scenarios, sampled_places, state_options
 from viatool.cli.terminal import Progress, open_console, show_progress
+from viatool.cli.work import keeping, work_options
 
 if TYPE_CHECKING:
     from viatool.safety import Result
@@ -30,6 +31,10 @@ _PASSED_ON = (
     "only_contested",
     "noise",
     "seed",
+    "workers",
+    "scheduler",
+    "checkpoint",
+    "resume",
 )
 
 
@@ -67,6 +72,7 @@ _PASSED_ON = (
     "PATH - is stdout. Repeatable.",
 )
 @gate_options
+@work_options
 @options.threads_option
 @options.quiet_option
 @click.pass_context
@@ -89,7 +95,7 @@ def command(ctx: click.Context, /, **given: Any) -> None:
     outputs = tuple(parse_output(text) for text in given["output"])
     check_outputs(outputs)
     gate = build_gate(given)
-    with show_progress(quiet=given["quiet"]) as progress:
+    with keeping(given["checkpoint"]), show_progress(quiet=given["quiet"]) as progress:
         result = _verify(given, progress)
     document = read_result(result)
     checks = evaluate(gate, document)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from io import StringIO
 from typing import TYPE_CHECKING
 
@@ -13,11 +13,12 @@ if TYPE_CHECKING:
 
 SUFFIXES = (".csv",)
 COLUMNS = ("state", "episode", "scenario", "outcome", "time", "x", "y", "theta", "verdict")
+_CHARACTERS = 1_000_000
 _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 
 
-def render(result: Result, checks: Sequence[Check], suffix: str) -> str:
-    """Return one row for each state, below a row of names."""
+def render(result: Result, checks: Sequence[Check], suffix: str) -> Iterator[str]:
+    """Yield one row for each state, below a row of names, some rows at a time."""
     trajectory, reachable = result.trajectory, result.reachable
     bounds = [f"{action.name}_{end}" for end in ("lower", "upper") for action in result.actions]
     names = [f"{index}" if s is None else s.name for index, s in enumerate(trajectory.scenarios)]
@@ -37,7 +38,11 @@ def render(result: Result, checks: Sequence[Check], suffix: str) -> str:
                 *(f"{number:.17g}" for number in ends),
             ]
         )
-    return stream.getvalue()
+        if stream.tell() > _CHARACTERS:
+            yield stream.getvalue()
+            stream.seek(0)
+            stream.truncate()
+    yield stream.getvalue()
 
 
 def inert(text: str) -> str:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from viatool.errors import ConfigurationError
-from viatool.trajectory import whole_file
+from viatool.whole_file import whole_file
 
 
 @contextmanager
@@ -38,10 +38,10 @@ def replacing(path: Path) -> Iterator[Path]:
         raise _unwritable(path, error.strerror or str(error)) from error
 
 
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file, whole or not at all."""
-    with replacing(path) as draft:
-        draft.write_bytes(content)
+def write_whole(path: Path, content: bytes | Iterable[bytes]) -> None:
+    """Write a file, whole or not at all; its content may come in parts."""
+    with replacing(path) as draft, draft.open("wb") as stream:
+        stream.writelines([content] if isinstance(content, bytes) else content)
 
 
 def check_writable(path: Path) -> None:

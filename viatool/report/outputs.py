@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -38,8 +38,10 @@ class Reporter(Protocol):
     SUFFIXES: tuple[str, ...]
     """What its files may end in; anything if empty."""
 
-    def render(self, result: Result, checks: Sequence[Check], suffix: str) -> str | bytes:
-        """Return the whole content of a file with that suffix; text is written as UTF-8."""
+    def render(
+        self, result: Result, checks: Sequence[Check], suffix: str
+    ) -> str | bytes | Iterable[str] | Iterable[bytes]:
+        """Return the content of a file with that suffix, whole or in parts; text is written as UTF-8."""
 
 
 @dataclass(frozen=True)
@@ -119,12 +121,16 @@ def write_outputs(result: Any, outputs: Sequence[Output], checks: Sequence[Check
         The decided conditions of the gate.
     """
     for output in outputs:
-        content = output.reporter.render(result, checks, output.suffix)
-        encoded = (
-            content if isinstance(content, bytes) else content.encode("utf-8", errors="backslashreplace")
-        )
+        content = content_of(output, result, checks)
         if output.path == STDOUT:
-            sys.stdout.buffer.write(encoded)
+            sys.stdout.buffer.writelines(content)
             sys.stdout.flush()
         else:
-            write_whole(output.path, encoded)
+            write_whole(output.path, content)
+
+
+def content_of(output: Output, result: Result, checks: Sequence[Check] = ()) -> Iterator[bytes]:
+    """Yield the content of an output part by part, so that the files of long runs need not fit into memory."""
+    content = output.reporter.render(result, checks, output.suffix)
+    for part in [content] if isinstance(content, str | bytes) else content:
+        yield part if isinstance(part, bytes) else part.encode("utf-8", errors="backslashreplace")

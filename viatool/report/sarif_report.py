@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator, Sequence
+from itertools import islice
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
@@ -31,7 +32,9 @@ RULES = {
 def render(result: Result, checks: Sequence[Check], suffix: str) -> str:
     """Return the log; failed conditions of the gate first, then unsafe states, then unknown ones."""
     document = read_result(result)
-    found = [*_gate_results(checks, result), *_state_results(result)]
+    failed = list(_gate_results(checks, result))
+    listed = [*failed, *islice(_state_results(result), MOST_RESULTS)]
+    doubtful = int((result.verdict != "safe").sum())
     run = {
         "tool": {
             "driver": {
@@ -40,9 +43,9 @@ def render(result: Result, checks: Sequence[Check], suffix: str) -> str:
                 "rules": [_rule(name, level, text) for name, (level, text) in RULES.items()],
             }
         },
-        "results": found[:MOST_RESULTS],
+        "results": listed[:MOST_RESULTS],
         "properties": {
-            "resultsFound": len(found),
+            "resultsFound": len(failed) + doubtful,
             "eps": describe_eps(document.eps),
             "criterion": document.criterion,
             "arithmetic": document.arithmetic,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from viatool.safety.case import Case
 from viatool.safety.judgement import Contested, Judgement, find_contested, judge, prove, sample, settle
-from viatool.safety.layout import ActionName, Layout, case_of
+from viatool.safety.layout import ActionName, Layout
 from viatool.safety.motion import Manoeuvre
 from viatool.safety.rates import Rate, RateByOutcome
 from viatool.safety.result import Result
@@ -36,7 +36,6 @@ __all__ = [
     "Situations",
     "WitnessFile",
     "Witnesses",
-    "case_of",
     "find_contested",
     "judge",
     "load_witnesses",

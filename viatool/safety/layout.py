@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 
 from viatool.errors import ConfigurationError, EmptyEvaluationError, PolicyError, TrajectoryError
 from viatool.policy import Policy, PolicySpecification
-from viatool.safety.case import Case
 from viatool.safety.rules import Rules
-from viatool.safety.situations import Situations
 from viatool.trajectory import Trajectory
-from viatool.world import WorldMap
 
 Floats = NDArray[np.float64]
+
+_ROWS = 65536  # states that are converted together, so that no second copy of all exists
 
 
 @dataclass(frozen=True)
@@ -109,22 +108,22 @@ class Layout:
                 "verify with the policy that drove, or give the trajectory the columns of this one",
             )
         fixed = self.spec.fixed_values()
-        observations = np.where(np.isnan(fixed), trajectory.observations, fixed)
-        return replace(trajectory, observations=observations.astype(self.number).astype(np.float64))
+        received = np.empty(trajectory.observations.shape)
+        for start in range(0, len(trajectory), _ROWS):
+            rows = slice(start, start + _ROWS)
+            named = np.where(np.isnan(fixed), trajectory.observations[rows], fixed)
+            received[rows] = named.astype(self.number)
+        return replace(trajectory, observations=received)
 
+    def previous(self, trajectory: Trajectory, rules: Rules) -> Floats | None:
+        """Return the commands (N, 2) that go on for the dead time; None without a delay.
 
-def case_of(trajectory: Trajectory, world_map: WorldMap, rules: Rules, layout: Layout) -> Case:
-    """Return the states of a trajectory with the geometry of their episodes, and the commands before them.
-
-    Raises
-    ------
-    ConfigurationError
-        If the rules have a delay, but the previous command is neither observed nor recorded.
-    """
-    situations = Situations.of(world_map, trajectory.scenarios, trajectory.poses, trajectory.episode)
-    if not rules.delay:
-        return Case(rules, situations)
-    return Case(rules, situations, rules.clip(_previous(trajectory, layout)))
+        Raises
+        ------
+        ConfigurationError
+            If the rules have a delay, but the previous command is neither observed nor recorded.
+        """
+        return rules.clip(_previous(trajectory, self)) if rules.delay else None
 
 
 def _previous(trajectory: Trajectory, layout: Layout) -> Floats:

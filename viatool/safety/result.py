@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,6 +95,9 @@ class Result:
     origin: str = ""
     maps: Maps = field(default_factory=Maps)
 
+    EPISODE_COLUMNS: ClassVar = ("outcome",)
+    """Arrays of the state table with one row for each episode instead of one for each state."""
+
     @property
     def criterion(self) -> str:
         """Return the name of the criterion."""
@@ -143,12 +146,10 @@ class Result:
         columns = list(self.columns)
         return self.rules.clip(self.lower[:, columns]), self.rules.clip(self.upper[:, columns])
 
-    @cached_property
+    @property
     def witness(self) -> Floats:
         """Return the counterexample of each state, (N, n), NaN where there is none."""
-        witness = np.full(self.observations.shape, np.nan)
-        witness[self.witnesses.state] = self.witnesses.observation
-        return witness
+        return self._witness(slice(None))
 
     @property
     def safety_rate(self) -> RateByOutcome:
@@ -173,18 +174,37 @@ class Result:
     def _rate(self, safe: Booleans, counted: Booleans | None = None) -> RateByOutcome:
         return RateByOutcome.of(safe, self.outcomes[self.episode], counted)
 
-    def state_table(self) -> dict[str, NDArray[Any]]:
-        """Return the arrays of the state table: one row for each state, `outcome` for each episode."""
+    def _witness(self, rows: slice) -> Floats:
+        first, last, _ = rows.indices(len(self.trajectory))
+        witness = np.full((last - first, len(self.radii)), np.nan)
+        there = slice(*np.searchsorted(self.witnesses.state, (first, last)).tolist())
+        witness[self.witnesses.state[there] - first] = self.witnesses.observation[there]
+        return witness
+
+    def state_table(self, rows: slice = slice(None)) -> dict[str, NDArray[Any]]:
+        """Return the arrays of the state table.
+
+        Parameters
+        ----------
+        rows : slice
+            Which states, without steps; all by default.
+
+        Returns
+        -------
+        dict
+            One row for each of the states, and `EPISODE_COLUMNS` with one for each episode.
+        """
+        observations = self.observations[rows]
         return {
-            "pose": self.poses,
-            "observation": self.observations,
-            "eps": np.broadcast_to(self.radii, self.observations.shape),
-            "lower": self.lower,
-            "upper": self.upper,
-            "verdict": self.verdict,
-            "episode": self.episode,
+            "pose": self.poses[rows],
+            "observation": observations,
+            "eps": np.broadcast_to(self.radii, observations.shape),
+            "lower": self.lower[rows],
+            "upper": self.upper[rows],
+            "verdict": self.verdict[rows],
+            "episode": self.episode[rows],
             "outcome": self.outcomes,
-            "witness": self.witness,
+            "witness": self._witness(rows),
         }
 
     def to_json(self) -> dict[str, Any]:

@@ -91,7 +91,7 @@ def search_witnesses(
     lower: Floats,
     upper: Floats,
     *,
-    seed: int = 0,
+    seed: int | Sequence[int] = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> Witnesses:
     """Look for an observation within each box that makes the robot come nearer than the collision distance.
@@ -112,7 +112,7 @@ def search_witnesses(
         (n,) half-widths of the boxes.
     lower, upper : ndarray
         (N, 2) bounds of the commands, which say where to aim.
-    seed : int
+    seed : int or sequence of int
         Of the random points.
     progress : callable, optional
         Called with the states done and the states in all.

@@ -13,7 +13,7 @@ from typing import Any
 import torch
 
 from viatool.errors import ConfigurationError
-from viatool.trajectory.whole_file import whole_file
+from viatool.whole_file import whole_file
 
 PACKAGES = ("viatool", "numpy", "torch", "onnx", "onnxruntime")
 

@@ -9,7 +9,7 @@ from viatool.trajectory.files import load_trajectory, write_trajectory
 from viatool.trajectory.recording import BagSettings
 from viatool.trajectory.scenario_text import read_scenario, write_scenario
 from viatool.trajectory.trajectory import OUTCOMES, Trajectory
-from viatool.trajectory.whole_file import whole_file
+from viatool.whole_file import whole_file
 
 __all__ = [
     "OUTCOMES",

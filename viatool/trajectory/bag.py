@@ -196,7 +196,7 @@ def _read_scans(reader: AnyReader, connections: list[Connection]) -> Scans:
     for recorded, message in _messages(reader, connections):
         stamps.append(_stamp(message.header))
         received.append(recorded)
-        ranges.append(np.asarray(message.ranges, dtype=np.float64))
+        ranges.append(np.asarray(message.ranges, dtype=np.float32))  # the type of the message
         geometry.append((message.angle_min, message.angle_increment, message.range_min, message.range_max))
         frames.add(_frame(message.header.frame_id))
     described = np.array(geometry, dtype=np.float64).reshape(-1, 4)

@@ -17,7 +17,7 @@ from viatool.trajectory.recording import BagSettings, load_bag
 from viatool.trajectory.scenario_text import read_scenario, write_scenario
 from viatool.trajectory.table import load_table, write_table
 from viatool.trajectory.trajectory import Trajectory
-from viatool.trajectory.whole_file import whole_file
+from viatool.whole_file import whole_file
 
 if TYPE_CHECKING:
     from viatool.policy import PolicySpecification

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
+_SCANS = 4096  # that are binned together
+
 
 @dataclass(frozen=True, eq=False)
 class Scans:
@@ -26,7 +28,7 @@ class Scans:
     stamps, received : ndarray
         (S,) nanoseconds: when measured, and when recorded.
     ranges : tuple of ndarray
-        S arrays of readings in metres, as recorded.
+        S arrays of readings in metres, float32 as recorded.
     geometry : ndarray
         (S, 4) angle of the first ray and between rays in radians, least and largest range in metres.
     frame : str
@@ -35,7 +37,7 @@ class Scans:
 
     stamps: Indices
     received: Indices
-    ranges: tuple[Floats, ...]
+    ranges: tuple[NDArray[np.float32], ...]
     geometry: Floats
     frame: str
 
@@ -106,9 +108,12 @@ def bin_scans(scans: Scans, lidar: LidarSpecification, yaw: float) -> tuple[Floa
         chosen = np.flatnonzero(bins >= 0)
         chosen = chosen[np.argsort(bins[chosen], kind="stable")]
         _check_bins(bins[chosen], lidar, first, step, int(rays))
-        ranges = np.stack([scans.ranges[row] for row in rows.tolist()])[:, chosen]
-        cleaned = _clean(ranges, least, largest, lidar, counted)
-        binned[rows] = np.fmin.reduceat(cleaned, np.searchsorted(bins[chosen], np.arange(lidar.bins)), axis=1)
+        starts = np.searchsorted(bins[chosen], np.arange(lidar.bins))
+        for begin in range(0, len(rows), _SCANS):
+            some = rows[begin : begin + _SCANS]
+            ranges = np.stack([scans.ranges[row][chosen] for row in some.tolist()], dtype=np.float64)
+            cleaned = _clean(ranges, least, largest, lidar, counted)
+            binned[some] = np.fmin.reduceat(cleaned, starts, axis=1)
     return binned, counted
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,53 +25,129 @@ Cells = NDArray[np.object_]
 
 _BASE = ("episode", "time", "x", "y", "theta")
 _EPISODE = ("outcome", "cost", "scenario")
+_ROWS = 8192  # that are text at the same time
 
 
 def write_table(path: Path, trajectory: Trajectory, specification: PolicySpecification | None) -> None:
     """Write a csv whose floats read back exactly; the scenario stands in the first row of its episode."""
     observed, commanded = _names(specification, trajectory.observations.shape[1], trajectory.actions.shape[1])
     scenarios = [write_scenario(scenario) for scenario in trajectory.scenarios]
-    numbers = np.column_stack(
-        [trajectory.time, trajectory.poses, trajectory.observations, trajectory.actions]
-    )
+    columns = (trajectory.time[:, None], trajectory.poses, trajectory.observations, trajectory.actions)
     with path.open("w", newline="", encoding="utf-8") as stream:
         table = csv.writer(stream)
         table.writerow([*_BASE, *observed, *commanded, *_EPISODE])
-        for episode, row in zip(trajectory.episode.tolist(), numbers.tolist(), strict=True):
-            cost = trajectory.costs[episode]
-            ending = [trajectory.outcomes[episode], "" if np.isnan(cost) else float(cost), scenarios[episode]]
-            table.writerow([episode, *row, *ending])
-            scenarios[episode] = ""
+        for start in range(0, len(trajectory), _ROWS):
+            some = slice(start, start + _ROWS)
+            numbers = np.hstack([column[some] for column in columns]).tolist()
+            for episode, row in zip(trajectory.episode[some].tolist(), numbers, strict=True):
+                cost = trajectory.costs[episode]
+                ending = ["" if np.isnan(cost) else float(cost), scenarios[episode]]
+                table.writerow([episode, *row, trajectory.outcomes[episode], *ending])
+                scenarios[episode] = ""
 
 
 def load_table(path: Path, specification: PolicySpecification | None) -> Trajectory:
-    """Read a csv as `write_table` writes it; actions, outcome, cost and scenario may be absent."""
-    header, rows = _read_rows(path)
-    observed, commanded = _find_columns(header, specification)
-    _require(header, (*_BASE, *observed))
-    column = {name: index for index, name in enumerate(header)}
-    cells = np.array(rows, dtype=object).reshape(len(rows), len(header))
-    time, x, y, theta = (_numbers(cells[:, [column[name]]], [name])[:, 0] for name in _BASE[1:])
-    first, episode = _number_episodes(cells[:, column["episode"]])
-    return Trajectory(
-        poses=np.column_stack([x, y, theta]),
-        observations=_numbers(cells[:, [column[name] for name in observed]], observed),
-        actions=_numbers(cells[:, [column[name] for name in commanded]], commanded),
-        episode=episode,
-        time=time,
-        outcomes=_outcomes(cells, column, episode, first),
-        costs=_costs(cells, column, first),
-        scenarios=_scenarios(cells, column, first),
-    )
+    """Read a csv as `write_table` writes it, some rows at a time; actions, outcome, cost and scenario may be absent."""
+    with _opened(path) as lines:
+        header = _header(lines)
+        observed, commanded = _find_columns(header, specification)
+        _require(header, (*_BASE, *observed))
+        table = _Table(header, [*_BASE[1:], *observed, *commanded])
+        while batch := list(islice(lines, _ROWS)):
+            table.add(batch)
+    return table.trajectory(len(observed))
 
 
-def _number_episodes(labels: Cells) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return (E,) the first row of each episode and (N,) its index, in the order of appearance."""
-    names, first, episode = np.unique(labels.astype(np.str_), return_index=True, return_inverse=True)
-    if "" in names:
-        raise TrajectoryError("a row has no episode", "number the episode in every row")
-    order = np.argsort(first)
-    return first[order], np.argsort(order)[episode.reshape(-1)]
+class _Table:
+    """Gathers the rows of a table as numbers, and what the first row of an episode tells of it.
+
+    Parameters
+    ----------
+    header : list of str
+        Names of the columns.
+    names : list of str
+        The columns of numbers: time, pose, observation, action.
+    """
+
+    def __init__(self, header: list[str], names: list[str]) -> None:
+        self.header, self.names = header, names
+        self.column = {name: index for index, name in enumerate(header)}
+        self.rows = 0
+        self.numbers: list[NDArray[np.float64]] = [np.zeros((0, len(names)))]
+        self.episode: list[NDArray[np.int64]] = [np.zeros(0, dtype=np.int64)]
+        self.labels: dict[str, int] = {}
+        self.outcomes: list[str] = []
+        self.costs: list[float] = []
+        self.scenarios: list[Scenario | None] = []
+
+    def add(self, lines: list[list[str]]) -> None:
+        """Add some rows."""
+        for number, line in enumerate(lines, start=self.rows + 1):
+            if len(line) != len(self.header):
+                raise TrajectoryError(
+                    f"row {number} has {len(line)} cells, the header {len(self.header)}",
+                    "check that the file is complete",
+                )
+        cells = np.array(lines, dtype=object)
+        self.numbers.append(
+            _numbers(cells[:, [self.column[name] for name in self.names]], self.names, self.rows)
+        )
+        self.episode.append(self._number_episodes(cells))
+        self._compare_outcomes(cells)
+        self.rows += len(lines)
+
+    def _number_episodes(self, cells: Cells) -> NDArray[np.int64]:
+        """Return the index of each row's episode, in the order in which they appear in the file."""
+        labels = cells[:, self.column["episode"]].tolist()
+        episode = np.zeros(len(labels), dtype=np.int64)
+        for row, label in enumerate(labels):
+            if label not in self.labels:
+                self._begin_episode(label, cells[row], self.rows + row + 1)
+            episode[row] = self.labels[label]
+        return episode
+
+    def _begin_episode(self, label: str, line: Cells, number: int) -> None:
+        """Note what the first row of an episode tells."""
+        if label == "":
+            raise TrajectoryError("a row has no episode", "number the episode in every row")
+        self.labels[label] = len(self.labels)
+        told = {name: str(line[self.column[name]]) for name in _EPISODE if name in self.column}
+        self.outcomes.append(told.get("outcome") or "unknown")
+        self.costs.append(_number(told.get("cost") or "nan", "cost", number))
+        self.scenarios.append(read_scenario(told.get("scenario", "")))
+
+    def _compare_outcomes(self, cells: Cells) -> None:
+        """Refuse an episode that tells two outcomes."""
+        if "outcome" not in self.column:
+            return
+        told, known = (
+            cells[:, self.column["outcome"]],
+            np.array(self.outcomes, dtype=object)[self.episode[-1]],
+        )
+        told = np.where(told == "", "unknown", told)
+        differs = np.flatnonzero(told != known)
+        if differs.size:
+            row = int(differs[0])
+            raise TrajectoryError(
+                f"row {self.rows + row + 1} tells the outcome '{told[row]}', the first row of its episode "
+                f"'{known[row]}'",
+                "write one outcome in all rows of an episode",
+            )
+
+    def trajectory(self, observed: int) -> Trajectory:
+        """Return all rows, of which `observed` columns are the observation."""
+        numbers = np.concatenate(self.numbers)
+        self.numbers.clear()
+        return Trajectory(
+            poses=numbers[:, 1:4].copy(),  # views would keep all numbers alive
+            observations=numbers[:, 4 : 4 + observed],
+            actions=numbers[:, 4 + observed :].copy(),
+            episode=np.concatenate(self.episode),
+            time=numbers[:, 0].copy(),
+            outcomes=np.array(self.outcomes, dtype=np.str_),
+            costs=np.array(self.costs),
+            scenarios=tuple(self.scenarios),
+        )
 
 
 def _names(
@@ -112,26 +190,26 @@ def _numbered_columns(name: str, found: Sequence[str]) -> list[str]:
     return [f"{name}_0"] if len(found) == 1 else numbered(name, len(found)) if found else []
 
 
-def _read_rows(path: Path) -> tuple[list[str], list[list[str]]]:
-    """Return the header and the rows, refusing files that are no rectangular table."""
+@contextmanager
+def _opened(path: Path) -> Iterator[Iterator[list[str]]]:
+    """Give the lines of a file that are not empty, refusing what is no table."""
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
-            lines = [line for line in csv.reader(stream) if line]
+            yield (line for line in csv.reader(stream) if line)
     except (UnicodeDecodeError, csv.Error) as error:
         raise TrajectoryError(f"not a csv table ({error})", "write it as UTF-8 text with commas") from error
-    if not lines:
+
+
+def _header(lines: Iterator[list[str]]) -> list[str]:
+    """Return the names of the columns, from the first line."""
+    line = next(lines, None)
+    if line is None:
         raise TrajectoryError("the table is empty, expected a header", "record at least the column names")
-    header = [name.strip() for name in lines[0]]
+    header = [name.strip() for name in line]
     if len(set(header)) < len(header):
         twice = next(name for name in header if header.count(name) > 1)
         raise TrajectoryError(f"the table has the column '{twice}' twice", "name every column once")
-    for number, line in enumerate(lines[1:], start=1):
-        if len(line) != len(header):
-            raise TrajectoryError(
-                f"row {number} has {len(line)} cells, the header {len(header)}",
-                "check that the file is complete",
-            )
-    return header, lines[1:]
+    return header
 
 
 def _require(header: Sequence[str], names: Sequence[str]) -> None:
@@ -144,12 +222,12 @@ def _require(header: Sequence[str], names: Sequence[str]) -> None:
         )
 
 
-def _numbers(cells: Cells, names: Sequence[str]) -> NDArray[np.float64]:
-    """Return cells (N, C) as floats, naming the first cell that is none."""
+def _numbers(cells: Cells, names: Sequence[str], before: int) -> NDArray[np.float64]:
+    """Return cells (N, C) as floats, naming the first cell that is none; `before` rows stand above."""
     try:
         return cells.astype(np.float64)
     except ValueError:
-        for row, line in enumerate(cells.tolist(), start=1):
+        for row, line in enumerate(cells.tolist(), start=before + 1):
             for name, cell in zip(names, line, strict=True):
                 _number(cell, name, row)
         raise
@@ -163,35 +241,3 @@ def _number(cell: str, name: str, row: int) -> float:
             f"row {row}, column '{name}' holds '{cell}', expected a number",
             "leave out rows that were not observed",
         ) from error
-
-
-def _outcomes(
-    cells: Cells, column: dict[str, int], episode: NDArray[np.int64], first: NDArray[np.int64]
-) -> NDArray[np.str_]:
-    """Return (E,) outcomes, refusing an episode that tells two."""
-    if "outcome" not in column:
-        return np.full(first.shape, "unknown")
-    told = np.where(cells[:, column["outcome"]] == "", "unknown", cells[:, column["outcome"]])
-    outcomes = told[first]
-    differs = np.flatnonzero(told != outcomes[episode])
-    if differs.size:
-        row = int(differs[0])
-        raise TrajectoryError(
-            f"row {row + 1} tells the outcome '{told[row]}', the first row of its episode "
-            f"'{outcomes[episode[row]]}'",
-            "write one outcome in all rows of an episode",
-        )
-    return np.asarray(outcomes, dtype=np.str_)
-
-
-def _costs(cells: Cells, column: dict[str, int], first: NDArray[np.int64]) -> NDArray[np.float64]:
-    if "cost" not in column:
-        return np.full(first.shape, np.nan)
-    told = cells[first, column["cost"]]
-    return _numbers(np.where(told == "", "nan", told)[:, None], ["cost"])[:, 0]
-
-
-def _scenarios(cells: Cells, column: dict[str, int], first: NDArray[np.int64]) -> tuple[Scenario | None, ...]:
-    if "scenario" not in column:
-        return (None,) * len(first)
-    return tuple(read_scenario(str(text)) for text in cells[first, column["scenario"]])

@@ -3,28 +3,30 @@
 from __future__ import annotations
 
 import os
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import fields
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from viatool.errors import ConfigurationError
 from viatool.policy import Policy, PolicySpecification, load_policy
-from viatool.safety import Layout, Result, Rules, case_of, find_contested, judge, search_witnesses
+from viatool.safety import Layout, Result, Rules
+from viatool.schedule import Scheduler, open_scheduler
 from viatool.simulate import Places, observe_places, roll_out
-from viatool.taylor import Arithmetic, ReachableSet, Refinement, reach
+from viatool.taylor import Arithmetic, Refinement
 from viatool.taylor.approximation import Approximation
 from viatool.trajectory import BagSettings, Trajectory, load_trajectory
+from viatool.verification.campaign import Campaign
+from viatool.verification.clock import Clock
+from viatool.verification.examination import Examination
+from viatool.verification.states import States
 from viatool.versions import result_versions
 from viatool.world import Footprint, Scenario, WorldMap, load_map
 
 Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 StrPath = str | os.PathLike[str]
 
 
@@ -58,6 +60,11 @@ def verify(
     only_contested: bool = False,
     noise: float | None = None,
     seed: int = 0,
+    workers: int | Literal["auto"] = 1,
+    scheduler: Scheduler | str | None = None,
+    chunk: int | None = None,
+    checkpoint: StrPath | None = None,
+    resume: bool = False,
     progress: Progress | None = None,
 ) -> Result:
     """Verify a policy on a map: no sensor error within bounds makes it come too close to something.
@@ -96,6 +103,16 @@ def verify(
         Bound the actions only of states that geometry alone does not settle; the others have NaN bounds.
     noise, seed
         Of the simulated sensor and of the search for counterexamples.
+    workers : int or "auto"
+        Processes that work on the states; "auto" takes one for each core.
+    scheduler : Scheduler or str, optional
+        The address of a Dask scheduler instead, such as ``tcp://host:8786``.
+    chunk : int, optional
+        States that a worker gets at once. The result does not depend on it, nor on the workers.
+    checkpoint : path, optional
+        Folder that keeps finished chunks.
+    resume : bool
+        Continue from the finished chunks in `checkpoint`.
     progress : callable, optional
         Called with the stage, the units done and the units in all.
 
@@ -114,21 +131,26 @@ def verify(
         If an option is out of its range.
     EmptyEvaluationError
         If there is no state to evaluate.
+    WorkError
+        If workers died over a chunk, or the cluster was lost.
 
     Notes
     -----
     Sound: every state called safe is safe under the assumptions that `Result.assumptions` lists.
     """
-    origin = _origin_of(trajectory, places, noise, seed)
-    stages = _Stages(progress)
-    with stages.timed("load"):
+    if resume and checkpoint is None:
+        raise ConfigurationError("nothing is there to resume from", "give the folder with --checkpoint")
+    origin, clock = _origin_of(trajectory, places, noise, seed), Clock()
+    if scheduler is None or isinstance(scheduler, str):
+        scheduler = open_scheduler(workers, scheduler)
+    with clock.timed("load"):
         policy = policy if isinstance(policy, Policy) else load_policy(policy, spec)
         world_map = world_map if isinstance(world_map, WorldMap) else load_map(Path(world_map))
         world_map = world_map.with_clearance(clearance, danger)
         rules = Rules.of(world_map, criterion, interval=interval, footprint=footprint, delay=delay)
         layout = Layout.of(policy, eps)
         _check_interval(layout.spec, world_map, interval)
-    with stages.timed("trajectory"):
+    with clock.timed("trajectory"):
         if places is not None:
             goals = world_map.scenarios if scenarios is None else scenarios
             trajectory = observe_places(
@@ -139,24 +161,19 @@ def verify(
         elif not isinstance(trajectory, Trajectory):
             trajectory = load_trajectory(trajectory, layout.spec, bag)
         trajectory = layout.as_received(trajectory)
-        case = case_of(trajectory, world_map, rules, layout)
-    with stages.timed("geometry"):
-        contested = find_contested(case)
-    with stages.timed("reach"):
-        wanted = contested.either if only_contested else np.ones(len(case), dtype=bool)
-        settings = {"order": order, "approximation": approximation, "refine": refine}
-        reachable = _reach(
-            policy, trajectory.observations, wanted, layout.radii, stages, arithmetic=arithmetic, **settings
+        previous = layout.previous(trajectory, rules)
+    settings = {"order": order, "approximation": approximation, "refine": refine}
+    bare = replace(world_map, scenarios=(), generator=None)  # the states bring their own scenarios
+    examination = Examination(
+        policy, bare, rules, layout.columns, layout.radii, {**settings, "arithmetic": arithmetic},
+        only_contested, seed,
+    )  # fmt: skip
+    campaign = Campaign(scheduler, checkpoint, resume, chunk)
+    with clock.timed("examine"):
+        findings = campaign.carry_out(
+            examination, States.of(trajectory, previous), result_versions(), _tell(progress, "states")
         )
-        lower, upper = reachable.lower[:, layout.columns], reachable.upper[:, layout.columns]
-    with stages.timed("judge"):
-        judgement = judge(case, lower, upper, contested)
-    with stages.timed("search"):
-        doubtful = np.flatnonzero(~judgement.safe)
-        witnesses = search_witnesses(
-            policy, layout.columns, case, doubtful, trajectory.observations, layout.radii, lower, upper,
-            seed=seed, progress=stages.progress_of("search"),
-        )  # fmt: skip
+    clock.share_out("examine", findings.seconds)
     return Result(
         policy_path=policy.path,
         policy_sha256=policy.sha256,
@@ -169,12 +186,12 @@ def verify(
         engine=settings,
         actions=layout.actions,
         columns=layout.columns,
-        previous=case.previous,
-        reachable=reachable,
-        contested=contested,
-        judgement=judgement,
-        witnesses=witnesses,
-        seconds=stages.seconds,
+        previous=previous,
+        reachable=findings.reachable,
+        contested=findings.contested,
+        judgement=findings.judgement,
+        witnesses=findings.witnesses,
+        seconds=clock.seconds,
         versions=result_versions(),
         origin=origin,
         maps=policy.maps,
@@ -191,42 +208,8 @@ def _check_interval(spec: PolicySpecification, world_map: WorldMap, interval: fl
         )
 
 
-def _reach(
-    policy: Policy, observations: Floats, wanted: Booleans, radii: Floats, stages: _Stages, **settings: Any
-) -> ReachableSet:
-    """Bound the actions of the wanted states; the others get NaN."""
-    tell, done, total = stages.progress_of("reach"), 0, int(wanted.sum())
-
-    def count(states: int) -> None:
-        nonlocal done
-        done += states
-        tell(done, total)
-
-    found = reach(policy, observations[wanted], radii, progress=count, **settings)
-    if wanted.all():
-        return found
-    spread = {}
-    for part in fields(found):
-        spread[part.name] = np.full((len(wanted), policy.output_size), np.nan)
-        spread[part.name][wanted] = getattr(found, part.name)
-    return ReachableSet(**spread)
-
-
-class _Stages:
-    """Measures stages and tells how far they have come."""
-
-    def __init__(self, progress: Progress | None) -> None:
-        self.seconds: dict[str, float] = {}
-        self.progress = progress
-
-    @contextmanager
-    def timed(self, stage: str) -> Iterator[None]:
-        start = time.perf_counter()
-        yield
-        self.seconds[stage] = time.perf_counter() - start
-
-    def progress_of(self, stage: str) -> Callable[[int, int], None]:
-        return lambda done, total: self.progress(stage, done, total) if self.progress else None
+def _tell(progress: Progress | None, stage: str) -> Callable[[int, int], None]:
+    return lambda done, total: progress(stage, done, total) if progress else None
 
 
 def _origin_of(

@@ -1,0 +1,76 @@
+"""Work in this process and in others: complete, in spite of dying workers, and with errors that name the piece."""
+
+from __future__ import annotations
+
+import os
+import time
+
+import pytest
+
+from tests.schedule.work import Square, in_order, pieces, squares, where
+from viatool.errors import ConfigurationError, EnclosureError, WorkError
+from viatool.schedule import Processes, Serial, open_scheduler
+
+SCHEDULERS = [Serial(), Processes(2)]
+
+
+@pytest.mark.parametrize("scheduler", SCHEDULERS, ids=["serial", "processes"])
+class TestEveryScheduler:
+    def test_every_piece_is_done_once(self, scheduler):
+        assert in_order(scheduler.run(Square(), pieces(95))) == squares(100)
+
+    def test_no_work_is_fine(self, scheduler):
+        assert list(scheduler.run(Square(), [])) == []
+
+    def test_an_error_of_the_work_keeps_its_kind_and_names_the_piece(self, scheduler):
+        with pytest.raises(EnclosureError) as caught:
+            in_order(scheduler.run(Square(35, "refuse"), pieces(60)))
+        assert (caught.value.message, caught.value.hint) == ("numbers 30 to 39: no bounds", "smaller eps")
+
+    @pytest.mark.parametrize(
+        ("accident", "message"), [("crash", "ZeroDivisionError: by zero"), ("exhaust", "out of memory")]
+    )
+    def test_an_accident_names_the_piece(self, scheduler, accident, message):
+        with pytest.raises(WorkError, match=rf"numbers 30 to 39: .*{message}"):
+            in_order(scheduler.run(Square(35, accident), pieces(60)))
+
+
+def test_workers_are_other_processes_with_one_thread_each(monkeypatch):
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    seen = set(in_order(Processes(2).run(where, pieces(200))))
+    assert os.getpid() not in {process for process, _ in seen}
+    assert {threads for _, threads in seen} == {"1"}
+
+
+def test_a_killed_worker_costs_nothing_but_time(tmp_path):
+    work = Square(35, "kill", str(tmp_path / "killed"))
+    assert in_order(Processes(2).run(work, pieces(95))) == squares(100)
+    assert (tmp_path / "killed").exists()
+
+
+def test_a_piece_that_always_kills_is_named_and_the_others_are_done():
+    done = []
+    with pytest.raises(WorkError, match="numbers 30 to 39: the worker process died") as caught:
+        done.extend(piece.span.first for piece, _ in Processes(2).run(Square(35, "kill"), pieces(50)))
+    assert "memory" in caught.value.message
+    assert 30 not in done
+
+
+def test_leaving_early_ends_the_workers_at_once():
+    run = Processes(1).run(Square(seconds=1.0), pieces(200))
+    next(run)
+    started = time.monotonic()
+    run.close()
+    assert time.monotonic() - started < 0.9
+
+
+@pytest.mark.parametrize("workers", [0, -1, 1.5, "many"])
+def test_no_workers_are_refused(workers):
+    with pytest.raises(ConfigurationError):
+        open_scheduler(workers)
+
+
+def test_the_scheduler_fits_the_request():
+    assert isinstance(open_scheduler(), Serial)
+    assert open_scheduler(3).workers == 3
+    assert open_scheduler("auto").workers >= 1

@@ -1,0 +1,71 @@
+"""Work for the schedulers under test; workers import it from here."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from viatool.errors import EnclosureError
+from viatool.schedule import Piece, Span
+
+
+def pieces(count: int, size: int = 10) -> list[Piece[list[int]]]:
+    """Return pieces of consecutive numbers."""
+    spans = [Span(first, first + size) for first in range(0, count, size)]
+    return [Piece(s, f"numbers {s.first} to {s.last - 1}", list(range(s.first, s.last))) for s in spans]
+
+
+def squares(count: int) -> list[int]:
+    return [number * number for number in range(count)]
+
+
+def in_order(results: Any) -> list[int]:
+    """Return all answers of a run, in the order of the pieces."""
+    answers = {piece.span: answer for piece, answer in results}
+    return [number for span in sorted(answers) for number in answers[span]]
+
+
+@dataclass(frozen=True)
+class Square:
+    """Squares numbers, with an accident at one of them.
+
+    Parameters
+    ----------
+    at : int
+        The number at which it happens.
+    accident : str
+        What happens: kill, refuse, crash, exhaust, or nothing.
+    marker : str
+        A file that exists once the accident has happened, after which it never happens again; each time if empty.
+    seconds : float
+        Time that a piece takes.
+    """
+
+    at: int = -1
+    accident: str = ""
+    marker: str = ""
+    seconds: float = 0.0
+
+    def __call__(self, numbers: list[int]) -> list[int]:
+        time.sleep(self.seconds)
+        if self.at in numbers and not (self.marker and Path(self.marker).exists()):
+            if self.marker:
+                Path(self.marker).touch()
+            if self.accident == "kill":
+                os.kill(os.getpid(), signal.SIGKILL)
+            if self.accident == "refuse":
+                raise EnclosureError("no bounds", "smaller eps")
+            if self.accident == "crash":
+                raise ZeroDivisionError("by zero")
+            if self.accident == "exhaust":
+                raise MemoryError
+        return [number * number for number in numbers]
+
+
+def where(numbers: list[int]) -> list[tuple[int, str | None]]:
+    """Return the process that works, and the threads that its libraries may use."""
+    return [(os.getpid(), os.environ.get("OMP_NUM_THREADS")) for _ in numbers]

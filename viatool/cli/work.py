@@ -1,0 +1,74 @@
+"""Options that say who does the work, and where it is kept in case it is cut short."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+import click
+
+from viatool.cli.options import WRITABLE
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+
+class WorkersType(click.ParamType):  # type: ignore[type-arg]  # generic only in newer click
+    """A number of processes, or ``auto``."""
+
+    name = "workers"
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
+        """Show what may be written."""
+        return "N|auto"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> int | Literal["auto"]:
+        """Read one of both."""
+        if value == "auto":
+            return "auto"
+        if isinstance(value, int) or (str(value).isdecimal() and int(value) > 0):
+            return int(value)
+        return self.fail(f"'{value}' is no number of workers of at least 1, nor auto", param, ctx)
+
+
+def work_options(command: Command) -> Command:
+    """Add the options of long work."""
+    for option in reversed(
+        (
+            click.option(
+                "--workers",
+                type=WorkersType(),
+                default=1,
+                show_default=True,
+                help="Processes that work on the states; auto takes one for each core. The result is the same.",
+            ),
+            click.option(
+                "--scheduler",
+                metavar="ADDRESS",
+                help="Work on a Dask cluster instead: tcp://HOST:PORT, or its scheduler file (json).",
+            ),
+            click.option(
+                "--checkpoint",
+                type=WRITABLE,
+                metavar="DIR",
+                help="Keep finished states there, for --resume after whatever ends the run.",
+            ),
+            click.option("--resume", is_flag=True, help="Continue from what --checkpoint keeps."),
+        )
+    ):
+        command = option(command)
+    return command
+
+
+@contextmanager
+def keeping(checkpoint: Path | None) -> Iterator[None]:
+    """Say where finished work is kept when the user interrupts it."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        if checkpoint is not None:
+            click.echo(f"finished states are kept in '{checkpoint}'; continue with --resume", err=True)
+        raise

@@ -1,0 +1,183 @@
+"""Work on an existing Dask cluster, whoever started it."""
+
+from __future__ import annotations
+
+import logging
+import uuid
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
+from itertools import islice
+from typing import TYPE_CHECKING, Any
+
+from viatool.errors import ConfigurationError, WorkError
+from viatool.schedule.parcel import (
+    Parcel,
+    carry_out,
+    checked,
+    decisive_versions,
+    describe_mismatch,
+    failure,
+)
+from viatool.schedule.pieces import Answer, Content, Piece
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+_CONNECT_SECONDS = 10.0
+_WORKER_SECONDS = 60.0
+_CLOSE_SECONDS = 1.0
+_RETRIES = 2
+_AHEAD = 8  # pieces beyond those at work, so that an adaptive cluster sees a reason to grow
+
+
+class Cluster:
+    """The scheduler on a Dask cluster.
+
+    Parameters
+    ----------
+    address : str
+        Of its scheduler, such as ``tcp://host:8786``, or the path of its scheduler file (JSON).
+
+    Notes
+    -----
+    The work travels once to each worker, a piece when it is its turn. Dask gives the pieces of a worker that died to
+    others, and gives a piece up that killed several. A scheduler that dies ends the run; a checkpoint keeps what is
+    finished.
+    """
+
+    def __init__(self, address: str) -> None:
+        self.address = address
+        self._threads = 1
+
+    @property
+    def workers(self) -> int:
+        """Return the threads of all workers, as last seen."""
+        return self._threads
+
+    def connect(self) -> None:
+        """Look whether the cluster is there and fit for the work, before any other work is done.
+
+        Raises
+        ------
+        ConfigurationError
+            If there is no scheduler or no worker, or a worker has other versions.
+        """
+        with self._client() as client:
+            self._inspect(client)
+
+    def run(
+        self, work: Callable[[Content], Answer], pieces: Iterable[Piece[Content]]
+    ) -> Iterator[tuple[Piece[Content], Answer]]:
+        """Carry out work on pieces, as `Scheduler.run` says."""
+        from distributed import as_completed
+
+        rest = iter(pieces)
+        with self._client() as client:
+            self._inspect(client)
+            run = f"viatool-{uuid.uuid4().hex[:12]}"
+            parcel = client.submit(_keep, Parcel.of(work), key=f"{run}-work")
+            waiting: dict[Future, Piece[Content]] = {}
+            finished = as_completed(loop=client.loop)
+
+            def top_up() -> None:
+                for piece in islice(rest, max(0, 2 * self._threads + _AHEAD - len(waiting))):
+                    key = f"{run}-{piece.span.first}-{piece.span.last}"
+                    future = client.submit(carry_out, parcel, piece.content, key=key, retries=_RETRIES)
+                    waiting[future] = piece
+                    finished.add(future)
+
+            try:
+                top_up()
+                for future in finished:
+                    piece = waiting.pop(future)
+                    answer = self._answer(future, piece)
+                    self._threads = max(1, sum(client.nthreads().values()))
+                    top_up()
+                    yield piece, checked(piece, answer)
+            finally:
+                with suppress(Exception):  # the scheduler may be gone
+                    client.cancel([*waiting, parcel], asynchronous=False, force=True)
+
+    def _answer(self, future: Future, piece: Piece[Any]) -> Any:
+        """Return the answer of a finished piece, in whatever way it finished."""
+        from distributed import KilledWorker
+
+        error: BaseException | None = None
+        if future.status == "finished":
+            return future.result()
+        if future.status == "error":
+            error = future.exception()
+        if error is None or future.status != "error":
+            raise WorkError(
+                f"the connection to the scheduler {self.address} was lost",
+                "start the cluster again; a run with --checkpoint continues with --resume",
+            )
+        if isinstance(error, KilledWorker):
+            raise WorkError(
+                f"{piece.name}: several workers died over it, the last at {error.last_worker.address}; most "
+                "likely for want of memory",
+                "give the workers more memory, or look into their logs",
+            ) from error
+        if isinstance(error, ModuleNotFoundError):
+            raise _not_importable(error) from error
+        raise failure(piece, error) from error
+
+    @contextmanager
+    def _client(self) -> Iterator[Client]:
+        from distributed import Client
+
+        quiet = logging.getLogger("distributed")
+        level = quiet.level
+        quiet.setLevel(logging.CRITICAL)  # what goes wrong is said once, by an error
+        try:
+            try:
+                kind = "scheduler_file" if self.address.endswith(".json") else "address"
+                client = Client(**{kind: self.address}, timeout=_CONNECT_SECONDS, set_as_default=False)
+            except (OSError, ValueError, TimeoutError) as error:
+                raise ConfigurationError(
+                    f"no Dask scheduler answers at {self.address} ({error})",
+                    "start one with 'dask scheduler', and give the address that it prints",
+                ) from error
+            try:
+                yield client
+            finally:
+                with suppress(Exception):
+                    client.close(timeout=_CLOSE_SECONDS)
+        finally:
+            quiet.setLevel(level)
+
+    def _inspect(self, client: Client) -> None:
+        """Refuse a cluster without workers, or with workers that would compute something else."""
+        try:
+            client.wait_for_workers(1, timeout=_WORKER_SECONDS)
+        except TimeoutError as error:
+            raise ConfigurationError(
+                f"the cluster at {self.address} has no worker after {_WORKER_SECONDS:g} s",
+                f"start some with 'dask worker {self.address}'",
+            ) from error
+        here, others = decisive_versions(), client.run(decisive_versions, on_error="return")
+        try:
+            others[f"scheduler {self.address}"] = client.run_on_scheduler(decisive_versions)
+        except Exception as error:  # whatever its import raises comes back
+            raise _not_importable(error, f"scheduler {self.address}") from error
+        for process, there in others.items():
+            if isinstance(there, BaseException):
+                raise _not_importable(there, f"worker {process}") from there
+            differing = describe_mismatch(here, there)
+            if differing:
+                raise ConfigurationError(
+                    f"{process} of the cluster has {differing}", "install the same versions there as here"
+                )
+        self._threads = max(1, sum(client.nthreads().values()))
+
+
+def _not_importable(error: BaseException, process: str = "worker") -> ConfigurationError:
+    return ConfigurationError(
+        f"the {process} cannot import viatool ({type(error).__name__}: {error})",
+        "install viatool in the environments of the scheduler and of the workers as well",
+    )
+
+
+def _keep(parcel: Parcel) -> Parcel:
+    """Hold the work on a worker: as a task it is made again if that worker dies."""
+    return parcel

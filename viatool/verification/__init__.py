@@ -1,0 +1,7 @@
+"""The main job: policy, map, states and uncertainty give verdicts."""
+
+from __future__ import annotations
+
+from viatool.verification.job import Progress, verify
+
+__all__ = ["Progress", "verify"]

@@ -1,0 +1,92 @@
+"""What happens to every state, one block at a time: contested, reach, judge, search."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.policy import Policy
+from viatool.safety import Case, Rules, Situations, find_contested, judge, search_witnesses
+from viatool.taylor import ReachableSet, reach
+from viatool.verification.clock import Clock
+from viatool.verification.findings import Findings
+from viatool.verification.states import States
+from viatool.world import WorldMap
+
+Floats = NDArray[np.float64]
+Booleans = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Examination:
+    """What is asked of every state: a picklable, pure function of states.
+
+    Parameters
+    ----------
+    policy : Policy
+        n inputs, A actions.
+    world_map : WorldMap
+        Where the robot drives.
+    rules : Rules
+        What every state must fulfil.
+    columns : sequence of int
+        Which actions are v and omega.
+    radii : ndarray
+        (n,) uncertainty of every observation entry.
+    engine : mapping
+        Settings of `viatool.reach`.
+    only_contested : bool
+        Whether only the actions of contested states are bounded.
+    seed : int
+        Of the search for counterexamples.
+    """
+
+    policy: Policy
+    world_map: WorldMap
+    rules: Rules
+    columns: Sequence[int]
+    radii: Floats
+    engine: Mapping[str, Any]
+    only_contested: bool
+    seed: int
+
+    def __call__(self, states: States) -> Findings:
+        """Examine states block by block; what is found in a block depends on that block alone."""
+        return Findings.join([self.examine(block) for block in states.each_block()])
+
+    def examine(self, block: States) -> Findings:
+        """Examine one block of B states."""
+        clock, columns = Clock(), list(self.columns)
+        with clock.timed("geometry"):
+            situations = Situations.of(self.world_map, block.scenarios, block.poses, block.episode)
+            case = Case(self.rules, situations, block.previous)
+            contested = find_contested(case)
+        with clock.timed("reach"):
+            wanted = contested.either if self.only_contested else np.ones(len(block), dtype=bool)
+            reachable = self._reach(block.observations, wanted)
+            lower, upper = reachable.lower[:, columns], reachable.upper[:, columns]
+        with clock.timed("judge"):
+            judgement = judge(case, lower, upper, contested)
+        with clock.timed("search"):
+            doubtful = np.flatnonzero(~judgement.safe)
+            found = search_witnesses(
+                self.policy, columns, case, doubtful, block.observations, self.radii, lower, upper,
+                seed=(self.seed, block.first),
+            )  # fmt: skip
+            witnesses = replace(found, state=block.first + found.state)
+        return Findings(reachable, contested, judgement, witnesses, clock.seconds)
+
+    def _reach(self, observations: Floats, wanted: Booleans) -> ReachableSet:
+        """Bound the actions of the wanted states; the others get NaN."""
+        found = reach(self.policy, observations[wanted], self.radii, **self.engine)
+        if wanted.all():
+            return found
+        spread = {}
+        for part in fields(found):
+            spread[part.name] = np.full((len(wanted), self.policy.output_size), np.nan)
+            spread[part.name][wanted] = getattr(found, part.name)
+        return ReachableSet(**spread)

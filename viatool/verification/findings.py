@@ -1,0 +1,85 @@
+"""What the examination of states found, as arrays that can be joined and stored."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.safety import Contested, Judgement, Witnesses
+from viatool.taylor import ReachableSet
+
+Arrays = dict[str, NDArray[Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class Findings:
+    """What is known of B states after their examination.
+
+    Parameters
+    ----------
+    reachable : ReachableSet
+        (B, A) bounds of the actions; NaN for states that were settled without them.
+    contested : Contested
+        Which states some admissible command of the robot could make fail.
+    judgement : Judgement
+        Which states the criterion, and the paper's nine actions, find safe.
+    witnesses : Witnesses
+        The counterexamples; their states are counted over the whole run.
+    seconds : dict
+        Time that each stage took.
+    """
+
+    reachable: ReachableSet
+    contested: Contested
+    judgement: Judgement
+    witnesses: Witnesses
+    seconds: Mapping[str, float]
+
+    @classmethod
+    def join(cls, parts: Sequence[Findings]) -> Findings:
+        """Return the findings of consecutive states as one."""
+        every = [part.to_arrays() for part in parts]
+        arrays = {
+            name: np.concatenate([part[name] for part in every])
+            for name in every[0]
+            if not name.startswith(_SECONDS)
+        }
+        for name in dict.fromkeys(name for part in every for name in part if name.startswith(_SECONDS)):
+            arrays[name] = np.array(sum(float(part.get(name, 0.0)) for part in every))
+        return cls.from_arrays(arrays)
+
+    def to_arrays(self) -> Arrays:
+        """Return everything by name, such as ``reachable.lower``."""
+        arrays = {
+            f"{part}.{field.name}": getattr(getattr(self, part), field.name)
+            for part, kind in _PARTS.items()
+            for field in fields(kind)
+        }
+        return arrays | {_SECONDS + stage: np.array(value) for stage, value in self.seconds.items()}
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> Findings:
+        """Return what `to_arrays` was called on."""
+        parts: dict[str, Any] = {
+            part: kind(**{field.name: arrays[f"{part}.{field.name}"] for field in fields(kind)})
+            for part, kind in _PARTS.items()
+        }
+        seconds = {
+            name.removeprefix(_SECONDS): float(value)
+            for name, value in arrays.items()
+            if name.startswith(_SECONDS)
+        }
+        return cls(**parts, seconds=seconds)
+
+
+_SECONDS = "seconds."
+_PARTS: Mapping[str, Any] = {
+    "reachable": ReachableSet,
+    "contested": Contested,
+    "judgement": Judgement,
+    "witnesses": Witnesses,
+}

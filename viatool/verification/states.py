@@ -1,0 +1,87 @@
+"""The states to be examined, cut into blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.schedule import Span
+from viatool.trajectory import Trajectory
+from viatool.world import Scenario
+
+Floats = NDArray[np.float64]
+
+_MOST_STATES = 1024
+_MOST_FLOATS = 2**22
+
+
+@dataclass(frozen=True, eq=False)
+class States:
+    """B consecutive states with all that is known of them.
+
+    Parameters
+    ----------
+    first : int
+        Index of the first one among all states of the run.
+    poses, observations : ndarray
+        (B, 3) and (B, n).
+    episode : ndarray
+        (B,) index of each state's entry in `scenarios`.
+    scenarios : tuple
+        What the episodes add to the map, or None.
+    previous : ndarray or None
+        (B, 2) commands of the dead time; None without a delay.
+    """
+
+    first: int
+    poses: Floats
+    observations: Floats
+    episode: NDArray[np.int64]
+    scenarios: tuple[Scenario | None, ...]
+    previous: Floats | None
+
+    @classmethod
+    def of(cls, trajectory: Trajectory, previous: Floats | None) -> States:
+        """Return the states of a whole trajectory; arrays are shared."""
+        return cls(
+            0, trajectory.poses, trajectory.observations, trajectory.episode, trajectory.scenarios, previous
+        )
+
+    def __len__(self) -> int:
+        """Return B."""
+        return len(self.poses)
+
+    @property
+    def block_size(self) -> int:
+        """Return how many states are examined together.
+
+        A block is the unit of determinism. The last digit of a batched result may depend on what else is in the
+        batch, so batches never reach beyond a block, and blocks are cut at the same places whoever works on them.
+        """
+        return max(1, min(_MOST_STATES, _MOST_FLOATS // int(self.observations.shape[1])))
+
+    @property
+    def block_count(self) -> int:
+        """Return the number of blocks, the last of which may be smaller."""
+        return -(-len(self) // self.block_size)
+
+    def blocks(self, span: Span) -> States:
+        """Return the states of some blocks, counted from the first of these states, with their scenarios alone."""
+        rows = slice(span.first * self.block_size, span.last * self.block_size)
+        present, episode = np.unique(self.episode[rows], return_inverse=True)
+        return States(
+            self.first + rows.start,
+            self.poses[rows],
+            self.observations[rows],
+            episode.reshape(-1),
+            tuple(self.scenarios[index] for index in present.tolist()),
+            None if self.previous is None else self.previous[rows],
+        )
+
+    def each_block(self) -> Iterator[States]:
+        """Yield the blocks one by one."""
+        for index in range(self.block_count):
+            yield self.blocks(Span(index, index + 1))
