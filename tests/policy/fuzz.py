@@ -42,6 +42,8 @@ MEMORY = Path("/dev/shm")
 """Where files cost no disk, on Linux."""
 SECONDS = 5.0
 """Longest processor time for one file."""
+START_SECONDS, HANG_SECONDS = 900, 300
+"""Longest wait for the first file of a worker, which imports everything, and for each other file."""
 MEGABYTES = 1000
 """Largest growth of the memory of a worker by a few files."""
 _CHECKED = 20
@@ -481,7 +483,7 @@ def run_isolated(
         sender.close()
         last = start - 1
         try:
-            while receiver.poll(120):
+            while receiver.poll(START_SECONDS if last < start else HANG_SECONDS):
                 last, outcome = receiver.recv()
                 yield last, outcome
             child.kill()

@@ -25,9 +25,9 @@ BIG = np.int64(2**40)
 def bounded() -> Iterator[None]:
     """Every refusal comes within seconds and without allocating what the file asks for."""
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    start = time.perf_counter()
+    start = time.process_time()
     yield
-    assert time.perf_counter() - start < 10
+    assert time.process_time() - start < 10
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 600_000  # kB
 
 
