@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from onnx import TensorProto
 
 from tests.policy.models import model_of, node, save, two_layers, weights
 from viatool.errors import SelfCheckError
@@ -162,3 +163,24 @@ def test_the_tolerance_is_small_where_rounding_is_small(tmp_path: Path) -> None:
     check = load_policy(save(two_layers(), tmp_path)).self_check
     assert check is not None
     assert check.largest_tolerance < 1e-3
+
+
+def test_roundings_that_cancel_in_a_few_simulations_do_not_trip_it(tmp_path: Path) -> None:
+    """A softmax and a cast to float16 err by nearly the same, so that both may cancel in all simulations."""
+    halves = [node("Cast", ["s"], ["h"], to=TensorProto.FLOAT16), node("Cast", ["h"], ["y"], to=1)]
+    policy = load_policy(save(model_of([node("Softmax", ["x"], ["s"]), *halves]), tmp_path))
+    for seed in range(40):
+        check_network(policy.network, policy.runtime, None, seed=seed)
+
+
+def test_observations_that_rounding_moves_out_of_a_domain_are_left_out(tmp_path: Path) -> None:
+    """Where a sigmoid vanishes in float32, its logarithm is minus infinity in the program alone."""
+    nodes = [
+        node("MatMul", ["x", "w"], ["a"]),
+        node("Sigmoid", ["a"], ["s"]),
+        node("Log", ["s"], ["l"]),
+        node("ReduceMean", ["l"], ["y"], axes=[1], keepdims=1),
+    ]
+    policy = load_policy(save(model_of(nodes, {"w": weights(0, 4, 3, scale=10.0)}), tmp_path))
+    for seed in range(10):
+        check_network(policy.network, policy.runtime, None, seed=seed)

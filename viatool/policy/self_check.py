@@ -5,7 +5,9 @@ the largest rounding of the program through the network: a dot product of n term
 ``gamma_n * sum |w| |x|``, an activation by its own error plus what its argument's error can move. In a wide or
 deep network these bounds multiply to far more than what happens, and a dropped bias would hide below them. So
 the rounding is simulated as well: every node errs by its own bound with a random sign (Monte Carlo arithmetic),
-and what that does to the actions is what rounding explains. Real rounding is a few hundredths of it.
+and what that does to the actions is what rounding explains. Real rounding is a few hundredths of it. A few
+simulations of one observation may cancel by chance; the share of the analysis that they reach over all
+observations does not.
 """
 
 from __future__ import annotations
@@ -107,7 +109,8 @@ def check_network(
     points, values = points[usable], [value[usable] for value in values]
     actions = program.rows(points)
     expected = values[-1]
-    tolerance = np.minimum(errors[-1][usable], simulate_rounding(network, points, values, seed))
+    largest = errors[-1][usable]
+    tolerance = np.minimum(largest, simulate_rounding(network, points, values, largest, seed))
     if actions.shape != expected.shape:
         raise SelfCheckError(
             f"onnxruntime gives {actions.shape[-1]} actions, the loaded network {expected.shape[-1]}",
@@ -198,7 +201,9 @@ def propagate_rounding(network: Network, points: Floats) -> tuple[list[Floats], 
     return values, errors
 
 
-def simulate_rounding(network: Network, points: Floats, values: list[Floats], seed: int = 0) -> Floats:
+def simulate_rounding(
+    network: Network, points: Floats, values: list[Floats], largest: Floats, seed: int = 0
+) -> Floats:
     """Return what simulated rounding makes of the actions, ``(B, A)``, with a margin.
 
     Parameters
@@ -207,6 +212,8 @@ def simulate_rounding(network: Network, points: Floats, values: list[Floats], se
         A actions.
     points, values : ndarray
         ``(B, size)`` observations and the values of every node on them.
+    largest : ndarray
+        ``(B, A)`` finite, from the analysis.
     seed : int
         Of the signs.
     """
@@ -220,7 +227,10 @@ def simulate_rounding(network: Network, points: Floats, values: list[Floats], se
         for _ in range(_SIMULATIONS):
             noise = [np.where(generator.random(error.shape) < 0.5, error, -error) for error in own]
             squares += (network.values(points, noise)[-1] - values[-1]) ** 2
-    simulated = _SIMULATED * np.sqrt(squares / _SIMULATIONS)
+        deviation = _SIMULATED * np.sqrt(squares / _SIMULATIONS)
+        share = np.nan_to_num(np.where(largest > 0.0, deviation / largest, 0.0), nan=1.0, posinf=1.0)
+        common = np.sqrt(np.square(share).mean(axis=0)) * largest
+    simulated = np.maximum(deviation, common)
     least = _SMALLEST * UNIT_ROUNDOFF[network.nodes[-1].precision] * np.maximum(1.0, np.abs(values[-1]))
     return np.where(np.isfinite(simulated), np.maximum(simulated, least), np.inf)
 
@@ -266,6 +276,7 @@ def _affine_error(
 def _activation_error(node: Activation, x: Floats, value: Floats, inherited: Floats, unit: float) -> Floats:
     moved = np.zeros_like(value)
     for step in (-1.0, -0.5, 0.5, 1.0):
-        moved = np.fmax(moved, np.abs(node.function(x + step * inherited) - value))
+        moved = np.maximum(moved, np.abs(node.function(x + step * inherited) - value))
+    moved = np.where(np.isnan(moved), np.inf, moved)  # rounding may leave the domain, as that of a logarithm
     units = 0.0 if node.function.name in _EXACT_ACTIVATIONS else _ACTIVATION_UNITS
     return moved + units * unit * np.maximum(1.0, np.maximum(np.abs(x), np.abs(value)))
