@@ -85,7 +85,8 @@ def main() -> None:
     torch.set_num_threads(1)
     torch.set_flush_denormal(True)
     print(
-        f"{'method':<10} {'S':>2} {'updates/s':>10} {'one at a time':>14} {'gain':>5} {'robot-steps/s':>14} {'schedule':>9}"
+        f"{'method':<10} {'S':>2} {'updates/s':>10} {'one at a time':>14} {'gain':>5} {'robot-steps/s':>14} "
+        f"{'schedule':>9}"
     )
     for method in METHODS:
         rates = []
