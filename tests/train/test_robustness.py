@@ -50,3 +50,16 @@ def test_another_robot_gets_commands_within_its_own_limits(tmp_path: Path) -> No
     actions = result.policy(np.random.default_rng(0).uniform(-9, 9, (500, 16)))
     assert (np.abs(actions - [0.1, 0.0]) <= [0.1 + 1e-9, 2.0 + 1e-9]).all()
     assert actions[:, 1].max() > 0.0 > actions[:, 1].min()
+
+
+def test_a_policy_is_trained_in_the_physics_engine(tmp_path: Path) -> None:
+    few = {"seeds": 1, "robots": 2, "epochs": 1, "epoch_steps": 12, "learning_starts": 8, "horizon": 5}
+    scenarios = {"validation_scenarios": 2, "test_scenarios": 2, "warmup_episodes": 2}
+    options = tiny(engine="bullet", tensorboard=False, **few, **scenarios)
+    result = train(options, tmp_path / "run")
+    assert result.evaluation["held_out"]["episodes"] == 2
+    assert result.policy.spec is not None
+    assert result.policy.spec.training["configuration"]["engine"] == "bullet"
+    again = train(options, tmp_path / "again")
+    rows = np.random.default_rng(0).uniform(0, 3, (9, 26))
+    assert np.array_equal(again.policy(rows), result.policy(rows))

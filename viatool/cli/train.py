@@ -32,6 +32,11 @@ from viatool.cli.terminal import open_console
 @click.option(
     "--map", "map_path", type=options.MAP, metavar="FILE", help="The map to train on; by default lab."
 )
+@click.option(
+    "--engine",
+    type=click.Choice(["kinematic", "bullet"]),
+    help="The simulator to train in; by default kinematic.",
+)
 @click.option("--seed", type=click.IntRange(min=0), metavar="N", help="Seed of the run.")
 @click.option(
     "--seeds",
@@ -59,6 +64,7 @@ def command(
     file: Path | None,
     settings: tuple[str, ...],
     map_path: Path | None,
+    engine: str | None,
     seed: int | None,
     seeds: int | None,
     output: Path | None,
@@ -79,7 +85,8 @@ def command(
         if interrupted is not None:
             return resume(interrupted, progress)
         map_name = None if map_path is None else str(map_path)
-        configuration = make_configuration(preset, file, settings, map=map_name, seed=seed, seeds=seeds)
+        chosen = {"map": map_name, "engine": engine, "seed": seed, "seeds": seeds}
+        configuration = make_configuration(preset, file, settings, **chosen)
         return train(configuration, directory, progress)
 
     if quiet:

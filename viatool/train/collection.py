@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from viatool.simulate import NavigationSimulator, NavigationTask, Step
+from viatool.simulate import NavigationTask, Step, make_simulator
 from viatool.train.configuration import TrainingConfiguration
 from viatool.train.constraint import next_budget
 from viatool.train.guide import Guide
@@ -121,9 +121,11 @@ class Collector:
         self.scaling = scaling
         count = configuration.seeds * configuration.robots
         scenarios = None if world_map.generator is not None else world_map.scenarios
-        self.simulator = NavigationSimulator(
+        self.simulator = make_simulator(
+            configuration.engine,
             world_map,
             count,
+            workers=configuration.engine_workers,
             scenarios=scenarios,
             seed=int(np.random.SeedSequence([configuration.seed, epoch]).generate_state(1)[0]),
             task=make_task(configuration),

@@ -28,6 +28,7 @@ Discount = Annotated[FiniteFloat, Field(gt=0, lt=1)]
 ShapingForm = Literal["potential", "progress"]
 ShapingPath = Literal["straight", "around"]
 Selection = Literal["success", "safety"]
+Engine = Literal["kinematic", "bullet"]
 MethodName = Literal["td3", "td7", "rcpo", "sac-lag", "wcsac", "cvar-cpo", "via"]
 
 
@@ -43,6 +44,11 @@ class TrainingConfiguration(BaseModel):
     # What is trained, and where
     method: MethodName = _option("via", "how costs enter the training, see docs/methods.md")
     map: str = _option("lab", "map file or name; its generator draws the training and held-out scenarios")
+    engine: Engine = _option(
+        "kinematic",
+        "simulator: exact arcs, or 'bullet', a robot on wheels in a physics world (use few robots)",
+    )
+    engine_workers: Count = _option(1, "processes of the physics engine; they do not change what comes out")
     seed: Whole = _option(0, "seed of every random number of the run")
     seeds: Count = _option(3, "S, policies trained side by side in one batch; the best one is exported")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +12,9 @@ import torch
 from numpy.typing import NDArray
 
 from viatool.policy import Policy
-from viatool.simulate import NavigationSimulator
+from viatool.simulate import Simulator, make_simulator
+from viatool.simulate.engines import largest_batch
+from viatool.train.configuration import TrainingConfiguration
 from viatool.train.networks import Weights
 from viatool.train.observation import Scaling
 from viatool.train.updates import act
@@ -62,8 +65,7 @@ def drive(
     commands: Sequence[Command],
     world_map: WorldMap,
     scenarios: Sequence[Scenario],
-    *,
-    horizon: int = 300,
+    options: TrainingConfiguration,
     seed: int = 0,
 ) -> Evaluation:
     """Drive every scenario with every policy.
@@ -76,8 +78,8 @@ def drive(
         Its own noise of the LiDAR applies.
     scenarios : sequence of Scenario
         N.
-    horizon : int
-        Steps after which an episode ends as a timeout.
+    options : TrainingConfiguration
+        The engine, and the horizon after which an episode ends as a timeout.
     seed : int
         Of the sensor noise.
 
@@ -86,22 +88,43 @@ def drive(
     Evaluation
     """
     shape = len(commands), len(scenarios)
-    success, collision = np.zeros(shape, dtype=bool), np.zeros(shape, dtype=bool)
-    cost, steps = np.zeros(shape), np.zeros(shape, dtype=np.int64)
+    outcome = Evaluation(
+        success=np.zeros(shape, dtype=bool),
+        collision=np.zeros(shape, dtype=bool),
+        cost=np.zeros(shape),
+        steps=np.zeros(shape, dtype=np.int64),
+    )
+    together = largest_batch(options.engine)
     for policy, command in enumerate(commands):
-        simulator = NavigationSimulator(
-            world_map, len(scenarios), scenarios=list(scenarios), horizon=horizon, seed=seed
-        )
-        observation, active = simulator.reset(), np.arange(len(scenarios))
-        while len(active):
-            step = simulator.step(command(observation))
-            cost[policy, active] += step.cost
-            steps[policy, active] += 1
-            success[policy, active] = step.success
-            collision[policy, active] = step.collision
-            simulator.keep(~step.done)
-            active, observation = active[~step.done], step.observation[~step.done]
-    return Evaluation(success, collision, cost, steps)
+        for first in range(0, len(scenarios), together):
+            some = np.arange(first, min(first + together, len(scenarios)))
+            simulator = make_simulator(
+                options.engine,
+                world_map,
+                len(some),
+                workers=options.engine_workers,
+                scenarios=scenarios[first : first + together],
+                horizon=options.horizon,
+                seed=seed + first,
+            )
+            with closing(simulator):
+                _drive(command, simulator, outcome, policy, some)
+    return outcome
+
+
+def _drive(
+    command: Command, simulator: Simulator, outcome: Evaluation, policy: int, active: NDArray[np.int64]
+) -> None:
+    """Drive until every robot has arrived, collided or run out of time; fill in the outcome."""
+    observation = simulator.reset()
+    while len(active):
+        step = simulator.step(command(observation))
+        outcome.cost[policy, active] += step.cost
+        outcome.steps[policy, active] += 1
+        outcome.success[policy, active] = step.success
+        outcome.collision[policy, active] = step.collision
+        simulator.keep(~step.done)
+        active, observation = active[~step.done], step.observation[~step.done]
 
 
 def actor_command(actor: Weights, scaling: Scaling, budget: float) -> Command:

@@ -86,6 +86,12 @@ class TrainingRun:
             self.returns = NStepReturns(options.return_steps, options.discount)
         return self.collector, self.returns
 
+    def take_away_robots(self) -> None:
+        """Let the next epoch set down the robots anew."""
+        if self.collector is not None:
+            self.collector.simulator.close()
+        self.collector = self.returns = None
+
 
 def begin_run(configuration: TrainingConfiguration) -> TrainingRun:
     """Draw the networks, and measure u0 with the initial policies.
@@ -120,7 +126,7 @@ def _warm_up(options: TrainingConfiguration, world_map: WorldMap, scaling: Scali
     """Return u0 ``(S,)``: the alpha-quantile of episode costs of the initial policies, kept below b."""
     scenarios = random_scenarios(world_map, options.warmup_episodes, options.seed)
     commands = actor_commands(actor, scaling, np.zeros(options.seeds))
-    outcome = drive(commands, world_map, scenarios, horizon=options.horizon)
+    outcome = drive(commands, world_map, scenarios, options)
     return np.minimum(initial_var(outcome.cost, options.alpha), var_ceiling(options))
 
 

@@ -76,7 +76,7 @@ def choose(
         return candidates[0]
     scenarios = random_scenarios(world_map, configuration.final_scenarios, configuration.validation_seed + 1)
     commands = [actor_command(one.weights, scaling, one.var) for one in candidates]
-    outcome = drive(commands, world_map, scenarios, horizon=configuration.horizon)
+    outcome = drive(commands, world_map, scenarios, configuration)
     judged = [replace(one, score=score) for one, score in zip(candidates, outcome.score(), strict=True)]
     return best_candidates(judged, 1, configuration.selection_tolerance)[0]
 
@@ -87,7 +87,7 @@ def validate(
     """Drive the policies of all seeds on the validation scenarios."""
     scenarios = random_scenarios(world_map, options.validation_scenarios, options.validation_seed)
     commands = actor_commands(actor, scaling, budget)
-    return drive(commands, world_map, scenarios, horizon=options.horizon, seed=options.validation_seed)
+    return drive(commands, world_map, scenarios, options, options.validation_seed)
 
 
 def evaluate_policy(
@@ -102,8 +102,6 @@ def evaluate_policy(
     evaluation = {}
     for name, scenarios in sets.items():
         if scenarios:
-            outcome = drive(
-                [command], world_map, scenarios, horizon=configuration.horizon, seed=configuration.test_seed
-            )
+            outcome = drive([command], world_map, scenarios, configuration, configuration.test_seed)
             evaluation[name] = {"episodes": float(len(scenarios)), **outcome.metrics(0)}
     return evaluation

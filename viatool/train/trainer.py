@@ -329,7 +329,7 @@ def finish_epoch(run: TrainingRun, directory: Path) -> str:
         write_checkpoint(directory / "checkpoints" / f"epoch_{run.epoch:04d}.pt", checkpoint(run))
     if run.epoch % options.state_interval == 0 or last:
         write_checkpoint(directory / STATE, run_state(run))
-        run.collector = run.returns = None
+        run.take_away_robots()
     return line
 
 
