@@ -26,6 +26,7 @@ SUFFIX = {
     "states": "npz",
     "csv": "csv",
     "figure": "png",
+    "html": "html",
     "junit": "xml",
     "sarif": "sarif",
     "witnesses": "json",

@@ -30,6 +30,8 @@ _EXTRA_OF_MODULE = {
     "imageio_ffmpeg": "sim",
     "dask": "cluster",
     "distributed": "cluster",
+    "bokeh": "html",
+    "jinja2": "html",
 }
 
 

@@ -67,9 +67,8 @@ _PASSED_ON = (
     "-o",
     multiple=True,
     metavar="FORMAT:PATH",
-    help="Write a report: json, states (npz), witnesses (json, for viatool replay), csv, figure (png, svg, "
-    "pdf), markdown, junit, sarif or github; "
-    "PATH - is stdout. Repeatable.",
+    help="Write a report: html (to explore), json, states (npz), witnesses (json, for viatool replay), csv, "
+    "figure (png, svg, pdf), markdown, junit, sarif or github; PATH - is stdout. Repeatable.",
 )
 @gate_options
 @work_options

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from fractions import Fraction
 from typing import Any
 
 from rich import box
@@ -15,9 +14,16 @@ from rich.text import Text
 from viatool.report.document import FileIdentity, RateByOutcome, ReportDocument
 from viatool.report.foreign import shown
 from viatool.report.gate import Check
-from viatool.report.numbers import MISSING, count, counted, percent_of, percentage, seconds, significant
+from viatool.report.numbers import MISSING, count, percentage, seconds, significant
 from viatool.report.palette import MEANING, STYLE, VERDICTS
-from viatool.report.wording import assumptions, describe_eps, total_seconds, unit_of
+from viatool.report.wording import (
+    assumptions,
+    describe_eps,
+    describe_task,
+    rate_rows,
+    total_seconds,
+    unit_of,
+)
 
 BAR_WIDTH = 60
 OUTCOMES = ("overall", "success", "collision", "timeout")
@@ -107,14 +113,8 @@ def _rates(document: ReportDocument) -> RenderableType:
     table.add_column("rate of safe states")
     for outcome in OUTCOMES:
         table.add_column("overall" if outcome == "overall" else f"in {outcome}", justify="right")
-    rows = (
-        (f"{shown(document.criterion)}, collision distance", document.safety_rate),
-        (f"{shown(document.criterion)}, danger distance", document.danger_rate),
-        ("sampled (9 actions), not a proof", document.sampled_safety_rate),
-        ("contested states only", document.contested_rate),
-    )
-    for name, rates in rows:
-        table.add_row(Text(name), *(_rate(rates, outcome) for outcome in OUTCOMES))
+    for name, rates in rate_rows(document).items():
+        table.add_row(Text(shown(name)), *(_rate(rates, outcome) for outcome in OUTCOMES))
     return table
 
 
@@ -128,19 +128,7 @@ def _rate(rates: RateByOutcome, outcome: str) -> Text:
 
 
 def _task(document: ReportDocument) -> RenderableType:
-    task = document.task
-    shares = [
-        f"{_share(getattr(task, f'{outcome}_rate'))} {outcome}"
-        for outcome in ("success", "collision", "timeout")
-    ]
-    cost = "" if task.average_cost is None else f"; average cost {significant(task.average_cost)}"
-    return _titled(
-        "Driven, not proved", Text(f"{counted(task.episodes, 'episode')}: {', '.join(shares)}{cost}")
-    )
-
-
-def _share(share: float | None) -> str:
-    return MISSING if share is None else percent_of(Fraction(share).limit_denominator(10**9), 1)
+    return _titled("Driven, not proved", Text(describe_task(document)))
 
 
 def _widths(document: ReportDocument) -> RenderableType:

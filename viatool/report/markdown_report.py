@@ -11,7 +11,7 @@ from viatool.report.foreign import one_line
 from viatool.report.gate import Check
 from viatool.report.numbers import count, percentage, seconds, significant
 from viatool.report.palette import MEANING, VERDICTS
-from viatool.report.wording import assumptions, describe_eps, total_seconds, unit_of
+from viatool.report.wording import assumptions, describe_eps, rate_rows, total_seconds, unit_of
 
 if TYPE_CHECKING:
     from viatool.safety import Result
@@ -71,12 +71,7 @@ def _rates(document: ReportDocument) -> list[str]:
         chosen = [getattr(rates, outcome) for outcome in outcomes]
         return [f"{percentage(r.safe, r.total)} ({count(r.safe)}/{count(r.total)})" for r in chosen]
 
-    rows = [
-        ("collision distance", *cells(document.safety_rate)),
-        ("danger distance", *cells(document.danger_rate)),
-        ("sampled, not a proof", *cells(document.sampled_safety_rate)),
-        ("contested states", *cells(document.contested_rate)),
-    ]
+    rows = [(escape(title), *cells(rates)) for title, rates in rate_rows(document).items()]
     return _table(("rate of safe states", *outcomes), rows)
 
 

@@ -22,6 +22,7 @@ REPORTERS = {
     "csv": "viatool.report.csv_report",
     "witnesses": "viatool.report.witnesses_report",
     "figure": "viatool.report.figure_report",
+    "html": "viatool.report.html",
     "markdown": "viatool.report.markdown_report",
     "junit": "viatool.report.junit_report",
     "sarif": "viatool.report.sarif_report",

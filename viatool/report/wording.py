@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from fractions import Fraction
 from typing import Any
 
-from viatool.report.document import ReportDocument
-from viatool.report.numbers import significant
+from viatool.report.document import RateByOutcome, ReportDocument
+from viatool.report.numbers import MISSING, counted, percent_of, significant
 
 ARITHMETIC = {
     "float32": "float32: bounds cover the rounding of the deployed program, in any order of summation",
@@ -27,6 +28,31 @@ def describe_eps(eps: Any) -> str:
     if isinstance(eps, int | float):
         return significant(float(eps), 6)
     return str(eps)
+
+
+def rate_rows(document: ReportDocument) -> dict[str, RateByOutcome]:
+    """Return the rates of safe states by what they count, in the order in which they are shown."""
+    return {
+        f"{document.criterion}, collision distance": document.safety_rate,
+        f"{document.criterion}, danger distance": document.danger_rate,
+        "sampled (9 actions), not a proof": document.sampled_safety_rate,
+        "contested states only": document.contested_rate,
+    }
+
+
+def describe_task(document: ReportDocument) -> str:
+    """Write in words how the episodes ended."""
+    task = document.task
+    shares = [
+        f"{_share(getattr(task, f'{outcome}_rate'))} {outcome}"
+        for outcome in ("success", "collision", "timeout")
+    ]
+    cost = "" if task.average_cost is None else f"; average cost {significant(task.average_cost)}"
+    return f"{counted(task.episodes, 'episode')}: {', '.join(shares)}{cost}"
+
+
+def _share(share: float | None) -> str:
+    return MISSING if share is None else percent_of(Fraction(share).limit_denominator(10**9), 1)
 
 
 def assumptions(document: ReportDocument) -> dict[str, str]:

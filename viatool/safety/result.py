@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.policy import Maps
+from viatool.policy import Maps, ObservationChannel
 from viatool.safety.judgement import Contested, Judgement
 from viatool.safety.layout import ActionName
 from viatool.safety.rates import RateByOutcome
@@ -50,6 +50,8 @@ class Result:
         "float32" or "real", the contract of the bounds.
     engine : dict
         Settings of the engine.
+    channels : tuple of ObservationChannel
+        What the n entries of an observation are.
     actions : tuple of ActionName
         Of the A actions.
     columns : sequence of int
@@ -83,6 +85,7 @@ class Result:
     radii: Floats
     arithmetic: str
     engine: Mapping[str, Any]
+    channels: tuple[ObservationChannel, ...]
     actions: tuple[ActionName, ...]
     columns: Sequence[int]
     previous: Floats | None

@@ -184,6 +184,7 @@ def verify(
         radii=layout.radii,
         arithmetic=arithmetic,
         engine=settings,
+        channels=tuple(layout.spec.observation),
         actions=layout.actions,
         columns=layout.columns,
         previous=previous,

@@ -1,0 +1,209 @@
+"""The page: one self-contained file, filled in one place, that runs its own scripts and reaches no network."""
+
+from __future__ import annotations
+
+import json
+from base64 import b64encode
+from collections.abc import Iterator, Sequence
+from hashlib import sha256
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any
+
+import bokeh
+from bokeh.embed import json_item
+from bokeh.resources import Resources
+from jinja2 import Environment, StrictUndefined
+
+from viatool.report.document import RateByOutcome, ReportDocument, read_result
+from viatool.report.episodes import Episode, summarise_episodes
+from viatool.report.foreign import one_line
+from viatool.report.gate import Check
+from viatool.report.html.figures import (
+    commands_figure,
+    histograms,
+    map_figure,
+    situation_figure,
+    width_figure,
+)
+from viatool.report.html.states import keep_states, page_data
+from viatool.report.numbers import count, percentage, seconds, significant
+from viatool.report.palette import COLOUR, MEANING, VERDICTS
+from viatool.report.wording import assumptions, describe_eps, describe_task, rate_rows, total_seconds, unit_of
+
+if TYPE_CHECKING:
+    from viatool.report.html.states import Indices
+    from viatool.safety import Result
+
+SCRIPTS = ("geometry.js", "states.js", "figures.js", "drawing.js", "words.js", "report.js")
+MOST_EPISODES = 500  # rows of the table of episodes
+OUTCOMES = ("overall", "success", "collision", "timeout")
+
+
+def render_page(result: Result, checks: Sequence[Check], most: int | None = None) -> str:
+    """Return the page of a result.
+
+    Parameters
+    ----------
+    result : Result
+        What was found.
+    checks : sequence of Check
+        The decided conditions of the gate.
+    most : int, optional
+        How many states the page holds at most; the rates always speak of all.
+    """
+    document = read_result(result)
+    kept = keep_states(result) if most is None else keep_states(result, most)
+    scripts = [*_library(), *map(_asset, SCRIPTS)]
+    page = _environment().from_string(_asset("page.html"))
+    return page.render(
+        policy=content_security_policy(scripts),
+        title=one_line(f"{document.policy.path} on {document.map.path}: viatool"),
+        colours=COLOUR,
+        style=_asset("style.css"),
+        scripts=scripts,
+        data=as_script(page_data(result, kept)),
+        figures=as_script(_figures(result)),
+        document=document,
+        bokeh_version=bokeh.__version__,
+        checks=checks,
+        gate_passed=all(check.passed for check in checks),
+        connected=result.trajectory.connected,
+        thinned=_thinned(result, kept),
+        shown_outcomes=[name for name in (*OUTCOMES[1:], "unknown") if name in result.outcomes],
+        **_tables(document),
+        **_episodes(result, kept),
+    )
+
+
+def content_security_policy(scripts: Sequence[str]) -> str:
+    """Return a policy that runs these very scripts, and loads nothing from anywhere."""
+    hashes = " ".join(f"'sha256-{b64encode(sha256(s.encode()).digest()).decode()}'" for s in scripts)
+    # Bokeh styles its elements inline, and its pictures are data.
+    return f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:"
+
+
+def as_script(content: Any) -> str:
+    """Return JSON that no string in it can end: it stands in a script element."""
+    text = json.dumps(content, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def _environment() -> Environment:
+    """Return the environment of the template: everything is escaped, and nothing may be missing."""
+    environment = Environment(autoescape=True, undefined=StrictUndefined, keep_trailing_newline=True)
+    environment.filters["line"] = lambda text: one_line(str(text))
+    return environment
+
+
+def _asset(name: str) -> str:
+    return files(__package__).joinpath(name).read_text(encoding="utf-8")
+
+
+def _library() -> list[str]:
+    """Return the scripts of the plotting library, without what would end their element."""
+    resources = Resources(mode="inline", components=["bokeh"], log_level="error")
+    return [script.replace("</script", "<\\/script") for script in resources.js_raw]
+
+
+def _figures(result: Result) -> list[Any]:
+    plots = [
+        map_figure(result),
+        situation_figure(result),
+        commands_figure(result),
+        width_figure(result, 0),
+        width_figure(result, 1),
+        *histograms(result),
+    ]
+    return [json_item(plot, f"plot-{plot.name}") for plot in plots]
+
+
+def _thinned(result: Result, kept: Indices) -> str:
+    total = len(result.trajectory)
+    if len(kept) == total:
+        return ""
+    every = [
+        f"{count(int((result.verdict[kept] == name).sum()))} of {count(int((result.verdict == name).sum()))} {name}"
+        for name in reversed(VERDICTS)
+    ]
+    return (
+        f"The map and the slider hold {count(len(kept))} of {count(total)} states, those that are not safe first: "
+        f"{', '.join(every)}. Rates, distributions and the table of episodes speak of all states."
+    )
+
+
+def _tables(document: ReportDocument) -> dict[str, Any]:
+    overall = document.safety_rate.overall
+    return {
+        "headline": {
+            "rate": percentage(overall.safe, overall.total),
+            "safe": count(overall.safe),
+            "total": count(overall.total),
+            "policy": one_line(document.policy.path),
+            "map": one_line(document.map.path),
+            "eps": one_line(describe_eps(document.eps)),
+            "criterion": one_line(document.criterion),
+            "arithmetic": one_line(document.arithmetic),
+        },
+        "verdicts": [_verdict(document, name) for name in VERDICTS],
+        "outcomes": OUTCOMES,
+        "rates": [
+            {"title": title, "cells": list(_cells(rates))} for title, rates in rate_rows(document).items()
+        ],
+        "task": describe_task(document),
+        "widths": [
+            (name, *map(significant, (width.mean, width.std, width.max)), unit_of(document, name))
+            for name, width in document.reachable_width.items()
+        ],
+        "assumptions": [*assumptions(document).items(), *_identities(document)],
+    }
+
+
+def _verdict(document: ReportDocument, name: str) -> dict[str, Any]:
+    number = int(getattr(document.verdicts, name))
+    return {
+        "name": name,
+        "count": number,
+        "text": count(number),
+        "share": percentage(number, document.states),
+        "meaning": MEANING[name],
+    }
+
+
+def _cells(rates: RateByOutcome) -> Iterator[dict[str, str]]:
+    for outcome in OUTCOMES:
+        rate = getattr(rates, outcome)
+        figures = f"{count(rate.safe)} of {count(rate.total)}" if rate.total else "no states"
+        yield {"rate": percentage(rate.safe, rate.total), "figures": figures}
+
+
+def _identities(document: ReportDocument) -> Iterator[tuple[str, str]]:
+    for name, identity in (("policy", document.policy), ("map", document.map)):
+        yield name, identity.path
+        yield f"{name} sha256", identity.sha256
+    yield "versions", ", ".join(f"{name} {version}" for name, version in document.versions.items())
+    stages = [f"{stage} {seconds(value)}" for stage, value in document.seconds.items() if stage != "total"]
+    yield "time", ", ".join([*stages, f"total {seconds(total_seconds(document))}"])
+
+
+def _episodes(result: Result, kept: Indices) -> dict[str, Any]:
+    import numpy as np
+
+    every = summarise_episodes(result)
+    worst = sorted(every, key=lambda e: (-e.unsafe, -e.unknown, e.index))[:MOST_EPISODES]
+    place = {int(e): i for i, e in enumerate(np.unique(result.trajectory.episode[kept]))}
+    left_out = len(every) - len(worst)
+    note = f"The {count(MOST_EPISODES)} with the most states that are not safe, of {count(len(every))}."
+    return {
+        "episodes": [_row(episode, place.get(episode.index)) for episode in worst],
+        "episodes_left_out": note if left_out else "",
+    }
+
+
+def _row(episode: Episode, place: int | None) -> dict[str, Any]:
+    return {
+        "name": f"{episode.index}: {episode.name}",
+        "outcome": episode.outcome,
+        "seconds": f"{episode.seconds:.1f}",
+        "counts": [count(getattr(episode, verdict)) for verdict in VERDICTS],
+        "place": place,
+    }

@@ -1,0 +1,216 @@
+"""The states as compact arrays for the page: which of them it holds, and what it knows of each."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.report.closest_call import closest_state
+from viatool.report.foreign import one_line
+from viatool.report.palette import VERDICTS
+
+if TYPE_CHECKING:
+    from viatool.policy import ObservationChannel
+    from viatool.safety import Result
+    from viatool.world import Lidar, Obstacles, Scenario
+
+Indices = NDArray[np.int64]
+
+MOST_STATES = 20_000
+MOST_BYTES = 5_000_000  # of the arrays, before base64; the page stays below 10 MB with the plotting library
+LONGEST_NAME = 120
+_FIXED_BYTES = 60  # of a state, besides its observation
+
+
+def keep_states(result: Result, most: int = MOST_STATES) -> Indices:
+    """Choose the states that the page holds, in their order.
+
+    Parameters
+    ----------
+    result : Result
+        N states.
+    most : int
+        How many, at most; fewer if the observations are long.
+
+    Returns
+    -------
+    ndarray
+        Indices. All states if they fit; else first the unsafe ones, then the unknown ones, then those without the
+        danger distance proved, then the others. Of the kind that no longer fits, evenly spread ones are taken.
+    """
+    total = len(result.trajectory)
+    room = min(most, MOST_BYTES // (_FIXED_BYTES + 2 * result.observations.shape[1]))
+    if total <= room:
+        return np.arange(total)
+    near = ~result.judgement.danger
+    rank = np.select([result.verdict == "unsafe", result.verdict == "unknown", near], [0, 1, 2], 3)
+    kept: list[Indices] = []
+    for level in range(4):
+        found = np.flatnonzero(rank == level)
+        left = room - sum(map(len, kept))
+        if len(found) > left:
+            found = (
+                found[np.linspace(0, len(found) - 1, left).round().astype(np.int64)] if left else found[:0]
+            )
+        kept.append(found)
+    return np.sort(np.concatenate(kept))
+
+
+def pack(array: NDArray[Any], kind: str) -> dict[str, Any]:
+    """Return an array in the form that the page reads: its little-endian bytes in base64, by rows."""
+    content = np.ascontiguousarray(array, dtype=np.dtype(kind).newbyteorder("<"))
+    return {"kind": np.dtype(kind).name, "bytes": b64encode(content.tobytes()).decode("ascii")}
+
+
+def pack_coarsely(array: NDArray[np.float64]) -> dict[str, Any]:
+    """Return (N, n) numbers as 16-bit steps between the least and the largest of each column."""
+    lower = array.min(axis=0, initial=np.inf) if len(array) else np.zeros(array.shape[1])
+    step = (array.max(axis=0, initial=-np.inf) - lower if len(array) else lower) / 65535.0
+    whole = np.rint((array - lower) / np.where(step > 0.0, step, 1.0))
+    return {**pack(whole, "uint16"), "lower": lower.tolist(), "step": step.tolist()}
+
+
+def page_data(result: Result, kept: Indices) -> dict[str, Any]:
+    """Return all that the page's script needs to draw any of the kept states."""
+    trajectory = result.trajectory
+    episodes, episode = np.unique(trajectory.episode[kept], return_inverse=True)
+    first = closest_state(result)
+    return {
+        "states": _states(result, kept, episode.reshape(-1)),
+        "witnesses": _witnesses(result, kept),
+        "episodes": [_episode(result, int(index)) for index in episodes],
+        "channels": _channels(result),
+        "fan": _fan(result),
+        "rules": _rules(result),
+        "actions": [
+            {"name": one_line(result.actions[c].name), "unit": one_line(result.actions[c].unit)}
+            for c in result.columns
+        ],
+        "verdicts": list(VERDICTS),
+        "connected": trajectory.connected,
+        "first": 0 if first is None else int(np.searchsorted(kept, first)) % max(len(kept), 1),
+    }
+
+
+def _states(result: Result, kept: Indices, episode: Indices) -> dict[str, Any]:
+    trajectory, columns = result.trajectory, list(result.columns)
+    verdict = np.select([result.verdict == name for name in VERDICTS], range(len(VERDICTS)))
+    packed = {
+        "number": pack(kept, "uint32"),
+        "episode": pack(episode, "uint32"),
+        "time": pack(trajectory.time[kept], "float32"),
+        "pose": pack(trajectory.poses[kept], "float32"),
+        "lower": pack(result.lower[kept][:, columns], "float32"),
+        "upper": pack(result.upper[kept][:, columns], "float32"),
+        "verdict": pack(verdict[kept], "uint8"),
+        "danger": pack(result.judgement.danger[kept], "uint8"),
+        "sampled": pack(result.judgement.sampled[kept], "uint8"),
+        "contested": pack(result.contested.collision[kept], "uint8"),
+        "clearance": pack(clearances(result)[kept], "float32"),
+        "observation": pack_coarsely(result.observations[kept]),
+    }
+    if result.previous is not None:
+        packed["previous"] = pack(result.previous[kept], "float32")
+    return packed
+
+
+def clearances(result: Result) -> NDArray[np.float64]:
+    """Return the clearance of the footprint at the pose of each state, (N,) metres."""
+    from viatool.world import Scenes
+
+    trajectory = result.trajectory
+    scenes = Scenes.of(result.world_map, trajectory.scenarios)
+    found = scenes.footprint_clearance(trajectory.poses, result.rules.footprint, trajectory.episode)
+    return np.asarray(found, dtype=np.float64)
+
+
+def _witnesses(result: Result, kept: Indices) -> dict[str, Any]:
+    found = result.witnesses
+    chosen = np.flatnonzero(np.isin(found.state, kept))
+    return {
+        "row": pack(np.searchsorted(kept, found.state[chosen]), "uint32"),
+        "observation": pack(found.observation[chosen], "float32"),
+        "action": pack(found.action[chosen], "float32"),
+        "seconds": pack(found.seconds[chosen], "float32"),
+        "pose": pack(found.pose[chosen], "float32"),
+        "clearance": pack(found.clearance[chosen], "float64"),
+    }
+
+
+def _episode(result: Result, index: int) -> dict[str, Any]:
+    scenario: Scenario | None = result.trajectory.scenarios[index]
+    shared = {"number": index, "outcome": str(result.trajectory.outcomes[index])}
+    if scenario is None:
+        return {**shared, "name": f"episode {index}", "goal": None, "circles": [], "polygons": []}
+    return {
+        **shared,
+        "name": one_line(scenario.name)[:LONGEST_NAME],
+        "goal": list(scenario.goal),
+        **shapes(scenario.obstacles),
+    }
+
+
+def shapes(obstacles: Obstacles) -> dict[str, Any]:
+    """Return circles (x, y, radius) and the corners of polygons, rounded to a tenth of a millimetre."""
+    return {
+        "circles": obstacles.circles.round(4).tolist(),
+        "polygons": [polygon.round(4).tolist() for polygon in obstacles.polygons],
+    }
+
+
+def _channels(result: Result) -> list[dict[str, Any]]:
+    """Return the channels of the observation, with the column at which each one starts."""
+    listed, start = [], 0
+    for channel in result.channels:
+        listed.append(
+            {
+                "name": one_line(channel.name)[:LONGEST_NAME],
+                "unit": one_line(channel.unit),
+                "kind": channel.kind,
+                "start": start,
+                "size": channel.size,
+                "eps": result.radii[start : start + channel.size].tolist(),
+            }
+        )
+        start += channel.size
+    return listed
+
+
+def _fan(result: Result) -> dict[str, Any] | None:
+    """Return where the bins of the LiDAR channel look; None for a policy without one."""
+    start = 0
+    for channel in result.channels:
+        if channel.kind == "lidar":
+            lidar = _lidar_of(channel, result)
+            if lidar is None:
+                return None
+            return {"start": start, "bins": channel.size, "view": lidar.field_of_view}
+        start += channel.size
+    return None
+
+
+def _lidar_of(channel: ObservationChannel, result: Result) -> Any:
+    robot: Lidar = result.world_map.robot.lidar
+    if channel.lidar is not None:
+        return channel.lidar
+    return robot if robot.bins == channel.size else None
+
+
+def _rules(result: Result) -> dict[str, Any]:
+    rules, footprint = result.rules, result.rules.footprint
+    manoeuvre = rules.manoeuvre
+    return {
+        "collision": rules.clearance.collision,
+        "danger": rules.clearance.danger,
+        "interval": manoeuvre.interval,
+        "deceleration": manoeuvre.deceleration,
+        "rim": manoeuvre.rim,
+        "delay": rules.delay,
+        "lower": rules.lower.tolist(),
+        "upper": rules.upper.tolist(),
+        "radius": footprint.radius if footprint.kind == "circle" else 0.0,
+        "polygon": footprint.polygon.tolist() if footprint.kind == "polygon" else [],
+    }
