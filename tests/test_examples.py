@@ -16,7 +16,7 @@ PAGES = [
 ]
 
 
-@pytest.mark.filterwarnings("ignore:You are using the legacy TorchScript-based ONNX export")
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)
 def test_the_examples_of_a_page_print_what_it_shows(path: Path) -> None:
     page = EXAMPLES["Page"](path, exact=False)
