@@ -83,7 +83,7 @@ def _change(text: str, better: int | Fraction) -> Text:
 
 
 def _costs(before: ReportDocument, after: ReportDocument) -> Iterator[Row]:
-    for action in before.reachable_width.keys() & after.reachable_width.keys():
+    for action in (name for name in before.reachable_width if name in after.reachable_width):
         old, new = before.reachable_width[action].mean, after.reachable_width[action].mean
         ratio = Text(f"x {significant(new / old)}" if old else MISSING, style="dim")
         yield f"mean width of {action}", significant(old), significant(new), ratio
