@@ -10,6 +10,13 @@ from viatool.errors import ConfigurationError, EnclosureError, WorkError
 from viatool.schedule import Cluster, open_scheduler
 
 
+@pytest.fixture(autouse=True)
+def patience(monkeypatch):
+    """Wait longer than a user would: tests share their machine."""
+    monkeypatch.setattr("viatool.schedule.cluster._CONNECT_SECONDS", 120.0)
+    monkeypatch.setattr("viatool.schedule.cluster._WORKER_SECONDS", 120.0)
+
+
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory):
     with LocalCluster(tmp_path_factory.mktemp("cluster"), workers=2) as cluster:

@@ -90,9 +90,12 @@ class Cluster:
                 top_up()
                 for future in finished:
                     piece = waiting.pop(future)
-                    answer = self._answer(future, piece)
-                    self._threads = max(1, sum(client.nthreads().values()))
-                    top_up()
+                    try:
+                        answer = self._answer(future, piece)
+                        self._threads = max(1, sum(client.nthreads().values()))
+                        top_up()
+                    except OSError as error:  # so are all errors of Dask's connections
+                        raise self._lost() from error
                     yield piece, checked(piece, answer)
             finally:
                 with suppress(Exception):  # the scheduler may be gone
@@ -102,16 +105,12 @@ class Cluster:
         """Return the answer of a finished piece, in whatever way it finished."""
         from distributed import KilledWorker
 
-        error: BaseException | None = None
-        if future.status == "finished":
+        status = future.status
+        if status == "finished":
             return future.result()
-        if future.status == "error":
-            error = future.exception()
-        if error is None or future.status != "error":
-            raise WorkError(
-                f"the connection to the scheduler {self.address} was lost",
-                "start the cluster again; a run with --checkpoint continues with --resume",
-            )
+        if status != "error":
+            raise self._lost()
+        error = future.exception()
         if isinstance(error, KilledWorker):
             raise WorkError(
                 f"{piece.name}: several workers died over it, the last at {error.last_worker.address}; most "
@@ -122,29 +121,35 @@ class Cluster:
             raise _not_importable(error) from error
         raise failure(piece, error) from error
 
+    def _lost(self) -> WorkError:
+        return WorkError(
+            f"the connection to the scheduler {self.address} was lost",
+            "start the cluster again; a run with --checkpoint continues with --resume",
+        )
+
     @contextmanager
     def _client(self) -> Iterator[Client]:
         from distributed import Client
 
         quiet = logging.getLogger("distributed")
         level = quiet.level
-        quiet.setLevel(logging.CRITICAL)  # what goes wrong is said once, by an error
+        quiet.setLevel(
+            logging.CRITICAL
+        )  # what goes wrong is said once, by an error; a lost client goes on trying
         try:
-            try:
-                kind = "scheduler_file" if self.address.endswith(".json") else "address"
-                client = Client(**{kind: self.address}, timeout=_CONNECT_SECONDS, set_as_default=False)
-            except (OSError, ValueError, TimeoutError) as error:
-                raise ConfigurationError(
-                    f"no Dask scheduler answers at {self.address} ({error})",
-                    "start one with 'dask scheduler', and give the address that it prints",
-                ) from error
-            try:
-                yield client
-            finally:
-                with suppress(Exception):
-                    client.close(timeout=_CLOSE_SECONDS)
-        finally:
+            kind = "scheduler_file" if self.address.endswith(".json") else "address"
+            client = Client(**{kind: self.address}, timeout=_CONNECT_SECONDS, set_as_default=False)
+        except (OSError, ValueError, TimeoutError) as error:
+            raise ConfigurationError(
+                f"no Dask scheduler answers at {self.address} ({error})",
+                "start one with 'dask scheduler', and give the address that it prints",
+            ) from error
+        try:
+            yield client
             quiet.setLevel(level)
+        finally:
+            with suppress(Exception):
+                client.close(timeout=_CLOSE_SECONDS)
 
     def _inspect(self, client: Client) -> None:
         """Refuse a cluster without workers, or with workers that would compute something else."""

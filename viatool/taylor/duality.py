@@ -27,9 +27,24 @@ from viatool.taylor.rounding import ENGINE_ROUNDOFF, SLIGHTLY_MORE, gamma
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-_SWEEPS = 2
-_MOST_NEURONS = 24
-"""Neurons of one layer whose straight pieces become conditions."""
+
+@dataclass(frozen=True)
+class DualEffort:
+    """How hard good multipliers are looked for.
+
+    Parameters
+    ----------
+    sweeps : int
+        How often each multiplier is improved.
+    neurons : int
+        Neurons of one layer whose straight pieces become conditions.
+    """
+
+    sweeps: int = 2
+    neurons: int = 24
+
+
+_THOROUGH = DualEffort()
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,11 +158,11 @@ class DualProblem:
         return tilted, self.constant + (beta * self.slack).sum(axis=1) + np.abs(tilted).sum(axis=1) + rounding
 
 
-def descend(problem: DualProblem) -> Floats:
+def descend(problem: DualProblem, effort: DualEffort = _THOROUGH) -> Floats:
     """Find good multipliers (K, D), one after the other: each minimises the bound given the others."""
     beta, tilted = np.zeros(problem.slack.shape), problem.objective
     count = problem.slack.shape[1]
-    for _ in range(_SWEEPS if count > 1 else 1):
+    for _ in range(effort.sweeps if count > 1 else 1):
         for d in range(count):
             direction = problem.conditions[:, d]
             without = tilted - beta[:, d, None] * direction
@@ -212,7 +227,11 @@ def _weighted_median(form: Floats, direction: Floats, slope: Floats) -> Floats:
 
 
 def relaxation_conditions(
-    network: Network, passes: Sequence[Enclosure], seed: Floats, layout: SymbolLayout
+    network: Network,
+    passes: Sequence[Enclosure],
+    seed: Floats,
+    layout: SymbolLayout,
+    effort: DualEffort = _THOROUGH,
 ) -> tuple[Floats, Floats]:
     """Return conditions that hold everywhere: a convex piecewise linear activation lies above its pieces.
 
@@ -235,7 +254,7 @@ def relaxation_conditions(
         fresh = passes[key].model.symbols[key]
         bend = curve_of(node.function).overall_bend
         weight = np.abs(objective[:, place]) if bend == 0 else np.maximum(-bend * objective[:, place], 0.0)
-        count = min(_MOST_NEURONS, int((weight > 0).sum(axis=1).max(initial=0)))
+        count = min(effort.neurons, int((weight > 0).sum(axis=1).max(initial=0)))
         slots = np.argsort(-weight, axis=1)[:, :count]
         neurons = np.take_along_axis(fresh.moved_neurons(), slots, axis=1)
         for form, constant in _piece_conditions(node, passes, key, neurons, layout):

@@ -26,6 +26,9 @@ Arithmetic = Literal["float32", "real"]
 _CHUNK_FLOATS = 400_000
 """Floats in the largest array of a chunk: small enough to stay in the cache."""
 
+_LEAST_STATES = 8
+"""States of a chunk of a network so wide that nothing stays in the cache: enough to share the work of Python."""
+
 _WIDE = 128
 """Neurons of a layer from which on the dual bound costs little beside the pass itself, even without refinement."""
 
@@ -215,7 +218,7 @@ def observation_box(policy: HasNetwork, observations: ArrayLike, eps: ArrayLike)
 def _chunks(network: Network, count: int, order: int) -> list[slice]:
     widest = max(node.size for node in network.nodes)
     monomials = network.input_size**order
-    step = int(np.clip(_CHUNK_FLOATS // (widest * (monomials + widest // 2)), 4, 256))
+    step = int(np.clip(_CHUNK_FLOATS // (widest * (monomials + widest // 2)), _LEAST_STATES, 256))
     return [slice(start, min(start + step, count)) for start in range(0, count, step)]
 
 

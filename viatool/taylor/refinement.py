@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from viatool.policy.network import Network
 from viatool.taylor.approximation import Approximation
 from viatool.taylor.derivatives import Hull, gradient_bounds
-from viatool.taylor.duality import DualProblem, SymbolLayout, descend, relaxation_conditions
+from viatool.taylor.duality import DualEffort, DualProblem, SymbolLayout, descend, relaxation_conditions
 from viatool.taylor.propagation import Box, Enclosure, propagate
 from viatool.taylor.rounding import runtime_deviation
 
@@ -26,6 +26,8 @@ Indices = NDArray[np.intp]
 _ROUNDS = 4
 _FREE_TOGETHER = 4
 _ROWS_TOGETHER = 64
+_NEURONS_OF_A_STATE = 96
+"""Neurons of one layer that the dual bounds of one state look at, over all questions, when nothing else is refined."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,13 +157,16 @@ def refine_monotone(
 def refine_by_pieces(network: Network, extrema: Extrema, passes: Sequence[Enclosure]) -> Extrema:
     """Tighten one-sided bounds, as `extrema_of` asks for them, by duality with one pass over the B boxes.
 
+    The effort for one state is bounded, however many actions it has, so that it stays near that of the pass.
+
     **Sound:** yes.
     """
     bound = extrema.bound.copy()
     batch = passes[0].lower.shape[0]
+    effort = DualEffort(sweeps=1, neurons=max(1, _NEURONS_OF_A_STATE * batch // max(bound.size, 1)))
     for start in range(0, bound.size, batch):
         block = slice(start, start + batch)
-        bound[block] = np.minimum(bound[block], bound_by_pieces(network, passes, extrema.seed[block]))
+        bound[block] = np.minimum(bound[block], bound_by_pieces(network, passes, extrema.seed[block], effort))
     return Extrema(extrema.box, extrema.seed, bound)
 
 
@@ -187,7 +192,9 @@ def refine_by_order(
     return Extrema(extrema.box, extrema.seed, bound)
 
 
-def bound_by_pieces(network: Network, passes: Sequence[Enclosure], seed: Floats) -> Floats:
+def bound_by_pieces(
+    network: Network, passes: Sequence[Enclosure], seed: Floats, effort: DualEffort | None = None
+) -> Floats:
     """Bound ``seed . actions`` from above (P,) using that convex activations lie above their straight pieces.
 
     **Sound:** yes; infinity where the network has no piecewise linear activation or the order is above 1.
@@ -196,11 +203,12 @@ def bound_by_pieces(network: Network, passes: Sequence[Enclosure], seed: Floats)
     if model.higher is not None or not seed.shape[0]:
         return np.full(seed.shape[0], np.inf)
     layout = SymbolLayout.of(model)
-    forms, slack = relaxation_conditions(network, passes, seed, layout)
+    effort = effort or DualEffort()
+    forms, slack = relaxation_conditions(network, passes, seed, layout, effort)
     if not slack.shape[1]:
         return np.full(seed.shape[0], np.inf)
     problem = DualProblem.of(model, seed, layout, [(forms, slack)])
-    return problem.value(descend(problem))[1]
+    return problem.value(descend(problem, effort))[1]
 
 
 def bound_at_points(network: Network, points: Floats, seed: Floats) -> Floats:
