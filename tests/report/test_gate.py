@@ -7,7 +7,7 @@ from fractions import Fraction
 import pytest
 
 from viatool.errors import ConfigurationError
-from viatool.report import Gate, evaluate, parse_threshold
+from viatool.report import Check, Gate, ReportDocument, evaluate, parse_threshold
 
 
 def passes(gate: Gate, document) -> bool:
@@ -70,3 +70,43 @@ def test_a_report_passes_against_itself_and_fails_against_a_better_baseline(docu
     assert passes(Gate(baseline=document(97, 1, 2)), document(97, 1, 2))
     assert not passes(Gate(baseline=document(98, 1, 1)), document(97, 1, 2))
     assert not passes(Gate(baseline=document(97, 0, 3)), document(97, 1, 2))
+
+
+def test_an_empty_evaluation_passes_no_condition_at_all(document) -> None:
+    gate = Gate((parse_threshold("0"),), max_unsafe=0, max_unknown=0, baseline=document(1, 0, 0))
+    checks = evaluate(gate, document(0, 0, 0))
+    assert len(checks) > 3
+    assert all(check.empty and not check.passed for check in checks)
+
+
+def unsafe_at(document, *places: tuple[str, float, float]):
+    """Return a report of three unsafe states in a hundred, with some of them listed by scenario, time and x."""
+    listed = [
+        {"state": number, "scenario": scenario, "time": time, "pose": (x, 0.0, 3.14159)}
+        for number, (scenario, time, x) in enumerate(places)
+    ]
+    return ReportDocument.model_validate({**document(97, 3, 0).model_dump(), "unsafe_states": listed})
+
+
+@pytest.mark.parametrize(
+    ("places", "named"),
+    [
+        ((("past", 2.3, 0.5),), None),
+        ((), None),
+        ((("past", 2.3, 0.50004),), None),  # the same state with the rounding of another machine
+        ((("past", 2.4, 0.5),), "past at 2.40 s"),
+        ((("other", 2.3, 0.5),), "other at 2.30 s"),
+        ((("past", 2.3, 0.6),), "past at 2.30 s"),
+        ((("past", 2.3, 0.5), ("past", 9.0, 0.5)), "past at 9.00 s"),
+    ],
+)
+def test_an_unsafe_state_that_the_baseline_lacks_fails(document, places, named: str | None) -> None:
+    baseline = unsafe_at(document, ("past", 2.3, 0.5), ("past", 5.0, 1.0))
+    (*_, check) = evaluate(Gate(baseline=baseline), unsafe_at(document, *places))
+    assert check.passed is (named is None)
+    assert (named or "0 new") in check.figures
+
+
+def test_a_baseline_that_lists_no_states_is_compared_by_their_number(document) -> None:
+    (*_, check) = evaluate(Gate(baseline=document(97, 3, 0)), unsafe_at(document, ("past", 1.0, 0.0)))
+    assert check == Check("no more unsafe states than the baseline", passed=True, figures="3, was 3")

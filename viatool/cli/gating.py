@@ -42,7 +42,7 @@ def gate_options(command: Command) -> Command:
                 "--baseline",
                 type=READABLE,
                 metavar="FILE",
-                help="Exit 1 if a rate is below, or more states are unsafe than in this report (json).",
+                help="Exit 1 if a rate is below that of this report (json), or a state is unsafe that was not.",
             ),
             click.option("--exit-zero", is_flag=True, help="Report a failed gate, but exit 0."),
         )

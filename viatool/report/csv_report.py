@@ -21,7 +21,7 @@ def render(result: Result, checks: Sequence[Check], suffix: str) -> Iterator[str
     """Yield one row for each state, below a row of names, some rows at a time."""
     trajectory, reachable = result.trajectory, result.reachable
     bounds = [f"{action.name}_{end}" for end in ("lower", "upper") for action in result.actions]
-    names = [f"{index}" if s is None else s.name for index, s in enumerate(trajectory.scenarios)]
+    names = [trajectory.name_of(index) for index in range(trajectory.episodes)]
     stream = StringIO(newline="")
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow([*COLUMNS, *map(inert, bounds)])

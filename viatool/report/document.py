@@ -79,6 +79,15 @@ class Width(_Part):
     max: float
 
 
+class UnsafeState(_Part):
+    """Where a state with a counterexample is: seconds since the start of its scenario, and x, y, theta."""
+
+    state: Count
+    scenario: str
+    time: float
+    pose: tuple[float, float, float]
+
+
 class ReportDocument(_Part):
     """The whole report."""
 
@@ -99,6 +108,7 @@ class ReportDocument(_Part):
     reachable_width: dict[str, Width]
     seconds: dict[str, float]
     versions: dict[str, str]
+    unsafe_states: list[UnsafeState] | None = None
 
 
 def read_result(result: Result) -> ReportDocument:

@@ -62,11 +62,11 @@ def summarise_episodes(result: Result) -> list[Episode]:
     return [
         Episode(
             index=index,
-            name=f"episode {index}" if scenario is None else scenario.name,
+            name=trajectory.name_of(index),
             outcome=str(trajectory.outcomes[index]),
             seconds=float(longest[index]),
             first_unsafe=first.get(index),
             **{verdict: int(counts[verdict][index]) for verdict in VERDICTS},
         )
-        for index, scenario in enumerate(trajectory.scenarios)
+        for index in range(trajectory.episodes)
     ]

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
 
 from viatool.errors import ConfigurationError
-from viatool.report.document import Rate, ReportDocument
+from viatool.report.document import Rate, ReportDocument, UnsafeState
 from viatool.report.numbers import count, digits_needed, percent_of, percentage
 
 RATES = {
@@ -19,6 +20,11 @@ RATES = {
     "collision": "safety rate in colliding episodes",
     "timeout": "safety rate in episodes that ran out of time",
 }
+
+
+EMPTY = "no states to decide on"
+NAMED = 3  # new unsafe states that a message names
+SAME = 1e-3  # metres and radians within which a pose counts as the same
 
 
 @dataclass(frozen=True)
@@ -40,7 +46,7 @@ class Gate:
     max_unsafe, max_unknown : int, optional
         The most states with that verdict.
     baseline : ReportDocument, optional
-        An older report: no rate may fall below its rate, and no more states may be unsafe.
+        An older report: no rate may fall below its rate, and no state may be unsafe that was not.
     """
 
     thresholds: tuple[Threshold, ...] = ()
@@ -126,6 +132,8 @@ def evaluate(gate: Gate, document: ReportDocument) -> tuple[Check, ...]:
             )
     if gate.baseline is not None:
         checks += _regressions(gate.baseline, document)
+    if document.states == 0:  # then every count is 0 and says nothing
+        return tuple(Check(check.condition, passed=False, figures=EMPTY, empty=True) for check in checks)
     return tuple(checks)
 
 
@@ -134,7 +142,7 @@ def _threshold(threshold: Threshold, document: ReportDocument) -> Check:
     digits = digits_needed(threshold.least)
     condition = f"{RATES[threshold.name]} >= {percent_of(threshold.least, digits)}"
     if rate.total == 0:
-        return Check(condition, passed=False, figures="no states to decide on", empty=True)
+        return Check(condition, passed=False, figures=EMPTY, empty=True)
     return Check(
         condition,
         rate.safe * threshold.least.denominator >= threshold.least.numerator * rate.total,
@@ -165,7 +173,30 @@ def _regressions(baseline: ReportDocument, document: ReportDocument) -> list[Che
         passed = now.safe * before.total >= before.safe * now.total
         figures = f"{percentage(now.safe, now.total, 4)}, was {percentage(before.safe, before.total, 4)}"
         checks.append(Check(f"{title} not below the baseline", passed, figures))
-    before_unsafe, now_unsafe = baseline.verdicts.unsafe, document.verdicts.unsafe
-    figures = f"{count(now_unsafe)}, was {count(before_unsafe)}"
-    checks.append(Check("no more unsafe states than the baseline", now_unsafe <= before_unsafe, figures))
+    checks.append(_new_unsafe_states(baseline, document))
     return checks
+
+
+def _new_unsafe_states(baseline: ReportDocument, document: ReportDocument) -> Check:
+    """Decide on the states themselves if both reports list them, and on their number otherwise."""
+    if baseline.unsafe_states is None or document.unsafe_states is None:
+        before, now = baseline.verdicts.unsafe, document.verdicts.unsafe
+        figures = f"{count(now)}, was {count(before)}"
+        return Check("no more unsafe states than the baseline", now <= before, figures)
+    known: dict[tuple[str, float], list[UnsafeState]] = {}
+    for state in baseline.unsafe_states:
+        known.setdefault((state.scenario, round(state.time, 3)), []).append(state)
+    new = [
+        state
+        for state in document.unsafe_states
+        if not any(_same_pose(state, old) for old in known.get((state.scenario, round(state.time, 3)), []))
+    ]
+    named = "; ".join(f"{state.scenario} at {state.time:.2f} s" for state in new[:NAMED])
+    figures = f"{count(len(new))} new" + (f": {named}{', ...' if len(new) > NAMED else ''}" if new else "")
+    return Check("no unsafe state that the baseline lacks", not new, figures)
+
+
+def _same_pose(state: UnsafeState, other: UnsafeState) -> bool:
+    """Tell whether two states of one scenario and time are one: runs on other machines differ by rounding."""
+    x, y, turn = (a - b for a, b in zip(state.pose, other.pose, strict=True))
+    return math.hypot(x, y) < SAME and abs(math.remainder(turn, math.tau)) < SAME

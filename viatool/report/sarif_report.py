@@ -70,16 +70,16 @@ def _gate_results(checks: Sequence[Check], result: Result) -> Iterator[dict[str,
 
 def _state_results(result: Result) -> Iterator[dict[str, Any]]:
     trajectory = result.trajectory
-    names = [str(i) if scenario is None else scenario.name for i, scenario in enumerate(trajectory.scenarios)]
     for verdict in ("unsafe", "unknown"):
         for state in np.flatnonzero(result.verdict == verdict).tolist():
-            name, time = names[trajectory.episode[state]], float(trajectory.time[state])
+            name, time = trajectory.name_of(trajectory.episode[state]), float(trajectory.time[state])
             x, y, heading = trajectory.poses[state].tolist()
             text = (
                 f"State {state} is {verdict}: scenario {name} at {time:.2f} s, "
                 f"x {x:.3f} m, y {y:.3f} m, heading {heading:.3f} rad."
             )
-            place = f"{name}/{time:.3f}"
+            # Poses that were picked have no time that tells them apart.
+            place = f"{name}/{time:.3f}" if trajectory.connected else f"{name}/{x:.3f},{y:.3f},{heading:.3f}"
             yield _finding(f"{verdict}-state", text, result, place, place)
 
 

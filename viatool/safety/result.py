@@ -232,7 +232,21 @@ class Result:
             "seconds": {stage: round(seconds, 6) for stage, seconds in self.seconds.items()},
             "versions": dict(self.versions),
             "assumptions": self.assumptions(),
+            "unsafe_states": self.unsafe_states(),
         }
+
+    def unsafe_states(self) -> list[dict[str, Any]]:
+        """Return where each unsafe state is: scenario, seconds since its start and pose, to be known again."""
+        trajectory = self.trajectory
+        return [
+            {
+                "state": int(state),
+                "scenario": trajectory.name_of(int(trajectory.episode[state])),
+                "time": round(float(trajectory.time[state]), 6),
+                "pose": trajectory.poses[state].round(6).tolist(),
+            }
+            for state in self.witnesses.state
+        ]
 
     def task(self) -> dict[str, int | float | None]:
         """Return how the episodes ended: simulated or recorded, never proved."""

@@ -81,6 +81,11 @@ class Trajectory:
         """Return the number of episodes."""
         return int(self.outcomes.shape[0])
 
+    def name_of(self, episode: int) -> str:
+        """Return the name of an episode's scenario, or its number."""
+        scenario = self.scenarios[episode]
+        return f"episode {episode}" if scenario is None else scenario.name
+
     def select(self, states: NDArray[Any]) -> Trajectory:
         """Return the trajectory of some states, with every episode kept.
 

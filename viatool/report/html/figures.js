@@ -17,7 +17,11 @@ const Figures = (() => {
         }
       }
     }
+    await twoFrames();
   }
+
+  // What is drawn on an overlay before the figure knows its size leaves a trace at the edge.
+  const twoFrames = () => new Promise((resolve) => { requestAnimationFrame(() => requestAnimationFrame(resolve)); });
 
   // Columns for a source; a figure that is not there yet is filled when it comes.
   function fill(name, columns) {

@@ -15,7 +15,7 @@ from viatool.report.palette import VERDICTS
 if TYPE_CHECKING:
     from viatool.policy import ObservationChannel
     from viatool.safety import Result
-    from viatool.world import Lidar, Obstacles, Scenario
+    from viatool.world import Lidar, Obstacles
 
 Indices = NDArray[np.int64]
 
@@ -141,15 +141,13 @@ def _witnesses(result: Result, kept: Indices) -> dict[str, Any]:
 
 
 def _episode(result: Result, index: int) -> dict[str, Any]:
-    scenario: Scenario | None = result.trajectory.scenarios[index]
-    shared = {"number": index, "outcome": str(result.trajectory.outcomes[index])}
-    if scenario is None:
-        return {**shared, "name": f"episode {index}", "goal": None, "circles": [], "polygons": []}
+    trajectory, scenario = result.trajectory, result.trajectory.scenarios[index]
     return {
-        **shared,
-        "name": one_line(scenario.name)[:LONGEST_NAME],
-        "goal": list(scenario.goal),
-        **shapes(scenario.obstacles),
+        "number": index,
+        "outcome": str(trajectory.outcomes[index]),
+        "name": one_line(trajectory.name_of(index))[:LONGEST_NAME],
+        "goal": None if scenario is None else list(scenario.goal),
+        **({"circles": [], "polygons": []} if scenario is None else shapes(scenario.obstacles)),
     }
 
 
