@@ -86,11 +86,11 @@ def test_no_action_of_a_deep_network_escapes(hidden):
     assert (actions <= found.upper[:, None]).all()
 
 
-def test_folding_makes_bounds_somewhat_wider():
+def test_folding_only_widens():
     rng = np.random.default_rng(5)
     policy, states = Bare(deep_network(4, 130, "Elu", rng)), rng.uniform(-1, 1, (3, 6))
     plain = reach(policy, states, 0.01, refine="none", arithmetic="real").width
     with most_symbols(100):
         folded = reach(policy, states, 0.01, refine="none", arithmetic="real").width
-    assert (folded <= 2.0 * plain).all()
-    assert (folded > 1.0001 * plain).any()
+    assert (folded >= plain).all()
+    assert (folded > 1.1 * plain).any()
