@@ -1,11 +1,11 @@
 """Whether another array library would carry the engine: the pass over an affine layer and an activation, three times.
 
-    pip install array-api-compat torch
+    pip install array-api-compat array-api-strict torch
     python tests/benchmarks/array_backend.py
 
-Times the operations that dominate a pass (an affine map of all forms, their scaling by slopes, their L1 norms) with numpy
-itself, with numpy through array-api-compat, and with torch on the CPU, on one thread; and lists the functions that the
-engine uses and the array API standard does not have.
+Times the operations that dominate a pass (an affine map of all forms, their scaling by slopes, their L1 norms) with
+numpy itself, with numpy through array-api-compat, and with torch on the CPU, on one thread; and lists the functions
+that the engine uses and the array API standard does not have.
 """
 
 from __future__ import annotations
@@ -13,11 +13,13 @@ from __future__ import annotations
 import os
 import re
 import time
+from collections import Counter
 from pathlib import Path
 
 os.environ["OMP_NUM_THREADS"] = "1"
 
 import array_api_compat
+import array_api_strict
 import numpy as np
 import torch
 
@@ -52,36 +54,29 @@ def main():
     rng = np.random.default_rng(0)
     print(f"numpy {np.__version__}, torch {torch.__version__}, CPU microseconds of one layer, one thread")
     for name, (batch, symbols, size) in SHAPES.items():
-        arrays = rng.normal(size=(batch, symbols, size)), rng.normal(size=(size, size)), rng.normal(size=(batch, size))
+        arrays = (
+            rng.normal(size=(batch, symbols, size)),
+            rng.normal(size=(size, size)),
+            rng.normal(size=(batch, size)),
+        )
         tensors = tuple(torch.from_numpy(array) for array in arrays)
         plain = seconds(lambda arrays=arrays: layer(np, *arrays))
         through = seconds(lambda arrays=arrays: layer(array_api_compat.array_namespace(*arrays), *arrays))
-        on_torch = seconds(lambda tensors=tensors: layer(array_api_compat.array_namespace(*tensors), *tensors))
+        on_torch = seconds(
+            lambda tensors=tensors: layer(array_api_compat.array_namespace(*tensors), *tensors)
+        )
         print(
             f"{name:<22} numpy {1e6 * plain:9.1f}   through array-api-compat {1e6 * through:9.1f} "
             f"({through / plain:.2f}x)   torch {1e6 * on_torch:9.1f} ({on_torch / plain:.2f}x)"
         )
-    used = re.compile(r"\bnp\.((?:\w+\.)*\w+)\(")
-    calls = {}
+    used, calls = re.compile(r"\bnp\.((?:\w+\.)*\w+)\("), Counter()
     for path in sorted((ROOT / "viatool" / "taylor").glob("*.py")):
-        for call in used.findall(path.read_text(encoding="utf-8")):
-            calls[call] = calls.get(call, 0) + 1
-    standard = array_api_compat.array_namespace(np.zeros(1), api_version=None)
-    strict = set(__import__("array_api_strict").__all__) if _has_strict() else None
-    missing = {call: count for call, count in calls.items() if strict is not None and call not in strict}
-    if strict is None:
-        print("install array-api-strict to list what the standard lacks;", standard.__name__)
-        return
-    print(f"{sum(calls.values())} calls of {len(calls)} numpy functions in viatool/taylor, of which the standard lacks")
-    print(f"{sum(missing.values())} calls of {len(missing)}: {', '.join(sorted(missing))}")
-
-
-def _has_strict():
-    try:
-        import array_api_strict  # noqa: F401
-    except ImportError:
-        return False
-    return True
+        calls.update(used.findall(path.read_text(encoding="utf-8")))
+    missing = {name: count for name, count in calls.items() if name not in array_api_strict.__all__}
+    print(
+        f"viatool/taylor calls {len(calls)} numpy functions in {calls.total()} places; the standard "
+        f"lacks {len(missing)} of them, in {sum(missing.values())} places: {', '.join(sorted(missing))}"
+    )
 
 
 if __name__ == "__main__":

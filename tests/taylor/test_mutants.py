@@ -23,6 +23,7 @@ from tests.strategies import ACTIVATIONS
 from tests.taylor.containment import escape_of_exact_values, escape_of_gradients, escape_of_programs
 from tests.taylor.test_curve import wrong_approximations, wrong_ranges
 from tests.taylor.test_interval import wrong_functions, wrong_operations
+from tests.taylor.test_wide import wrong_foldings
 from viatool.errors import EnclosureError
 from viatool.policy.activations import ActivationFunction, activation
 from viatool.policy.network import (
@@ -232,6 +233,12 @@ SOFTPLUS_CLIFF = Network(
 )
 
 MUTANTS = [
+    Mutant(
+        wrong_foldings,
+        "model.fold_symbols",
+        "(remainder + norms[key]) * SLIGHTLY_MORE",
+        "remainder",
+    ),
     # float64 rounding of the engine
     Mutant(
         real(chain(64, CANCELLING), ONES, 0.0),

@@ -12,7 +12,7 @@ neurons, ``(B, M, N)``, so that an affine map is one matrix product.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,9 @@ from viatool.taylor.rounding import ENGINE_ROUNDOFF, SLIGHTLY_MORE, gamma
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.intp]
+
+MOST_SYMBOLS = 2048
+"""Symbols that a model takes through an affine map."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,7 +203,8 @@ def affine_image(
     higher: Floats | None = None
     symbols: dict[int, Form] = {}
     terms = 2 + len(models) + roundings
-    for model, weight in zip(models, weights, strict=True):
+    for whole, weight in zip(models, weights, strict=True):
+        model = fold_symbols(whole)
         absolute = np.abs(weight).T
         terms += weight.shape[1]
         constant = constant + model.constant @ weight.T
@@ -226,6 +230,23 @@ def affine_image(
         radius * SLIGHTLY_MORE,
         first.basis,
     )
+
+
+def fold_symbols(model: TaylorModel) -> TaylorModel:
+    """Fold the symbols of whole nodes, those that weigh least, into the remainder until few enough are left.
+
+    Without it the work on a layer grows with all layers before it. **Sound:** yes, ``|form(e)|`` is at most its norm.
+    """
+    excess = sum(form.symbols for form in model.symbols.values()) - MOST_SYMBOLS
+    if excess <= 0:
+        return model
+    norms = {key: form.norms() for key, form in model.symbols.items()}
+    symbols, remainder = dict(model.symbols), model.remainder
+    for key in sorted(norms, key=lambda key: float(norms[key].sum())):
+        if excess > 0:
+            excess -= symbols.pop(key).symbols
+            remainder = (remainder + norms[key]) * SLIGHTLY_MORE
+    return replace(model, symbols=symbols, remainder=remainder)
 
 
 def _joined(left: Form | None, right: Form) -> Form:
