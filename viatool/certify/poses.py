@@ -79,14 +79,16 @@ class Forms:
     def between(cls, lower: Floats, upper: Floats) -> Forms:
         """Return quantities of which nothing is known but their bounds, (C, K) each."""
         middle = 0.5 * (lower + upper)
-        return cls(middle, np.zeros((len(middle), 3, middle.shape[1])), np.maximum(upper - middle, middle - lower))
+        return cls(
+            middle, np.zeros((len(middle), 3, middle.shape[1])), np.maximum(upper - middle, middle - lower)
+        )
 
     @property
     def lower(self) -> Floats:
         """Return lower bounds, (C, K)."""
-        return self.centre - np.abs(self.slope).sum(axis=1) - self.rest
+        return np.asarray(self.centre - np.abs(self.slope).sum(axis=1) - self.rest)
 
     @property
     def upper(self) -> Floats:
         """Return upper bounds, (C, K)."""
-        return self.centre + np.abs(self.slope).sum(axis=1) + self.rest
+        return np.asarray(self.centre + np.abs(self.slope).sum(axis=1) + self.rest)
