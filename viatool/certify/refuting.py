@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from viatool.certify.judging import Commands, Question
 from viatool.certify.observation import Cells
+from viatool.certify.poses import PoseBoxes
 from viatool.safety import Case, Witnesses, search_witnesses
 from viatool.trajectory import assemble, polar_goals
 from viatool.world import bin_ranges
@@ -21,6 +22,7 @@ _INSIDE = 1.0 - 1e-6
 _FRACTIONS = np.linspace(0.0, 1.0, 11)
 _AS_RECEIVED = 2.0**-22
 """Relative part of an observation that its rounding to float32 and that of the ray casting may take from eps."""
+_BISECTIONS = 20
 _FREE = 1e-6
 """Metres by which the pose of a counterexample keeps the collision distance."""
 
@@ -103,24 +105,45 @@ def observe(question: Question, poses: Floats, previous: Floats) -> Floats:
 
 def _worst_poses(question: Question, cells: Cells, previous: Floats) -> tuple[NDArray[np.int64], Floats]:
     """Return the free pose of each cell whose nominal command comes nearest: the cells (W,) and poses (W, 3)."""
-    rules, count = question.rules, len(cells)
-    boxes, scenes = cells.poses, question.situation.scenes
-    corner = boxes.centre[:, None, :2] + _INSIDE * _CORNERS * boxes.radius[:, None, :2]
-    places = np.concatenate([corner, np.broadcast_to(boxes.centre[:, None, 2:], (count, 9, 1))], axis=2)
-    scene = np.zeros(9 * count, np.int64)
-    left = scenes.footprint_clearance(places.reshape(-1, 3), rules.footprint, scene).reshape(count, 9)
-    free = left > rules.clearance.collision + _FREE
-    nearest = np.where(free, left, np.inf).argmin(axis=1)
-    row = np.flatnonzero(free.any(axis=1))
-    place = np.repeat(corner[row, nearest[row]][:, None], len(_TURNS), axis=1)
+    rules, boxes = question.rules, cells.poses
+    row, place = _nearest_places(question, boxes)
+    places = np.repeat(place[:, None], len(_TURNS), axis=1)
     heading = boxes.centre[row, 2, None] + _INSIDE * _TURNS * boxes.radius[row, 2, None]
-    poses = np.concatenate([place, heading[:, :, None]], axis=2)  # (W, 3, 3)
+    poses = np.concatenate([places, heading[:, :, None]], axis=2)  # (W, 3, 3)
     flat = poses.reshape(-1, 3)
     seen = observe(question, flat, np.repeat(previous[row], len(_TURNS), axis=0))
     actions = rules.clip(question.policy.network(seen)[:, question.layout.columns])
     paths = rules.manoeuvre.path(flat[:, None], actions[:, None], _FRACTIONS)
-    clearance = scenes.footprint_clearance(
-        paths.reshape(-1, 3), rules.footprint, np.zeros(paths[..., 0].size, np.int64)
-    )
-    least = clearance.reshape(len(row), len(_TURNS), -1).min(axis=2)
+    least = _clearance(question, paths).reshape(len(row), len(_TURNS), -1).min(axis=2)
     return row, poses[np.arange(len(row)), least.argmin(axis=1)]
+
+
+def _nearest_places(question: Question, boxes: PoseBoxes) -> tuple[NDArray[np.int64], Floats]:
+    """Return the free place of each box that is nearest to an obstacle: the boxes (W,) and places (W, 2).
+
+    At the rim of the free space it is found by bisection between a free and a blocked place.
+    """
+    least = question.rules.clearance.collision + _FREE
+    headings = np.broadcast_to(boxes.centre[:, None, 2:], (len(boxes), len(_CORNERS), 1))
+    places = boxes.centre[:, None, :2] + _INSIDE * _CORNERS * boxes.radius[:, None, :2]
+    left = _clearance(question, np.concatenate([places, headings], axis=2))
+    row = np.flatnonzero((left > least).any(axis=1))
+    left, places, index = left[row], places[row], np.arange(len(row))
+    free = places[index, np.where(left > least, left, np.inf).argmin(axis=1)]
+    blocked = places[index, left.argmin(axis=1)]
+    rim = np.flatnonzero(left.min(axis=1) <= least)
+    inner, outer, turn = free[rim], blocked[rim], boxes.centre[row[rim], 2:]
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (inner + outer)
+        there = _clearance(question, np.concatenate([middle, turn], axis=1)) > least
+        inner, outer = np.where(there[:, None], middle, inner), np.where(there[:, None], outer, middle)
+    free[rim] = inner
+    return row, free
+
+
+def _clearance(question: Question, poses: Floats) -> Floats:
+    """Return the clearance of the footprint at poses (..., 3)."""
+    flat = poses.reshape(-1, 3)
+    scene = np.zeros(len(flat), np.int64)
+    found = question.situation.scenes.footprint_clearance(flat, question.rules.footprint, scene)
+    return np.asarray(found.reshape(poses.shape[:-1]))
