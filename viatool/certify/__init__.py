@@ -1,1 +1,9 @@
-"""Certified places."""
+"""Certified places: proofs for every pose of a map, not only for visited states."""
+
+from __future__ import annotations
+
+from viatool.certify.certificate import Certificate
+from viatool.certify.findings import STATUSES, Findings
+from viatool.certify.job import Budget, Resolution, certify
+
+__all__ = ["STATUSES", "Budget", "Certificate", "Findings", "Resolution", "certify"]

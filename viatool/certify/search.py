@@ -2,68 +2,21 @@
 
 from __future__ import annotations
 
-import time
 from collections import defaultdict
-from collections.abc import Callable
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from viatool.certify.findings import BLOCKED, CERTIFIED, REFUTED, SETTLED, UNKNOWN, Findings
 from viatool.certify.judging import Commands, Question
-from viatool.certify.refuting import Refutations, refute
+from viatool.certify.refuting import refute
 from viatool.certify.tree import Lattice, Nodes
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-Booleans = NDArray[np.bool_]
 
-BLOCKED, SETTLED, CERTIFIED, REFUTED, UNKNOWN = range(5)
-STATUSES = ("blocked", "uncontested", "certified", "refuted", "unknown")
 _BATCH = 4096
 _POSE = 3
-
-
-@dataclass(frozen=True)
-class Budget:
-    """When to stop: what is still open then is unknown.
-
-    Parameters
-    ----------
-    seconds : float
-        Wall-clock time.
-    cells : int
-        Cells that are judged.
-    """
-
-    seconds: float = np.inf
-    cells: int = 2**62
-
-
-@dataclass(eq=False)
-class Ledger:
-    """What became of the cells: leaves of the tree with their status, and the counterexamples.
-
-    Parameters
-    ----------
-    leaves : dict
-        For each status the nodes that have it.
-    refutations : list of Refutations
-        `witnesses.state` counts the refuted leaves in order.
-    judged : int
-        Cells that were looked at.
-    complete : bool
-        Whether the search ended by itself, not by its budget.
-    """
-
-    leaves: dict[int, list[Nodes]] = field(default_factory=lambda: defaultdict(list))
-    refutations: list[Refutations] = field(default_factory=list)
-    judged: int = 0
-    complete: bool = True
-
-    def nodes(self, status: int) -> Nodes:
-        """Return all leaves of a status."""
-        return Nodes.join(self.leaves[status])
 
 
 class Frontier:
@@ -95,91 +48,70 @@ class Frontier:
         return Nodes.join(taken)
 
 
-def search(
-    question: Question,
-    lattice: Lattice,
-    budget: Budget,
-    *,
-    seed: int = 0,
-    progress: Callable[[Ledger, Frontier], None] | None = None,
-) -> Ledger:
-    """Judge the cells of a lattice until all are decided, smallest, or the budget is spent.
+def search(question: Question, lattice: Lattice, roots: Nodes, *, seed: int = 0) -> Findings:
+    """Judge the cells of some roots until all are decided or smallest.
 
     Parameters
     ----------
     question : Question
         What is asked.
     lattice : Lattice
-        The cells.
-    budget : Budget
-        When to stop.
+        How the roots are cut.
+    roots : Nodes
+        R roots.
     seed : int
         Of the search for counterexamples.
-    progress : callable, optional
-        Called after each batch.
 
     Returns
     -------
-    Ledger
-        Every point of the lattice lies in exactly one leaf, up to boundaries.
+    Findings
+        Every point of the roots lies in exactly one leaf, up to boundaries. The same for the same roots.
     """
-    ledger, frontier, start = Ledger(), Frontier(lattice.roots()), time.perf_counter()
+    frontier, found = Frontier(roots), []
     while len(nodes := frontier.take(_BATCH)):
-        if time.perf_counter() - start > budget.seconds or ledger.judged >= budget.cells:
-            ledger.complete = False
-            break
-        ledger.judged += len(nodes)
-        nodes = _geometry(question, lattice, nodes, ledger, frontier)
-        if len(nodes):
-            _judge(question, lattice, nodes, ledger, frontier, seed)
-        if progress is not None:
-            progress(ledger, frontier)
-    while len(nodes):  # only after a break
-        ledger.leaves[UNKNOWN].append(nodes)
-        nodes = frontier.take(2**40)
-    return ledger
+        settled, contested = _geometry(question, lattice, nodes, frontier)
+        judged = [_judge(question, lattice, contested, frontier, seed)] if len(contested) else []
+        found += [settled, *judged]
+    return Findings.join(found)
 
 
 def _geometry(
-    question: Question, lattice: Lattice, nodes: Nodes, ledger: Ledger, frontier: Frontier
-) -> Nodes:
-    """Set aside what is blocked or settled, halve what is larger than the grain, and return the rest."""
+    question: Question, lattice: Lattice, nodes: Nodes, frontier: Frontier
+) -> tuple[Findings, Nodes]:
+    """Return what is blocked or settled, and the rest; what is larger than the grain is halved."""
     boxes = lattice.cells(nodes).poses
     blocked = question.blocked(boxes)
     level = nodes.level[:, :_POSE]
     young = (level <= lattice.grain[:_POSE]).all(axis=1) & ~blocked
     settled = np.zeros(len(nodes), dtype=bool)
     settled[young] = question.settled(boxes.select(young))
-    ledger.leaves[BLOCKED].append(nodes.select(blocked))
-    ledger.leaves[SETTLED].append(nodes.select(settled))
     coarse = young & ~settled & (level < lattice.grain[:_POSE]).any(axis=1)
     if coarse.any():
         large = nodes.select(coarse)
         frontier.add(large.halved(_largest_axis(large, lattice.grain)))
-    return nodes.select(~(blocked | settled | coarse))
+    found = Findings.of(
+        nodes.select(blocked | settled), np.where(blocked, BLOCKED, SETTLED)[blocked | settled]
+    )
+    return found, nodes.select(~(blocked | settled | coarse))
 
 
-def _judge(
-    question: Question, lattice: Lattice, nodes: Nodes, ledger: Ledger, frontier: Frontier, seed: int
-) -> None:
-    """Certify, refute or halve nodes."""
+def _judge(question: Question, lattice: Lattice, nodes: Nodes, frontier: Frontier, seed: int) -> Findings:
+    """Return the nodes that are certified, refuted or smallest; the others are halved."""
     cells = lattice.cells(nodes)
     commands = question.commands(cells)
     certified = question.holds(cells.poses, commands.lower, commands.upper)
-    ledger.leaves[CERTIFIED].append(nodes.select(certified))
     smallest = (nodes.level >= lattice.deepest).all(axis=1)
     open_ = np.flatnonzero(~certified & ~smallest)
     if len(open_):
         axis = _loosest_axis(question, lattice, nodes.select(open_), commands.select(open_))
         frontier.add(nodes.select(open_).halved(axis))
+    status = np.where(certified, CERTIFIED, UNKNOWN)
     last = np.flatnonzero(~certified & smallest)
-    if len(last):
-        found = refute(question, cells.select(last), commands.select(last), seed=seed)
-        refuted = np.zeros(len(last), dtype=bool)
-        refuted[found.witnesses.state] = True
-        ledger.refutations.append(found)
-        ledger.leaves[REFUTED].append(nodes.select(last[refuted]))
-        ledger.leaves[UNKNOWN].append(nodes.select(last[~refuted]))
+    found = refute(question, cells.select(last), commands.select(last), seed=seed) if len(last) else None
+    if found is not None:
+        status[last[found.witnesses.state]] = REFUTED
+    decided = certified | smallest
+    return Findings.of(nodes.select(decided), status[decided], found)
 
 
 def _largest_axis(nodes: Nodes, deepest: Integers) -> Integers:
