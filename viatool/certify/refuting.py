@@ -74,7 +74,8 @@ def refute(question: Question, cells: Cells, commands: Commands, *, seed: int = 
     """
     layout, rules = question.layout, question.rules
     previous = 0.5 * (cells.previous_lower + cells.previous_upper)
-    row, poses = _worst_poses(question, cells, previous)
+    row, place = _nearest_places(question, cells.poses)
+    poses = _worst_poses(question, cells.poses.select(row), place, previous[row])
     if not len(row):
         return Refutations(poses, previous[row], Witnesses.join([], len(layout.radii)))
     observations = observe(question, poses, previous[row]).astype(layout.number).astype(np.float64)
@@ -103,19 +104,20 @@ def observe(question: Question, poses: Floats, previous: Floats) -> Floats:
     return assemble(sensors.channels, measured)
 
 
-def _worst_poses(question: Question, cells: Cells, previous: Floats) -> tuple[NDArray[np.int64], Floats]:
-    """Return the free pose of each cell whose nominal command comes nearest: the cells (W,) and poses (W, 3)."""
-    rules, boxes = question.rules, cells.poses
-    row, place = _nearest_places(question, boxes)
+def _worst_poses(question: Question, boxes: PoseBoxes, place: Floats, previous: Floats) -> Floats:
+    """Return the pose at a place (W, 2) of each box whose nominal command comes nearest, (W, 3)."""
+    if not len(boxes):
+        return np.zeros((0, 3))
+    rules, count = question.rules, len(boxes)
     places = np.repeat(place[:, None], len(_TURNS), axis=1)
-    heading = boxes.centre[row, 2, None] + _INSIDE * _TURNS * boxes.radius[row, 2, None]
+    heading = boxes.centre[:, 2, None] + _INSIDE * _TURNS * boxes.radius[:, 2, None]
     poses = np.concatenate([places, heading[:, :, None]], axis=2)  # (W, 3, 3)
     flat = poses.reshape(-1, 3)
-    seen = observe(question, flat, np.repeat(previous[row], len(_TURNS), axis=0))
+    seen = observe(question, flat, np.repeat(previous, len(_TURNS), axis=0))
     actions = rules.clip(question.policy.network(seen)[:, question.layout.columns])
     paths = rules.manoeuvre.path(flat[:, None], actions[:, None], _FRACTIONS)
-    least = _clearance(question, paths).reshape(len(row), len(_TURNS), -1).min(axis=2)
-    return row, poses[np.arange(len(row)), least.argmin(axis=1)]
+    least = _clearance(question, paths).reshape(count, len(_TURNS), -1).min(axis=2)
+    return np.asarray(poses[np.arange(count), least.argmin(axis=1)])
 
 
 def _nearest_places(question: Question, boxes: PoseBoxes) -> tuple[NDArray[np.int64], Floats]:

@@ -55,16 +55,20 @@ def keep_away(boxes: PoseBoxes, shapes: Shapes, rules: Rules, lower: Floats, upp
     far = distance - radii - reach - way > rules.clearance.collision + slack
     if rules.footprint.kind == "polygon":
         return np.asarray(far.all(axis=1))
-    speed = np.maximum(np.abs(lower), np.abs(upper))
-    seconds = rules.manoeuvre.seconds(speed[:, 0], speed[:, 1])
-    right = 0.5 * seconds * np.minimum(lower[:, 1], 0.0)
-    left = 0.5 * seconds * np.maximum(upper[:, 1], 0.0)
+    right, left = turns(rules, lower, upper)
     towards = boxes.centre[:, 2] + 0.5 * (left + right)
     off = np.angle(np.exp(1j * towards)[:, None] * np.conj(away))
     opening = (0.5 * (left - right) + boxes.turn)[:, None] + cone(reach, distance)
     retreats = np.abs(off) + opening + slack < 0.5 * np.pi
     retreats &= ((lower[:, 0] >= 0.0) & (left - right < np.pi))[:, None]
     return np.asarray((far | retreats).all(axis=1))
+
+
+def turns(rules: Rules, lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
+    """Bound the direction of every displacement relative to the heading, to the right (at most 0) and to the left."""
+    speed = np.maximum(np.abs(lower), np.abs(upper))
+    half = 0.5 * rules.manoeuvre.seconds(speed[:, 0], speed[:, 1])
+    return half * np.minimum(lower[:, 1], 0.0), half * np.maximum(upper[:, 1], 0.0)
 
 
 def cone(reach: Floats, distance: Floats) -> Floats:
