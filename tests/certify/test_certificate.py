@@ -7,10 +7,11 @@ import pytest
 
 from tests.benchmarks.certified import try_states
 from viatool import load_map, load_policy
-from viatool.certify import STATUSES, Budget, Resolution, certify
+from viatool.certify import STATUSES, Budget, Campaign, Resolution, certify
 from viatool.certify.refuting import observe
 from viatool.errors import ConfigurationError, EmptyEvaluationError
 from viatool.safety import Situations
+from viatool.schedule import Processes, Serial
 from viatool.world import Scenario
 
 ROOM, POLICY = load_map(Path("maps/room.yaml")), load_policy(Path("policies/via.onnx"))
@@ -68,12 +69,25 @@ def test_volumes_are_exact_and_add_up(certificate):
     assert 0 < part < total <= certificate.free[1]
 
 
-def test_a_certificate_does_not_depend_on_when_it_is_made(certificate):
-    again = certify(
-        POLICY, ROOM, SCENARIO, eps=0.01, resolution=Resolution(0.05, 0), budget=Budget(share=0.03), seed=3
-    )
-    assert again.units == certificate.units
-    np.testing.assert_array_equal(again.findings.observation, certificate.findings.observation)
+def test_workers_and_interruptions_change_nothing(certificate, tmp_path):
+    def run(scheduler, budget, *, resume):
+        return certify(
+            POLICY, ROOM, SCENARIO, eps=0.01, resolution=Resolution(0.1, 0), budget=budget, seed=3,
+            campaign=Campaign(scheduler, tmp_path / "kept", resume),
+        )  # fmt: skip
+
+    part = run(Serial(), Budget(cells=1), resume=False)
+    assert part.examined < part.roots
+    whole = run(Processes(2), Budget(), resume=True)
+    alone = certify(POLICY, ROOM, SCENARIO, eps=0.01, resolution=Resolution(0.1, 0), seed=3)
+    assert whole.examined == whole.roots == alone.examined
+    assert whole.units == alone.units
+    np.testing.assert_array_equal(whole.findings.observation, alone.findings.observation)
+    with pytest.raises(ConfigurationError, match="radii"):
+        certify(
+            POLICY, ROOM, SCENARIO, eps=0.02, resolution=Resolution(0.1, 0), seed=3,
+            campaign=Campaign(Serial(), tmp_path / "kept", True),
+        )  # fmt: skip
 
 
 def test_what_a_pose_observes_is_what_the_oracle_casts():

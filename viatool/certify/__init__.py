@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from viatool.certify.campaign import Budget, Campaign
 from viatool.certify.certificate import Certificate
 from viatool.certify.findings import STATUSES, Findings
-from viatool.certify.job import Budget, Resolution, certify
+from viatool.certify.job import Resolution, certify
 
-__all__ = ["STATUSES", "Budget", "Certificate", "Findings", "Resolution", "certify"]
+__all__ = ["STATUSES", "Budget", "Campaign", "Certificate", "Findings", "Resolution", "certify"]

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from viatool.certify.campaign import Budget, Campaign, Inspection, Tell, describe
 from viatool.certify.certificate import Certificate
-from viatool.certify.findings import Findings
 from viatool.certify.judging import Question
-from viatool.certify.search import search
 from viatool.certify.tree import Lattice
 from viatool.errors import ConfigurationError, EmptyEvaluationError
 from viatool.policy import Policy
@@ -20,10 +19,6 @@ from viatool.safety import Layout, Rules
 from viatool.taylor import Arithmetic
 from viatool.versions import result_versions
 from viatool.world import Footprint, Scenario, Scenes, WorldMap
-
-_ROOTS_AT_ONCE = 1024
-_MOST_ROOTS = 20_000_000
-Tell = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -50,25 +45,6 @@ class Resolution:
             )
 
 
-@dataclass(frozen=True)
-class Budget:
-    """When to stop; what was not examined then is counted apart.
-
-    Parameters
-    ----------
-    seconds : float
-        Wall-clock time.
-    cells : int
-        Leaves.
-    share : float
-        Of the roots, drawn at random: an unbiased estimate of the whole.
-    """
-
-    seconds: float = math.inf
-    cells: int = 2**62
-    share: float = 1.0
-
-
 def certify(
     policy: Policy,
     world_map: WorldMap,
@@ -84,6 +60,7 @@ def certify(
     resolution: Resolution | None = None,
     budget: Budget | None = None,
     seed: int = 0,
+    campaign: Campaign | None = None,
     tell: Tell | None = None,
 ) -> Certificate:
     """Decide for every pose of a map, and every command before it, whether the next action is safe.
@@ -108,6 +85,8 @@ def certify(
         When to stop.
     seed : int
         Of the order of the roots, and of the search for counterexamples.
+    campaign : Campaign, optional
+        Who does the work, and where it is kept; by default this process.
     tell : callable, optional
         Called with the stage, the roots done and the roots in all.
 
@@ -146,7 +125,9 @@ def certify(
     smallest = (resolution.side, resolution.side, resolution.halvings)
     lattice = Lattice.over(world_map.bounds, (rules.lower, rules.upper), smallest)
     start = time.perf_counter()
-    findings, examined = _examine(question, lattice, budget, seed, tell)
+    inspection = Inspection(question, lattice, seed)
+    about = describe(inspection, world_map, scenario)
+    findings, examined = (campaign or Campaign()).carry_out(inspection, budget, about, tell)
     if not (findings.status > 0).any():
         raise EmptyEvaluationError("no free place was examined", "lower the clearance or raise the budget")
     seconds = {"search": time.perf_counter() - start}
@@ -154,25 +135,3 @@ def certify(
         policy, world_map, scenario, rules, layout, eps, arithmetic, lattice, findings, examined,
         int(np.prod(lattice.count)), seconds, result_versions(),
     )  # fmt: skip
-
-
-def _examine(
-    question: Question, lattice: Lattice, budget: Budget, seed: int, tell: Tell | None
-) -> tuple[Findings, int]:
-    """Examine roots in random order, so that what is done when the budget ends is a fair sample."""
-    count = int(np.prod(lattice.count))
-    if count > _MOST_ROOTS:
-        raise ConfigurationError(f"{count:,} roots are too many", "make the smallest cells larger")
-    order = np.random.default_rng(seed).permutation(count)
-    order = order[: max(1, math.ceil(budget.share * count))]
-    roots, found, leaves, start = lattice.roots(), [], 0, time.perf_counter()
-    done = 0
-    for first in range(0, len(order), _ROOTS_AT_ONCE):
-        if leaves >= budget.cells or time.perf_counter() - start > budget.seconds:
-            break
-        some = np.sort(order[first : first + _ROOTS_AT_ONCE])
-        found.append(search(question, lattice, roots.select(some), seed=seed))
-        leaves, done = leaves + len(found[-1]), done + len(some)
-        if tell is not None:
-            tell("roots", done, len(order))
-    return Findings.join(found), done

@@ -12,6 +12,7 @@ from viatool.cli import options
 from viatool.cli.gating import leave_by_gate
 from viatool.cli.shapes import FootprintType, PointType
 from viatool.cli.terminal import open_console, show_progress
+from viatool.cli.work import keeping, work_options
 
 if TYPE_CHECKING:
     from viatool.world import Scenario, WorldMap
@@ -100,6 +101,7 @@ if TYPE_CHECKING:
     "if not all of the map was examined. Repeatable.",
 )
 @click.option("--exit-zero", is_flag=True, help="Report a failed gate, but exit 0.")
+@work_options
 @options.threads_option
 @options.quiet_option
 @click.pass_context
@@ -109,13 +111,14 @@ def command(ctx: click.Context, /, **given: Any) -> None:
     The free space is cut into cells of x, y, heading and previous command. Each becomes uncontested (no command
     could endanger it), certified (proved for all of it), refuted (with a replayable counterexample) or unknown.
     """
-    from viatool.certify import Budget, Resolution, certify
+    from viatool.certify import Budget, Campaign, Resolution, certify
     from viatool.policy import load_policy
     from viatool.report import STDOUT, check_outputs, parse_output, write_outputs
     from viatool.report.certificates import CERTIFICATE_REPORTERS
     from viatool.report.certificates.console import print_certificate
     from viatool.report.certificates.document import read_certificate
     from viatool.report.certificates.gate import decide, parse_thresholds
+    from viatool.schedule import open_scheduler
 
     outputs = tuple(parse_output(text, CERTIFICATE_REPORTERS) for text in given["output"])
     check_outputs(outputs)
@@ -123,7 +126,7 @@ def command(ctx: click.Context, /, **given: Any) -> None:
     world_map = options.open_map(given["map_path"], given["unknown"])
     scenario = choose_scenario(given, world_map)
     policy = load_policy(given["policy"], given["spec_path"])
-    with show_progress(quiet=given["quiet"]) as progress:
+    with keeping(given["checkpoint"]), show_progress(quiet=given["quiet"]) as progress:
         certificate = certify(
             policy,
             world_map,
@@ -132,6 +135,9 @@ def command(ctx: click.Context, /, **given: Any) -> None:
             resolution=Resolution(given["smallest"], given["halvings"]),
             budget=Budget(
                 given["budget_seconds"] or math.inf, given["budget_cells"] or 2**62, given["sample"]
+            ),
+            campaign=Campaign(
+                open_scheduler(given["workers"], given["scheduler"]), given["checkpoint"], given["resume"]
             ),
             tell=progress,
             **{name: given[name] for name in _PASSED_ON},
