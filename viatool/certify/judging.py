@@ -25,7 +25,8 @@ Floats = NDArray[np.float64]
 Booleans = NDArray[np.bool_]
 
 _CHUNK = 256
-"""Cells that are enclosed together, so that the arrays stay in the cache."""
+_CHUNK_PAIRS = 400_000
+"""Cells, and cells times shapes, that are enclosed together, so that the arrays stay in the cache."""
 _EFFORT = Effort(levels=8, cells=64, tolerance=1e-4)
 
 
@@ -116,7 +117,10 @@ class Question:
 
     def holds(self, boxes: PoseBoxes, lower: Floats, upper: Floats) -> Booleans:
         """Tell in which boxes every command of a box (C, 2) keeps every free pose clear, (C,). **Sound:** yes."""
-        kept = keep_away(boxes, self.sensors.shapes, self.rules, lower, upper)
+        shapes = self.sensors.shapes
+        kept = np.zeros(len(boxes), dtype=bool)
+        for some in self._chunks(len(boxes), 16 * _CHUNK):
+            kept[some] = keep_away(boxes.select(some), shapes, self.rules, lower[some], upper[some])
         rest = np.flatnonzero(~kept)
         here, rules = self.at(boxes.select(rest)), self.rules
         kept[rest] = prove_clearance(
@@ -132,14 +136,18 @@ class Question:
 
     def commands(self, cells: Cells, *, thorough: bool = False) -> Commands:
         """Bound what the policy commands anywhere in cells, whatever the sensors err. **Sound:** yes."""
-        chunks = [slice(start, start + _CHUNK) for start in range(0, len(cells), _CHUNK)]
-        found = [self._commands(cells.select(chunk), thorough) for chunk in chunks]
+        found = [self._commands(cells.select(some), thorough) for some in self._chunks(len(cells), _CHUNK)]
         return Commands(
             *(
                 np.concatenate([getattr(part, name) for part in found])
                 for name in ("lower", "upper", "influence")
             )
         )
+
+    def _chunks(self, count: int, most: int) -> list[slice]:
+        """Cut cells so that the arrays over cells and shapes stay small, however many shapes there are."""
+        step = int(np.clip(_CHUNK_PAIRS // len(self.sensors.shapes), 8, most))
+        return [slice(start, min(start + step, count)) for start in range(0, count, step)]
 
     def _commands(self, cells: Cells, thorough: bool) -> Commands:
         columns, spec = self.layout.columns, self.layout.spec

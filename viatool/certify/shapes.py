@@ -34,6 +34,10 @@ class Shapes:
     second: Plane
     scale: float
 
+    def __len__(self) -> int:
+        """Return the number of circles and edges."""
+        return len(self.radii) + len(self.first)
+
     @classmethod
     def of(cls, world_map: WorldMap, scenario: Scenario | None) -> Shapes:
         """Return the shapes of a map with the obstacles of a scenario."""
