@@ -28,7 +28,7 @@ def main() -> None:
     given = options.parse_args()
     policy, world = load_policy(given.policy), load_map(given.map)
     print("scenario    roots  certified  refuted  unknown  decided   free safe   CPU s   whole map, CPU min")
-    sums = {name: 0 for name in ("certified", "refuted", "unknown", "uncontested")}
+    sums = dict.fromkeys(("certified", "refuted", "unknown", "uncontested"), 0)
     for scenario in world.scenarios[: given.scenarios]:
         start = time.process_time()
         found = certify(

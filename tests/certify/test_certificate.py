@@ -7,7 +7,7 @@ import pytest
 
 from tests.benchmarks.certified import try_states
 from viatool import load_map, load_policy
-from viatool.certify import STATUSES, Budget, Campaign, Resolution, certify
+from viatool.certify import STATUSES, Budget, Campaign, Resolution, campaign, certify
 from viatool.certify.refuting import observe
 from viatool.errors import ConfigurationError, EmptyEvaluationError
 from viatool.safety import Situations
@@ -69,23 +69,25 @@ def test_volumes_are_exact_and_add_up(certificate):
     assert 0 < part < total <= certificate.free[1]
 
 
-def test_workers_and_interruptions_change_nothing(certificate, tmp_path):
+def test_workers_and_interruptions_change_nothing(monkeypatch, tmp_path):
+    monkeypatch.setattr(campaign, "_ROOTS_AT_ONCE", 4)
+
     def run(scheduler, budget, *, resume):
         return certify(
-            POLICY, ROOM, SCENARIO, eps=0.01, resolution=Resolution(0.1, 0), budget=budget, seed=3,
+            POLICY, ROOM, SCENARIO, eps=0.01, resolution=Resolution(0.25, 0), budget=budget, seed=3,
             campaign=Campaign(scheduler, tmp_path / "kept", resume),
         )  # fmt: skip
 
     part = run(Serial(), Budget(cells=1), resume=False)
     assert part.examined < part.roots
     whole = run(Processes(2), Budget(), resume=True)
-    alone = certify(POLICY, ROOM, SCENARIO, eps=0.01, resolution=Resolution(0.1, 0), seed=3)
+    alone = certify(POLICY, ROOM, SCENARIO, eps=0.01, resolution=Resolution(0.25, 0), seed=3)
     assert whole.examined == whole.roots == alone.examined
     assert whole.units == alone.units
     np.testing.assert_array_equal(whole.findings.observation, alone.findings.observation)
     with pytest.raises(ConfigurationError, match="radii"):
         certify(
-            POLICY, ROOM, SCENARIO, eps=0.02, resolution=Resolution(0.1, 0), seed=3,
+            POLICY, ROOM, SCENARIO, eps=0.02, resolution=Resolution(0.25, 0), seed=3,
             campaign=Campaign(Serial(), tmp_path / "kept", True),
         )  # fmt: skip
 
