@@ -16,6 +16,7 @@ from pydantic import BaseModel
 from viatool.cli import main
 from viatool.policy import PolicySpecification
 from viatool.report import ReportDocument
+from viatool.report.certificates.document import CertificateDocument
 from viatool.train import TrainingConfiguration
 from viatool.world import MapFile
 
@@ -23,6 +24,7 @@ DOCS = Path(__file__).resolve().parent
 schema_tables = runpy.run_path(str(DOCS / "schema_tables.py"))["schema_tables"]
 MODELS: dict[str, tuple[type[BaseModel], str]] = {
     "report.schema.json": (ReportDocument, "viatool report"),
+    "certificate.schema.json": (CertificateDocument, "viatool certificate"),
     "map.schema.json": (MapFile, "viatool map"),
     "specification.schema.json": (PolicySpecification, "viatool policy specification"),
     "training.schema.json": (TrainingConfiguration, "viatool training configuration"),

@@ -14,6 +14,7 @@ from viatool.cli.failures import explain
 
 COMMANDS = (
     "verify",
+    "certify",
     "replay",
     "gate",
     "compare",

@@ -14,6 +14,7 @@ from viatool.safety.witness import Witnesses, search_witnesses
 from viatool.safety.witness_file import (
     Replay,
     WitnessFile,
+    compose_witnesses,
     load_witnesses,
     replay,
     witness_document,
@@ -36,6 +37,7 @@ __all__ = [
     "Situations",
     "WitnessFile",
     "Witnesses",
+    "compose_witnesses",
     "find_contested",
     "judge",
     "load_witnesses",

@@ -21,7 +21,10 @@ length ``l = v T`` and the turn ``phi = omega T`` of the whole path, where T is 
    instant.
 3. *Other fractions, polygons.* The outline is placed at the middle fraction; until s_0 or s_1 no point of
    it moves farther than ``(|l_c| + |q| |phi_c|) (s_1 - s_0) / 2``.
-4. *Rounding.* A distance is the result of fewer than 2^10 float64 operations on numbers below the scale
+4. *Other poses.* A state may be a box of poses. From a pose that is D away and turned by delta, a command brings
+   the robot at most ``|D| + s |l| |delta|`` away from where it brings it from the centre pose, as the way to
+   there is at most ``s |l|`` long and turns with the heading; the point q adds ``|q| |delta|``.
+5. *Rounding.* A distance is the result of fewer than 2^10 float64 operations on numbers below the scale
    ``1 + |x| + |y| + |theta| + path`` plus the largest coordinate and radius of the map; 2^-38 of it (1e-10 m
    for a map of some metres) is 2^14 units in the last place.
 
@@ -45,6 +48,7 @@ from viatool.world import Footprint
 Floats = NDArray[np.float64]
 
 LINEAR, ANGULAR, FRACTION = 0, 1, 2
+POSE = 3  # the first of three columns
 _ROUNDING = 2.0**-38
 
 
@@ -57,7 +61,8 @@ class Cells:
     state : ndarray
         (C,) index of the state.
     lower, upper : ndarray
-        (C, 3) ends of v in m/s, omega in rad/s, and the fraction of the path in [0, 1].
+        (C, 3) ends of v in m/s, omega in rad/s, and the fraction of the path in [0, 1]; or (C, 6), with the ends
+        of what is added to x, y and theta of the state.
     """
 
     state: NDArray[np.int64]
@@ -69,10 +74,15 @@ class Cells:
         return len(self.state)
 
     @classmethod
-    def whole(cls, lower: Floats, upper: Floats) -> Cells:
-        """Return one cell for each state: its whole action box (B, 2) over the whole path."""
+    def whole(cls, lower: Floats, upper: Floats, radii: Floats | None = None) -> Cells:
+        """Return one cell for each state: action box (B, 2), whole path, and poses within radii (B, 3)."""
         ones = np.ones((len(lower), 1))
-        return cls(np.arange(len(lower)), np.hstack([lower, 0.0 * ones]), np.hstack([upper, ones]))
+        offsets = [] if radii is None else [radii]
+        return cls(
+            np.arange(len(lower)),
+            np.hstack([lower, 0.0 * ones, *(-offset for offset in offsets)]),
+            np.hstack([upper, ones, *offsets]),
+        )
 
     def select(self, which: NDArray[np.bool_]) -> Cells:
         """Return some of the cells."""
@@ -81,7 +91,7 @@ class Cells:
     def halved(self, axis: NDArray[np.int64]) -> Cells:
         """Return both halves of every cell, cut across its given axis (C,)."""
         middle = 0.5 * (self.lower + self.upper)
-        cut = axis[:, None] == np.arange(3)
+        cut = axis[:, None] == np.arange(middle.shape[1])
         upper, lower = np.where(cut, middle, self.upper), np.where(cut, middle, self.lower)
         return Cells(
             np.concatenate([self.state, self.state]),
@@ -101,7 +111,7 @@ class Enclosure:
     attained : ndarray
         (C,) an upper bound of the clearance that the centre command attains at some fraction of the cell.
     shares : ndarray
-        (C, 3) how much the extent along v, omega and the fraction widens the enclosure.
+        (C, 3) or (C, 6) how much the extent along v, omega, the fraction and the pose widens the enclosure.
     """
 
     least: Floats
@@ -133,6 +143,8 @@ def enclose(cells: Cells, situations: Situations, manoeuvre: Manoeuvre, footprin
     Sound: yes, by the derivation at the top of this module.
     """
     here, centre = situations.select(cells.state), 0.5 * (cells.lower + cells.upper)
+    if cells.lower.shape[1] > POSE:
+        here = here.moved(here.poses + centre[:, POSE:])
     actions, start, end = centre[:, :2], cells.lower[:, FRACTION], cells.upper[:, FRACTION]
     seconds = manoeuvre.seconds(np.abs(actions[:, 0]), np.abs(actions[:, 1]))
     length, turn = np.abs(actions[:, 0]) * seconds, np.abs(actions[:, 1]) * seconds
@@ -152,7 +164,33 @@ def enclose(cells: Cells, situations: Situations, manoeuvre: Manoeuvre, footprin
     deviation = command_deviation(cells, manoeuvre, rim)
     radius = 0.5 * (cells.upper - cells.lower) * seconds[:, None]
     shares = np.column_stack([end * radius[:, 0], end * (0.5 * end * length + rim) * radius[:, 1], between])
+    if cells.lower.shape[1] > POSE:
+        away, turned = pose_deviation(cells, end * length, rim)
+        deviation = deviation + away + turned
+        aside = 0.5 * (cells.upper - cells.lower)[:, POSE : POSE + 2]
+        shares = np.column_stack([shares, aside, turned])
     return Enclosure(clearance - deviation - between - rounding, attained, shares)
+
+
+def pose_deviation(cells: Cells, way: Floats, rim: float) -> tuple[Floats, Floats]:
+    """Bound how far poses of cells bring a footprint point from where the centre pose brings it.
+
+    Parameters
+    ----------
+    cells : Cells
+        C cells with poses.
+    way : ndarray
+        (C,) metres that the centre command drives at most.
+    rim : float
+        As in `command_deviation`.
+
+    Returns
+    -------
+    tuple of ndarray
+        (C,) metres for other places, and for other headings (term 4).
+    """
+    radius = 0.5 * (cells.upper - cells.lower)[:, POSE:]
+    return np.hypot(radius[:, 0], radius[:, 1]), np.asarray((way + rim) * radius[:, 2])
 
 
 def command_deviation(cells: Cells, manoeuvre: Manoeuvre, rim: float) -> Floats:

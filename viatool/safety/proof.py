@@ -44,7 +44,7 @@ class Proof:
     proved : ndarray
         (B,) every command of the box keeps more than the threshold for the whole path.
     refuted : ndarray
-        (B,) some command of the box comes nearer than the threshold.
+        (B,) some command of the box comes nearer than the threshold, from some pose.
     """
 
     proved: Booleans
@@ -65,7 +65,7 @@ def prove_clearance(
     Parameters
     ----------
     situations : Situations
-        B states.
+        B states, each a pose or a box of poses.
     lower, upper : ndarray
         (B, 2) action boxes as the robot carries them out; m/s and rad/s.
     threshold : float
@@ -91,7 +91,7 @@ def prove_clearance(
     """
     effort = effort or Effort()
     proved, refuted = np.ones(len(lower), dtype=bool), np.zeros(len(lower), dtype=bool)
-    cells = Cells.whole(lower, upper)
+    cells = Cells.whole(lower, upper, situations.radii)
     for level in range(effort.levels + 1):
         found = enclose(cells, situations, manoeuvre, footprint)
         refuted[cells.state[found.attained < threshold]] = True

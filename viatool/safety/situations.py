@@ -28,12 +28,15 @@ class Situations:
         Obstacles and arena of every situation.
     scale : float
         A bound of every coordinate and radius of the geometry, in metres, at least 1.
+    radii : ndarray, optional
+        (B, 3) half-widths of boxes of poses around the given ones; None for the poses alone.
     """
 
     poses: Floats
     scene: NDArray[np.int64]
     scenes: Scenes
     scale: float
+    radii: Floats | None = None
 
     @classmethod
     def of(
@@ -54,7 +57,8 @@ class Situations:
 
     def select(self, which: NDArray[Any]) -> Situations:
         """Return some of the states, by index (repeated at will) or mask."""
-        return replace(self, poses=self.poses[which], scene=self.scene[which])
+        radii = None if self.radii is None else self.radii[which]
+        return replace(self, poses=self.poses[which], scene=self.scene[which], radii=radii)
 
     def moved(self, poses: Floats) -> Situations:
         """Return the same states at other poses (B, 3)."""

@@ -11,7 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from viatool.policy.network import Network
 from viatool.safety.case import Case
+from viatool.safety.nearest import describe_nearest
 from viatool.taylor.derivatives import gradient
+from viatool.world import Footprint, Scenario, WorldMap
 
 Floats = NDArray[np.float64]
 Booleans = NDArray[np.bool_]
@@ -68,6 +70,21 @@ class Witnesses:
     def __len__(self) -> int:
         """Return the number of counterexamples."""
         return len(self.state)
+
+    def violation(
+        self, row: int, world_map: WorldMap, scenario: Scenario | None, footprint: Footprint
+    ) -> dict[str, Any]:
+        """Return one counterexample as plain data: what is observed, what follows, and what it comes near to."""
+        return {
+            "observation": self.observation[row].tolist(),
+            "action": self.action[row].tolist(),
+            "closest": {
+                "seconds": float(self.seconds[row]),
+                "pose": self.pose[row].tolist(),
+                "clearance": float(self.clearance[row]),
+                "obstacle": describe_nearest(world_map, scenario, self.pose[row], footprint),
+            },
+        }
 
     @classmethod
     def join(cls, parts: list[Witnesses], size: int) -> Witnesses:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -103,37 +103,40 @@ def write_witnesses(path: str | os.PathLike[str], result: Result) -> None:
 
 def witness_document(result: Result) -> dict[str, Any]:
     """Return the counterexamples of a result as plain data."""
-    rules, trajectory, found = result.rules, result.trajectory, result.witnesses
+    trajectory, found = result.trajectory, result.witnesses
     entries = []
     for row, state in enumerate(found.state.tolist()):
         scenario = trajectory.scenarios[trajectory.episode[state]]
-        entries.append(
-            {
-                "state": state,
-                "episode": int(trajectory.episode[state]),
-                "time": float(trajectory.time[state]),
-                "pose": trajectory.poses[state].tolist(),
-                "previous": None if result.previous is None else result.previous[state].tolist(),
-                "observation": found.observation[row].tolist(),
-                "action": found.action[row].tolist(),
-                "closest": {
-                    "seconds": float(found.seconds[row]),
-                    "pose": found.pose[row].tolist(),
-                    "clearance": float(found.clearance[row]),
-                    "obstacle": describe_nearest(
-                        result.world_map, scenario, found.pose[row], rules.footprint
-                    ),
-                },
-                "scenario": json.loads(write_scenario(scenario) or "null"),
-            }
-        )
+        about = {
+            "state": state,
+            "episode": int(trajectory.episode[state]),
+            "time": float(trajectory.time[state]),
+            "pose": trajectory.poses[state].tolist(),
+            "previous": None if result.previous is None else result.previous[state].tolist(),
+        }
+        violation = found.violation(row, result.world_map, scenario, result.rules.footprint)
+        entries.append(about | violation | {"scenario": json.loads(write_scenario(scenario) or "null")})
+    return compose_witnesses(
+        result.policy_path, result.policy_sha256, result.world_map, result.columns, result.rules, entries
+    )
+
+
+def compose_witnesses(
+    policy_path: Path,
+    policy_sha256: str,
+    world_map: WorldMap,
+    columns: Sequence[int],
+    rules: Rules,
+    entries: Sequence[Mapping[str, Any]],
+) -> dict[str, Any]:
+    """Return a witness file as plain data, around its entries."""
     return {
         "schema_version": SCHEMA_VERSION,
-        "policy": {"path": str(result.policy_path), "sha256": result.policy_sha256},
-        "map": {"path": str(result.world_map.path), "sha256": result.world_map.sha256},
-        "columns": list(result.columns),
+        "policy": {"path": str(policy_path), "sha256": policy_sha256},
+        "map": {"path": str(world_map.path), "sha256": world_map.sha256},
+        "columns": list(columns),
         "rules": _rules_document(rules),
-        "witnesses": entries,
+        "witnesses": list(entries),
     }
 
 

@@ -77,6 +77,7 @@ def propagate(
     order: int = 1,
     rule: Approximation = "chebyshev",
     limits: Mapping[int, Hull] | None = None,
+    inputs: Enclosure | None = None,
 ) -> list[Enclosure]:
     """Enclose every node of a network over input boxes.
 
@@ -92,6 +93,8 @@ def propagate(
         How activations are approximated.
     limits : mapping, optional
         Activation node to bounds (B, N) of its argument: only points of the box that keep to them are enclosed.
+    inputs : Enclosure, optional
+        What is known of the inputs besides the box, if they move together; of the given order.
 
     Returns
     -------
@@ -102,8 +105,8 @@ def propagate(
     -----
     **Sound:** yes, for the exact network; float64 rounding of the engine is in the remainders.
     """
-    enclosures: list[Enclosure] = []
-    for index, node in enumerate(network.nodes):
+    enclosures: list[Enclosure] = [] if inputs is None else [inputs]
+    for index, node in enumerate(network.nodes[len(enclosures) :], start=len(enclosures)):
         if limits and index in limits:
             assert isinstance(node, Activation)
             argument = _limited(enclosures[node.source], limits[index])

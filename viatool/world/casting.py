@@ -109,7 +109,7 @@ def _project(rows: Plane, directions: Ranges) -> Ranges:
     """Return the dot products, (N, B, R), of vectors (N, B) with the directions (2, R)."""
     single = directions.dtype == np.float32
     flat = rows.astype(np.complex64).view(np.float32) if single else rows.view(np.float64)
-    return (flat.reshape(-1, 2) @ directions).reshape(*rows.shape, -1)
+    return (flat.reshape(-1, 2) @ directions).reshape(*rows.shape, directions.shape[1])
 
 
 def _inverse_circle_ranges(projections: Ranges, offset: Ranges) -> Ranges:
@@ -162,7 +162,7 @@ def _seen_edges(
     seen = (cross > _EDGE_ON) & (cross < limit * np.abs(second - first))
     if directions[0].min() >= -1e-6:  # rays to the front only
         seen &= np.maximum(first.real, second.real) > 0.0
-    most = int(seen.sum(axis=0).max())
+    most = int(seen.sum(axis=0).max(initial=0))
     if most < len(seen):
         chosen = np.argsort(~seen, axis=0, kind="stable")[:most]
         first, second = np.take_along_axis(first, chosen, 0), np.take_along_axis(second, chosen, 0)

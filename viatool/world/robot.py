@@ -87,7 +87,9 @@ def bin_ranges(ranges: NDArray[np.floating], lidar: Lidar) -> NDArray[np.floatin
     ndarray
         (B, bins) metres, of the same kind of float.
     """
-    binned: NDArray[np.floating] = ranges.reshape(len(ranges), lidar.bins, -1).min(axis=2)
+    binned: NDArray[np.floating] = ranges.reshape(len(ranges), lidar.bins, lidar.rays // lidar.bins).min(
+        axis=2
+    )
     return binned
 
 

@@ -1,0 +1,69 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from viatool.cli import main
+
+ARGUMENTS = ["certify", "via", "--map", "room", "--eps", "0.01", "--smallest", "0.06", "--halvings", "0"]
+SCHEMA = Path(__file__).resolve().parents[2] / "docs" / "certificate.schema.json"
+
+
+def run(*arguments):
+    return CliRunner().invoke(main, [*ARGUMENTS, *arguments])
+
+
+@pytest.fixture(scope="module")
+def outputs(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("certify")
+    names = {
+        "json": "c.json", "figure": "c.svg", "cells": "c.npz", "witnesses": "w.json", "markdown": "c.md",
+    }  # fmt: skip
+    asked = [part for name, file in names.items() for part in ("-o", f"{name}:{folder / file}")]
+    done = run("--sample", "0.05", "--fail-under", "contested=0.1", *asked)
+    return done, {name: folder / file for name, file in names.items()}
+
+
+def test_it_prints_shares_and_refuses_to_gate_on_a_part_of_the_map(outputs):
+    done, _ = outputs
+    assert done.exit_code == 1
+    assert "of the contested volume is certified" in done.stdout
+    assert "but only" in " ".join(done.stdout.split())
+
+
+def test_the_json_keeps_to_its_schema(outputs):
+    document = json.loads(outputs[1]["json"].read_text())
+    jsonschema.validate(document, json.loads(SCHEMA.read_text()))
+    assert document["contested_rate"]["part"] <= document["decided_rate"]["part"]
+
+
+def test_the_counterexamples_replay(outputs):
+    done = CliRunner().invoke(main, ["replay", str(outputs[1]["witnesses"])])
+    assert done.exit_code == 0, done.output
+    assert "violate the clearance" in done.output
+
+
+def test_cells_figure_and_markdown_are_written(outputs):
+    table = np.load(outputs[1]["cells"])
+    assert set(table["status"]) <= {"uncontested", "certified", "refuted", "unknown"}
+    assert outputs[1]["figure"].read_text().startswith("<?xml")
+    assert "## viatool:" in outputs[1]["markdown"].read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--scenario", "7"), "has 1 scenarios"),
+        (("--fail-under", "danger=0.5"), "no rate 'danger'"),
+        (("--output", "sarif:x.sarif"), "formats are json"),
+    ],
+)
+def test_wrong_usage_is_exit_2(arguments, words):
+    done = run(*arguments)
+    assert done.exit_code == 2
+    assert words in done.output

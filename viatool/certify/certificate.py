@@ -1,0 +1,197 @@
+"""What a certification found: volumes by status, a raster of places, and the worst counterexamples."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.certify.findings import SETTLED, STATUSES, Findings
+from viatool.certify.tree import Lattice, Nodes
+from viatool.policy import Policy
+from viatool.safety import Layout, Rules
+from viatool.world import Scenario, WorldMap
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+SCHEMA_VERSION = 1
+SECTORS = 8
+"""Slices by heading."""
+_SPACING = 0.5
+"""Metres between the worst places."""
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """The outcome of one certification.
+
+    Parameters
+    ----------
+    policy : Policy
+        What was certified.
+    world_map, scenario
+        Where, among which obstacles and towards which goal.
+    rules : Rules
+        What holds in the certified cells.
+    layout : Layout
+        The meaning of the numbers, with the uncertainty of each.
+    eps : float or dict
+        The uncertainty as it was given.
+    arithmetic : str
+        "float32" or "real", the contract of the bounds.
+    lattice : Lattice
+        The cells.
+    findings : Findings
+        The leaves that were examined.
+    examined, roots : int
+        Roots of the tree that were examined, and all.
+    seconds, versions : dict
+        Time by stage, and what a repetition would need.
+    """
+
+    policy: Policy
+    world_map: WorldMap
+    scenario: Scenario
+    rules: Rules
+    layout: Layout
+    eps: float | Mapping[str, float]
+    arithmetic: str
+    lattice: Lattice
+    findings: Findings
+    examined: int
+    roots: int
+    seconds: Mapping[str, float]
+    versions: Mapping[str, str]
+
+    @cached_property
+    def units(self) -> dict[str, int]:
+        """Return the volume of each status in smallest cells, as integers."""
+        each = self._units_of(self.findings.nodes)
+        return {name: int(each[self.findings.status == kind].sum()) for kind, name in enumerate(STATUSES)}
+
+    @property
+    def unit(self) -> float:
+        """Return the volume of a smallest cell in m^2 rad, times its share of the commands' range."""
+        return float(np.prod(self.lattice.size[:3]) * np.exp2(-float(self.lattice.deepest.sum())))
+
+    @property
+    def contested(self) -> tuple[int, int]:
+        """Return the certified and all of the contested volume; what was not examined is not in it."""
+        units = self.units
+        return units["certified"], units["certified"] + units["refuted"] + units["unknown"]
+
+    @property
+    def free(self) -> tuple[int, int]:
+        """Return the safe and all of the free volume: uncontested or certified, and these with the rest."""
+        certified, contested = self.contested
+        return self.units["uncontested"] + certified, self.units["uncontested"] + contested
+
+    @property
+    def decided(self) -> tuple[int, int]:
+        """Return the certified or refuted, and all of the contested volume."""
+        units, (_, contested) = self.units, self.contested
+        return units["certified"] + units["refuted"], contested
+
+    def _units_of(self, nodes: Nodes) -> Integers:
+        depth = int(self.lattice.deepest.sum()) - nodes.level.sum(axis=1, dtype=np.int64)
+        return np.asarray(np.left_shift(np.int64(1), depth), dtype=np.int64)
+
+    @cached_property
+    def raster(self) -> Floats:
+        """Return the volume of each status in each place and sector of headings, (5, SECTORS, X, Y) m^2 rad.
+
+        Places are cells of the grain; sectors begin at theta = -pi.
+        """
+        grain, count = self.lattice.grain, self.lattice.count
+        shape = (len(STATUSES), SECTORS, *(count[:2] << grain[:2]))
+        raster, nodes = np.zeros(shape), self.findings.nodes
+        volume = self.lattice.volumes(nodes)
+        level, index = nodes.level[:, :2].astype(np.int64), nodes.index.astype(np.int64)
+        heading = (index[:, 2] + 0.5) / np.exp2(nodes.level[:, 2]) / count[2]
+        sector = np.minimum((heading * SECTORS).astype(np.int64), SECTORS - 1)
+        deeper = np.maximum(level - grain[:2], 0)
+        for levels in np.unique(np.minimum(level, grain[:2]), axis=0):
+            there = np.flatnonzero((np.minimum(level, grain[:2]) == levels).all(axis=1))
+            spread = grain[:2] - levels
+            cell = (index[there, :2] >> deeper[there]) << spread
+            share = volume[there] / np.exp2(spread.sum())
+            for x in range(1 << spread[0]):
+                for y in range(1 << spread[1]):
+                    at = (self.findings.status[there], sector[there], cell[:, 0] + x, cell[:, 1] + y)
+                    np.add.at(raster, at, share)
+        return raster
+
+    def worst(self, most: int = 10) -> Integers:
+        """Return the counterexamples that come nearest to something, in places at least half a metre apart."""
+        order = np.argsort(self.findings.clearance, kind="stable")
+        places = self.findings.pose[:, :2]
+        chosen: list[int] = []
+        while len(order) and len(chosen) < most:
+            chosen.append(int(order[0]))
+            apart = np.abs(places[order] - places[order[0]]).max(axis=1) >= _SPACING
+            order = order[apart]
+        return np.array(chosen, dtype=np.int64)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the certificate as plain data."""
+        status, unit = self.findings.status, self.unit
+        lower, upper = self.rules.lower, self.rules.upper
+        certified, contested = self.contested
+        safe, free = self.free
+        decided, _ = self.decided
+        size = self.lattice.size * np.exp2(-self.lattice.deepest.astype(np.float64))
+        return {
+            "schema_version": SCHEMA_VERSION,
+            "policy": {"path": str(self.policy.path), "sha256": self.policy.sha256},
+            "map": {"path": str(self.world_map.path), "sha256": self.world_map.sha256},
+            "scenario": {"name": self.scenario.name, "goal": list(self.scenario.goal)},
+            "eps": dict(self.eps) if isinstance(self.eps, Mapping) else self.eps,
+            "criterion": self.rules.criterion,
+            "clearance": self.rules.clearance.collision,
+            "deceleration": self.rules.deceleration if self.rules.criterion == "braking" else None,
+            "arithmetic": self.arithmetic,
+            "previous_command": {"lower": lower.tolist(), "upper": upper.tolist()},
+            "smallest_cell": dict(zip(("x", "y", "theta", "v", "omega"), size.tolist(), strict=True)),
+            "roots": {"examined": self.examined, "total": self.roots},
+            "cells": {name: int((status == kind).sum()) for kind, name in enumerate(STATUSES)},
+            "volume": {name: units * unit for name, units in self.units.items()},
+            "contested_rate": _rate(certified, contested),
+            "free_rate": _rate(safe, free),
+            "decided_rate": _rate(decided, contested),
+            "worst": [self._witness(int(row)) for row in self.worst()],
+            "seconds": dict(self.seconds),
+            "versions": dict(self.versions),
+        }
+
+    def _witness(self, row: int) -> dict[str, Any]:
+        found = self.findings
+        return {
+            "pose": found.pose[row].tolist(),
+            "previous": found.previous[row].tolist(),
+            "action": found.action[row].tolist(),
+            "clearance": float(found.clearance[row]),
+            "seconds": float(found.seconds[row]),
+        }
+
+    def cell_table(self) -> dict[str, NDArray[Any]]:
+        """Return all leaves with their bounds, for other programs."""
+        keep = self.findings.status >= SETTLED
+        lower, upper = self.lattice.bounds(self.findings.nodes.select(keep))
+        names = np.array(STATUSES)
+        return {
+            "lower": lower,
+            "upper": upper,
+            "status": names[self.findings.status[keep]],
+            "witness_pose": self.findings.pose,
+            "witness_previous": self.findings.previous,
+            "witness_observation": self.findings.observation,
+        }
+
+
+def _rate(part: int, total: int) -> dict[str, int | float | None]:
+    return {"part": part, "total": total, "rate": part / total if total else None}

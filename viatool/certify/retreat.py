@@ -1,0 +1,88 @@
+"""Two arguments about whole cells that need no cutting: nothing is in reach, or nothing in reach is approached.
+
+A robot that keeps the collision distance and then moves away from an obstacle keeps it. That settles the cells at
+the rim of the free space, of which a part is not free: what is claimed of a cell holds for its free poses.
+
+*Retreat.* Let K be convex, a circle or an edge, and n the unit vector from its nearest point to p. The distance
+from K is convex, so ``dist(p + D) >= dist(p) + n . D``. A command with v >= 0 displaces the robot by D in a
+direction between theta and theta + phi / 2, for phi up to the turn of the whole path. So if all these directions
+are within a right angle of n, for all poses of the box, the distance from K never falls below what it is at the
+pose. The way to the nearest point of a convex set is 1-Lipschitz, so for the places within rho of p_0, n turns by
+at most ``arcsin(rho / |p_0 - nearest point|)``; for a circle take its centre as the nearest point.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.certify.poses import ROUNDING, PoseBoxes
+from viatool.certify.shapes import Shapes
+from viatool.safety import Rules
+
+Floats = NDArray[np.float64]
+Plane = NDArray[np.complex128]
+Booleans = NDArray[np.bool_]
+
+
+def keep_away(boxes: PoseBoxes, shapes: Shapes, rules: Rules, lower: Floats, upper: Floats) -> Booleans:
+    """Tell in which boxes no free pose comes too near to anything, whatever command of a box it is given.
+
+    Parameters
+    ----------
+    boxes : PoseBoxes
+        C boxes of poses.
+    shapes : Shapes
+        What is around.
+    rules : Rules
+        Distance, footprint and manoeuvre.
+    lower, upper : ndarray
+        (C, 2) commands as the robot carries them out.
+
+    Returns
+    -------
+    ndarray
+        (C,) bool: from every pose that keeps the collision distance, every command keeps it at every instant.
+
+    Notes
+    -----
+    Sound: yes. Nothing is claimed of polygonal footprints that are near, as they turn.
+    """
+    away, radii = vectors_from_shapes(boxes, shapes)
+    slack = ROUNDING * (shapes.scale + np.abs(boxes.centre).sum(axis=1))[:, None]
+    distance, reach = np.abs(away), boxes.extent[:, None]
+    way = rules.manoeuvre.longest(lower, upper)[:, None] + rules.footprint.reach
+    far = distance - radii - reach - way > rules.clearance.collision + slack
+    if rules.footprint.kind == "polygon":
+        return np.asarray(far.all(axis=1))
+    right, left = turns(rules, lower, upper)
+    towards = boxes.centre[:, 2] + 0.5 * (left + right)
+    off = np.angle(np.exp(1j * towards)[:, None] * np.conj(away))
+    opening = (0.5 * (left - right) + boxes.turn)[:, None] + cone(reach, distance)
+    retreats = np.abs(off) + opening + slack < 0.5 * np.pi
+    retreats &= ((lower[:, 0] >= 0.0) & (left - right < np.pi))[:, None]
+    return np.asarray((far | retreats).all(axis=1))
+
+
+def turns(rules: Rules, lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
+    """Bound the direction of every displacement relative to the heading, to the right (at most 0) and to the left."""
+    speed = np.maximum(np.abs(lower), np.abs(upper))
+    half = 0.5 * rules.manoeuvre.seconds(speed[:, 0], speed[:, 1])
+    return half * np.minimum(lower[:, 1], 0.0), half * np.maximum(upper[:, 1], 0.0)
+
+
+def cone(reach: Floats, distance: Floats) -> Floats:
+    """Bound by how much the direction away from a convex shape varies over a box; pi where it is too near."""
+    apart = distance > reach
+    return np.where(apart, np.arcsin(np.minimum(reach / np.where(apart, distance, 1.0), 1.0)), np.pi)
+
+
+def vectors_from_shapes(boxes: PoseBoxes, shapes: Shapes) -> tuple[Plane, Floats]:
+    """Return the ways (C, N) from circles' centres and edges' nearest points to the middles, and radii (N,)."""
+    places = boxes.places[:, None]
+    edge = shapes.second - shapes.first
+    along = np.conj(edge) * (places - shapes.first)
+    share = np.clip(along.real / np.square(np.abs(edge)), 0.0, 1.0)
+    nearest = shapes.first + share * edge
+    away = np.concatenate([places - shapes.centres, places - nearest], axis=1)
+    return away, np.concatenate([shapes.radii, np.zeros(len(edge))])

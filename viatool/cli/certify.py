@@ -1,0 +1,179 @@
+"""``viatool certify``: proofs for every pose of a map, not only for visited states."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from viatool.cli import options
+from viatool.cli.gating import leave_by_gate
+from viatool.cli.shapes import FootprintType, PointType
+from viatool.cli.terminal import open_console, show_progress
+from viatool.cli.work import keeping, work_options
+
+if TYPE_CHECKING:
+    from viatool.world import Scenario, WorldMap
+
+
+@click.command()
+@options.policy_argument
+@options.map_option
+@options.unknown_option
+@click.option(
+    "--goal",
+    type=PointType(),
+    help="Where the robot heads, m in the map frame; by default the scenario's goal.",
+)
+@click.option(
+    "--scenario",
+    type=click.IntRange(min=0),
+    metavar="K",
+    help="Among the obstacles of the map's K-th scenario, counted from 0; by default the map alone with --goal, "
+    "else scenario 0.",
+)
+@options.eps_option
+@options.spec_option
+@click.option(
+    "--criterion",
+    type=click.Choice(["swept", "braking"]),
+    default="braking",
+    show_default=True,
+    help="What has to hold from every pose.",
+)
+@click.option("--deceleration", type=options.QuantityType("m/s²"), help="Braking instead of the robot's.")
+@click.option(
+    "--clearance", type=options.QuantityType("m"), help="Collision distance d_col instead of the map's."
+)
+@click.option("--interval", type=options.QuantityType("s"), help="Control interval instead of the robot's.")
+@click.option(
+    "--footprint",
+    type=FootprintType(),
+    help="Footprint instead of the robot's: 'point', a radius in m, corners 'x,y x,y x,y ...' in m, or a YAML file.",
+)
+@click.option(
+    "--arithmetic",
+    type=click.Choice(["float32", "real"]),
+    default="float32",
+    show_default=True,
+    help="Whether bounds cover the rounding of the deployed program or the exact network.",
+)
+@click.option(
+    "--smallest",
+    type=options.QuantityType("m"),
+    default=0.02,
+    show_default=True,
+    help="Side of the smallest cells; their headings open as many radians as that.",
+)
+@click.option(
+    "--halvings",
+    type=click.IntRange(0, 8),
+    default=1,
+    show_default=True,
+    metavar="N",
+    help="How often the ranges of the previous v and omega may be halved.",
+)
+@click.option("--budget-seconds", type=options.QuantityType("s"), help="Stop after so long.")
+@click.option("--budget-cells", type=click.IntRange(min=1), metavar="N", help="Stop after so many cells.")
+@click.option(
+    "--sample",
+    type=click.FloatRange(0.0, 1.0, min_open=True),
+    default=1.0,
+    metavar="SHARE",
+    help="Examine a random share of the map only: an unbiased estimate in less time.",
+)
+@options.seed_option
+@click.option(
+    "--output",
+    "-o",
+    multiple=True,
+    metavar="FORMAT:PATH",
+    help="Write a report: json, figure (png, svg, pdf), cells (npz), witnesses (json, for viatool replay) or "
+    "markdown; PATH - is stdout. Repeatable.",
+)
+@click.option(
+    "--fail-under",
+    multiple=True,
+    metavar="[NAME=]RATE",
+    help="Exit 1 if the safe share of the free volume, or contested=RATE of the contested volume, is below RATE, or "
+    "if not all of the map was examined. Repeatable.",
+)
+@click.option("--exit-zero", is_flag=True, help="Report a failed gate, but exit 0.")
+@work_options
+@options.threads_option
+@options.quiet_option
+@click.pass_context
+def command(ctx: click.Context, /, **given: Any) -> None:
+    """Certify POLICY (ONNX) for every pose of a map, every command before it, and bounded sensor error.
+
+    The free space is cut into cells of x, y, heading and previous command. Each becomes uncontested (no command
+    could endanger it), certified (proved for all of it), refuted (with a replayable counterexample) or unknown.
+    """
+    from viatool.certify import Budget, Campaign, Resolution, certify
+    from viatool.policy import load_policy
+    from viatool.report import STDOUT, check_outputs, parse_output, write_outputs
+    from viatool.report.certificates import CERTIFICATE_REPORTERS
+    from viatool.report.certificates.console import print_certificate
+    from viatool.report.certificates.document import read_certificate
+    from viatool.report.certificates.gate import decide, parse_thresholds
+    from viatool.schedule import open_scheduler
+
+    outputs = tuple(parse_output(text, CERTIFICATE_REPORTERS) for text in given["output"])
+    check_outputs(outputs)
+    thresholds = parse_thresholds(given["fail_under"])
+    world_map = options.open_map(given["map_path"], given["unknown"])
+    scenario = choose_scenario(given, world_map)
+    policy = load_policy(given["policy"], given["spec_path"])
+    with keeping(given["checkpoint"]), show_progress(quiet=given["quiet"]) as progress:
+        certificate = certify(
+            policy,
+            world_map,
+            scenario,
+            eps=options.plain_eps(given["eps"]),
+            resolution=Resolution(given["smallest"], given["halvings"]),
+            budget=Budget(
+                given["budget_seconds"] or math.inf, given["budget_cells"] or 2**62, given["sample"]
+            ),
+            campaign=Campaign(
+                open_scheduler(given["workers"], given["scheduler"]), given["checkpoint"], given["resume"]
+            ),
+            tell=progress,
+            **{name: given[name] for name in _PASSED_ON},
+        )
+    document = read_certificate(certificate)
+    checks = decide(thresholds, document)
+    write_outputs(certificate, outputs, checks)
+    if not given["quiet"]:
+        to_stdout = any(output.path == STDOUT for output in outputs)
+        print_certificate(document, open_console(stderr=to_stdout), checks)
+    leave_by_gate(ctx, checks, exit_zero=given["exit_zero"])
+
+
+_PASSED_ON = ("criterion", "clearance", "deceleration", "interval", "footprint", "arithmetic", "seed")
+
+
+def choose_scenario(given: Mapping[str, Any], world_map: WorldMap) -> Scenario:
+    """Return the obstacles and the goal that are asked for.
+
+    Raises
+    ------
+    ConfigurationError
+        If the map has no such scenario, or no goal is given and it has none.
+    """
+    from dataclasses import replace
+
+    from viatool.errors import ConfigurationError
+    from viatool.world import Scenario
+
+    goal, number = given["goal"], given["scenario"]
+    if number is None and goal is not None:
+        return Scenario(f"goal {goal[0]:g},{goal[1]:g}", (*goal, 0.0), goal)
+    if (number or 0) >= len(world_map.scenarios):
+        raise ConfigurationError(
+            f"map '{world_map.path}' has {len(world_map.scenarios)} scenarios, so none of number {number or 0}",
+            "count from 0, or give --goal X,Y",
+        )
+    scenario = world_map.scenarios[number or 0]
+    return scenario if goal is None else replace(scenario, goal=goal)

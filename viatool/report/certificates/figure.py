@@ -1,0 +1,117 @@
+"""A certificate as a picture: how much of each place is proved, slices by heading, and the worst places."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from io import BytesIO
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib import colormaps, rc_context
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from viatool.report.certificates.console import headline
+from viatool.report.certificates.document import read_certificate
+from viatool.report.drawing import INK, WALL, draw_floor, draw_obstacles
+from viatool.report.foreign import one_line
+from viatool.report.palette import COLOUR
+
+if TYPE_CHECKING:
+    from viatool.certify import Certificate
+    from viatool.report.gate import Check
+
+Floats = NDArray[np.float64]
+
+SUFFIXES = (".png", ".svg", ".pdf")
+DPI = 160
+_COLOURS = (WALL, "#E4E9EE", COLOUR["safe"], COLOUR["unsafe"], COLOUR["unknown"])
+"""In the order of the statuses."""
+_COMPASS = ("W-SW", "SW-S", "S-SE", "SE-E", "E-NE", "NE-N", "N-NW", "NW-W")
+
+
+def render(certificate: Certificate, checks: Sequence[Check], suffix: str) -> bytes:
+    """Return the picture in the format of a suffix."""
+    buffer = BytesIO()
+    with rc_context({"svg.hashsalt": "viatool", "svg.fonttype": "none", "font.size": 8}):
+        figure = draw(certificate)
+        metadata = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(suffix)
+        figure.savefig(buffer, format=suffix[1:], dpi=DPI, metadata=metadata)
+    return buffer.getvalue()
+
+
+def draw(certificate: Certificate) -> Figure:
+    """Draw a certificate."""
+    raster = certificate.raster
+    x_min, y_min, x_max, y_max = certificate.world_map.bounds
+    height = 6.0 * float(np.clip((y_max - y_min) / (x_max - x_min), 0.3, 2.0))
+    figure = Figure(figsize=(13.0, height + 1.2), layout="constrained", facecolor="white")
+    grid = figure.add_gridspec(2, 6, width_ratios=[1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
+    main = figure.add_subplot(grid[:, :2])
+    _draw_places(figure, main, certificate, raster)
+    for sector in range(raster.shape[1]):
+        axes = figure.add_subplot(grid[sector // 4, 2 + sector % 4])
+        _draw_slice(axes, certificate, raster[:, sector])
+        axes.set_title(f"heading {_COMPASS[sector]}", fontsize=8, color=INK, pad=2)
+    name = one_line(certificate.scenario.name).replace("$", r"\$")
+    figure.suptitle(f"{name}: {headline(read_certificate(certificate))}", fontsize=10, color=INK)
+    figure.legend(handles=_legend(), loc="outside lower center", ncols=6, fontsize=8, frameon=False)
+    return figure
+
+
+def _draw_places(figure: Figure, axes: Axes, certificate: Certificate, raster: Floats) -> None:
+    """Draw which share of the headings and previous commands of each place is safe."""
+    _draw_floor(axes, certificate)
+    volumes = raster.sum(axis=1)  # (5, X, Y)
+    free = volumes[1:].sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = np.where(free > 0.0, (volumes[1] + volumes[2]) / free, np.nan)
+    image = axes.imshow(
+        share.T, origin="lower", extent=_extent(certificate), cmap=colormaps["viridis"], vmin=0.0, vmax=1.0,
+        interpolation="nearest", zorder=1.5,
+    )  # fmt: skip
+    figure.colorbar(image, ax=axes, shrink=0.7, pad=0.01, label="share of headings and previous commands")
+    worst = certificate.findings.pose[certificate.worst()]
+    if len(worst):
+        axes.quiver(
+            worst[:, 0], worst[:, 1], np.cos(worst[:, 2]), np.sin(worst[:, 2]), color=COLOUR["unsafe"],
+            angles="xy", scale=18.0, width=0.006, zorder=7,
+        )  # fmt: skip
+    axes.set_title("proved safe at each place", fontsize=9, color=INK, pad=3)
+
+
+def _draw_slice(axes: Axes, certificate: Certificate, raster: Floats) -> None:
+    """Draw one slice: each place in the mean colour of its volume."""
+    _draw_floor(axes, certificate)
+    total = raster.sum(axis=0)  # (X, Y)
+    share = raster / np.where(total > 0.0, total, 1.0)
+    colours = np.einsum("sxy,sc->yxc", share, np.array([to_rgb(colour) for colour in _COLOURS]))
+    alpha = (total.T > 0.0).astype(float)[:, :, None]
+    axes.imshow(
+        np.concatenate([np.clip(colours, 0.0, 1.0), alpha], axis=2), origin="lower",
+        extent=_extent(certificate), interpolation="nearest", zorder=1.5,
+    )  # fmt: skip
+    axes.set(xticks=[], yticks=[])
+
+
+def _draw_floor(axes: Axes, certificate: Certificate) -> None:
+    draw_floor(axes, certificate.world_map)
+    draw_obstacles(axes, certificate.scenario.obstacles, facecolor=WALL, edgecolor=INK)
+    axes.plot(*certificate.scenario.goal, marker="*", ms=9, mfc="#F0E442", mec=INK, mew=0.7, ls="", zorder=6)
+
+
+def _extent(certificate: Certificate) -> tuple[float, float, float, float]:
+    x_min, y_min, x_max, y_max = certificate.world_map.bounds
+    return x_min, x_max, y_min, y_max
+
+
+def _legend() -> Sequence[Patch | Line2D]:
+    names = ("too near to something", "uncontested", "certified", "refuted", "unknown")
+    return [
+        *(Patch(facecolor=colour, label=name) for colour, name in zip(_COLOURS, names, strict=True)),
+        Line2D([], [], marker="*", ms=9, mfc="#F0E442", mec=INK, ls="", label="goal"),
+    ]
