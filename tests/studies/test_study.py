@@ -22,7 +22,7 @@ def test_a_page_is_written_from_the_data_alone(tmp_path: Path) -> None:
     assert write_page(SMALL, tmp_path).read_text(encoding="utf-8") == "1 of 2\nsmall/a: 10\n"
     write_data(SMALL, options, tasks, records, tmp_path)
     data = json.loads(data_path(tmp_path, SMALL).read_text(encoding="utf-8"))
-    assert data["command"] == "viatool reproduce small --preset quick --seeds 4"
+    assert data["command"] == "viatool reproduce small --preset study --seeds 4"
     assert write_page(SMALL, tmp_path).read_text(encoding="utf-8") == "2 of 2\nsmall/a: 10\nsmall/b: 6\n"
     assert (tmp_path / "picture.svg").read_bytes() == b"<svg/>"
 

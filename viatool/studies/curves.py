@@ -65,7 +65,8 @@ def draw_learning(curves: Curves) -> bytes:
             axes.set_ylim(limits[0], top)
             if row == 0:
                 axes.set_title(family, fontsize=10, color=INK, loc="left")
-                axes.legend(fontsize=8, frameon=False, loc="lower right")
+                if axes.get_lines():
+                    axes.legend(fontsize=8, frameon=False, loc="lower right")
             if column == 0:
                 axes.set_ylabel(label, fontsize=9, color=INK)
             if row == len(_LEARNING) - 1:
@@ -115,7 +116,8 @@ def draw_constraint(settings: Mapping[str, tuple[str, Curves, float]]) -> bytes:
                 axes.set_xlabel("epoch", fontsize=9, color=INK)
         panels[0][column].set_title(title, fontsize=10, color=INK, loc="left")
     handles, labels = panels[0][0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=7, fontsize=8, frameon=False)
+    if handles:
+        figure.legend(handles, labels, loc="outside lower center", ncols=7, fontsize=8, frameon=False)
     return to_png(figure)
 
 

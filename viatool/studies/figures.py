@@ -18,7 +18,8 @@ _DRAWN = ("success_rate", "collision_rate", "episode_cost", "cvar", "var", "mult
 
 
 def _plan(options: Options) -> Sequence[Task]:
-    return [task for setting in SETTINGS.values() for task in plan(setting, EVERY, options)]
+    every = [task for setting in SETTINGS.values() for task in plan(setting, EVERY, options)]
+    return list({task.name: task for task in every}.values())
 
 
 def _collect(tasks: Sequence[Task], records: Mapping[str, Record]) -> Data:
@@ -36,16 +37,18 @@ def _collect_setting(
 ) -> dict[str, Any] | None:
     from viatool.world import load_map
 
-    trainings = {
-        task.folder.partition("/")[2]: task
-        for task in tasks
-        if isinstance(task, TrainVariant) and task.folder.startswith(f"{name}/") and task.name in records
+    by_folder = {
+        task.folder: task for task in tasks if isinstance(task, TrainVariant) and task.name in records
     }
+    folders = {variant.name: f"{SETTINGS[name].home(variant).name}/{variant.name}" for variant in EVERY}
+    trainings = {variant: by_folder[folder] for variant, folder in folders.items() if folder in by_folder}
+    if not any(task.folder.startswith(f"{name}/") for task in trainings.values()):
+        return None
     driven = {
         variant: [
             records[task.name].result
             for task in tasks
-            if isinstance(task, EvaluateSeed) and task.training is training and task.name in records
+            if isinstance(task, EvaluateSeed) and task.training == training and task.name in records
         ]
         for variant, training in trainings.items()
     }
@@ -53,7 +56,7 @@ def _collect_setting(
     if not every:
         return None
     index = hardest_scenario(every)
-    configuration = next(iter(trainings.values())).configuration
+    configuration = list(trainings.values())[-1].configuration  # of a constrained one, if there is any
     world_map = load_map(configuration.map)
     return {
         "cost_limit": configuration.cost_limit,
