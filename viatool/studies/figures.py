@@ -81,6 +81,8 @@ def _render(data: Data) -> Page:
     )
     pictures: dict[str, bytes] = {}
     found = data["settings"]
+    if not found:
+        return Page("\n".join([*lines, "No policy is trained and evaluated yet."]) + "\n")
     for name, setting in found.items():
         title = SETTINGS[name].title
         pictures[f"paths-{name}.png"] = draw_paths(setting["scene"], setting["paths"])
