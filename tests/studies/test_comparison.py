@@ -74,7 +74,7 @@ def test_comparisons_are_decided_and_summed_up_by_the_rule() -> None:
     assert answer(better).word == "not confirmed"
     assert answer(better[:2]).word == "confirmed"
     assert answer(better[2:3]).word == "reversed"
-    assert answer([]).word == "not confirmed"
+    assert answer([]).word == "open"
     assert "**not confirmed** (3 as claimed, 1 opposite, 0 undecided)" in str(answer(better))
 
 

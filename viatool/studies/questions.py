@@ -95,7 +95,7 @@ def _second_answer(data: Data, names: Sequence[str], safety: str) -> str:
     tau = rank_correlation(*zip(*both, strict=True)) if len(both) > 2 else 0.0
     return (
         f"{METRICS[safety].title} (proved): **{word}** (cheaper and less safe in {len(discordant)} pairs, cheaper "
-        f"and safer in {len(concordant)}{examples}). Kendall's tau of the two rankings: {-tau:+.2f} (1: they agree)."
+        f"and safer in {len(concordant)}{examples}). Kendall's tau of the two rankings: {0.0 - tau:+.2f} (1: they agree)."
     )
 
 
