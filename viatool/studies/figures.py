@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from viatool.studies.comparison import about
-from viatool.studies.curves import draw_constraint, draw_learning, summary_of
+from viatool.studies.curves import SMOOTHED, draw_constraint, draw_learning, summary_of
 from viatool.studies.driven import LOOKAHEAD, draw_paths, hardest_scenario, scene_of, thinned
 from viatool.studies.study import Data, Options, Page, Study
 from viatool.studies.tables import head
@@ -100,7 +100,7 @@ def _render(data: Data) -> Page:
             f"## Learning curves in {title}",
             "",
             "Episodes of the training, driven with exploration noise: mean over the seeds, and from the lowest to the "
-            "highest of them.",
+            f"highest of them, smoothed over {SMOOTHED} epochs.",
             "",
             f"![Success, collisions and cost over the epochs](learning-{name}.png)",
             "",
@@ -111,8 +111,9 @@ def _render(data: Data) -> Page:
     lines += [
         "## The multiplier, the value at risk and the tail of the cost",
         "",
-        "Mean over the seeds, and from the lowest to the highest. Where lambda is 0, the actor of every constrained "
-        "method maximises the same as that of TD3.",
+        "Mean over the seeds, and from the lowest to the highest; the CVaR is measured on the few low-noise episodes "
+        f"of an epoch, and smoothed over {SMOOTHED}. Where lambda is 0, the actor of every constrained method maximises "
+        "the same as that of TD3.",
         "",
         "![lambda, u and CVaR over the epochs](constraint.png)",
     ]
