@@ -112,8 +112,8 @@ def _render(data: Data) -> Page:
         "## The multiplier, the value at risk and the tail of the cost",
         "",
         "Mean over the seeds, and from the lowest to the highest; the CVaR is measured on the few low-noise episodes "
-        f"of an epoch, and smoothed over {SMOOTHED}. Where lambda is 0, the actor of every constrained method maximises "
-        "the same as that of TD3.",
+        f"of an epoch, and smoothed over {SMOOTHED}. Where lambda is 0, the actor of every constrained method "
+        "maximises the same as that of TD3.",
         "",
         "![lambda, u and CVaR over the epochs](constraint.png)",
     ]
