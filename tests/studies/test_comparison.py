@@ -74,7 +74,7 @@ def test_comparisons_are_decided_and_summed_up_by_the_rule() -> None:
     assert answer(better).word == "not confirmed"
     assert answer(better[:2]).word == "confirmed"
     assert answer(better[2:3]).word == "reversed"
-    assert answer([]).word == "not confirmed"
+    assert answer([]).word == "open"
     assert "**not confirmed** (3 as claimed, 1 opposite, 0 undecided)" in str(answer(better))
 
 
@@ -141,3 +141,15 @@ def test_figures_have_a_picture_of_every_setting_that_has_data(tmp_path: Path) -
     assert pictures == ["constraint.png", "learning-lab.png", "paths-lab.png"]
     assert all(f"]({name})" in page for name in pictures)
     assert "Scenario `lab-1`" in page  # the only one in which somebody fails
+
+
+@pytest.mark.parametrize("name", ["table1", "table2", "binding", "figures"])
+@pytest.mark.parametrize("finished", [1, 2])
+def test_every_page_can_be_written_from_the_first_tasks(name: str, finished: int, tmp_path: Path) -> None:
+    study = study_named(name)
+    tasks = study.plan(THREE_SEEDS)
+    every = records_of(tasks, QUALITY | {"sac-lag": QUALITY["rcpo"]})
+    records = dict(list(every.items())[:finished])
+    write_data(study, THREE_SEEDS, tasks, records, tmp_path)
+    page = write_page(study, tmp_path).read_text(encoding="utf-8")
+    assert f"**Partial**: {finished} of {len(tasks)} tasks" in page

@@ -127,6 +127,11 @@ def test_every_variant_is_trained_with_its_method_and_level_and_the_limit_of_the
     for setting in SETTINGS.values():
         for variant in VARIANTS.values():
             options = TrainVariant.of(setting, variant, Options(settings=("batch_size=64",), seeds=4))
+            home = TrainVariant.of(
+                setting.home(variant), variant, Options(settings=("batch_size=64",), seeds=4)
+            )
+            same = {"cost_limit": options.configuration.cost_limit}
+            assert home.configuration.model_copy(update=same) == options.configuration
             configuration = options.configuration
             assert (configuration.method, configuration.alpha) == (variant.method, variant.alpha)
             assert configuration.seeds == 4

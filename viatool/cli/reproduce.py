@@ -15,7 +15,7 @@ from viatool.studies import STUDIES
 @click.argument("studies", nargs=-1, required=True, type=click.Choice([*STUDIES, "all"]), metavar="STUDY...")
 @click.option(
     "--preset",
-    default="quick",
+    default="study",
     show_default=True,
     metavar="NAME",
     help="Training preset from which every training starts.",

@@ -3,7 +3,7 @@
 A claim is a list of comparisons between variants. Each comparison is decided by the 95 % confidence interval of
 the difference of the means over the seeds (Welch): *as claimed* or *opposite* when the whole interval lies on one
 side of 0, *undecided* otherwise. The claim is **confirmed** if every comparison goes as claimed, **reversed** if
-more go the opposite way than as claimed, and **not confirmed** otherwise.
+more go the opposite way than as claimed, and **not confirmed** otherwise; **open** without any comparison.
 """
 
 from __future__ import annotations
@@ -83,7 +83,9 @@ def answer(comparisons: Sequence[Comparison]) -> Answer:
     """Sum up comparisons by the rule."""
     verdicts = [found.verdict for found in comparisons]
     claimed, opposite, undecided = (verdicts.count(verdict) for verdict in (1, -1, 0))
-    if comparisons and claimed == len(comparisons):
+    if not comparisons:
+        word = "open"
+    elif claimed == len(comparisons):
         word = "confirmed"
     else:
         word = "reversed" if opposite > claimed else "not confirmed"

@@ -8,6 +8,7 @@ from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from viatool.report.drawing import FAINT, INK
 from viatool.studies.variants import EVERY, VARIANTS, Variant
@@ -39,10 +40,13 @@ FAMILIES: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("VIA by alpha", ("via-0.1", "via-0.5", "via-0.9")),
 )
 _LEARNING = (
-    ("success_rate", "success", (0.0, 1.02)),
-    ("collision_rate", "collisions", (0.0, 0.5)),
+    ("success_rate", "success", (0.5, 1.01)),
+    ("collision_rate", "collisions", (0.0, 0.2)),
     ("episode_cost", "cost of an episode", (0.0, None)),
 )
+SMOOTHED = 5  # epochs of which a noisy curve is the mean
+_EXACT = ("multiplier", "var")  # known, not measured on a few episodes
+_WILD = 6  # the first sixth of the training does not stretch an axis of costs
 
 
 def summary_of(values: Sequence[Sequence[float | None]]) -> dict[str, list[float | None]]:
@@ -65,7 +69,8 @@ def draw_learning(curves: Curves) -> bytes:
             axes.set_ylim(limits[0], top)
             if row == 0:
                 axes.set_title(family, fontsize=10, color=INK, loc="left")
-                axes.legend(fontsize=8, frameon=False, loc="lower right")
+                if axes.get_lines():
+                    axes.legend(fontsize=8, frameon=False, loc="lower right")
             if column == 0:
                 axes.set_ylabel(label, fontsize=9, color=INK)
             if row == len(_LEARNING) - 1:
@@ -74,14 +79,12 @@ def draw_learning(curves: Curves) -> bytes:
 
 
 def _highest(curves: Curves, metric: str) -> float:
-    """Return an upper end of the axis that the wild first epochs do not stretch."""
-    late = [
-        value
-        for found in curves.values()
-        for value in found[metric]["high"][len(found[metric]["high"]) // 6 :]
-        if value is not None
-    ]
-    return 1.05 * max(late, default=1.0) or 1.0
+    """Return an upper end of the axis: of lambda and u for all seeds, of costs for the means after the start."""
+    bounded = metric in _EXACT
+    found = [curve[metric]["high" if bounded else "mean"] for curve in curves.values()]
+    kept = [values if bounded else values[len(values) // _WILD :] for values in found]
+    known = [value for values in kept for value in values if value is not None]
+    return max(known, default=0.0) * (1.05 if bounded else 1.4) or 1.0
 
 
 def draw_constraint(settings: Mapping[str, tuple[str, Curves, float]]) -> bytes:
@@ -104,18 +107,20 @@ def draw_constraint(settings: Mapping[str, tuple[str, Curves, float]]) -> bytes:
         for row, (metric, label, variants) in enumerate(rows):
             axes = panels[row][column]
             _draw_curves(axes, curves, variants, metric)
-            axes.set_ylim(0.0, max(_highest(curves, metric), 1e-3))
+            axes.set_ylim(0.0, _highest(curves, metric))
             axes.set_ylabel(label, fontsize=9, color=INK)
             if metric == "cvar":
                 axes.axhline(limit, color=INK, lw=0.9, ls=(0, (4, 3)))
                 axes.annotate(
                     f"b = {limit:g}", (0.99, limit), xycoords=("axes fraction", "data"), ha="right", va="bottom",
-                    fontsize=8, color=INK, annotation_clip=True,
+                    fontsize=8, color=INK, annotation_clip=True, zorder=5,
+                    bbox={"facecolor": "white", "alpha": 0.8, "edgecolor": "none", "pad": 1.0},
                 )  # fmt: skip
                 axes.set_xlabel("epoch", fontsize=9, color=INK)
         panels[0][column].set_title(title, fontsize=10, color=INK, loc="left")
     handles, labels = panels[0][0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=7, fontsize=8, frameon=False)
+    if handles:
+        figure.legend(handles, labels, loc="outside lower center", ncols=7, fontsize=8, frameon=False)
     return to_png(figure)
 
 
@@ -126,11 +131,20 @@ def _draw_curves(axes: Axes, curves: Curves, variants: Sequence[Variant], metric
         mean, low, high = (
             np.array(curves[variant.name][metric][name], dtype=np.float64) for name in ("mean", "low", "high")
         )
-        epochs = np.arange(1, len(mean) + 1)
         known = np.isfinite(mean)
-        colour = COLOUR[variant.name]
-        axes.fill_between(epochs[known], low[known], high[known], color=colour, alpha=0.1, lw=0)
-        axes.plot(epochs[known], mean[known], color=colour, lw=1.5, label=variant.title)
+        epochs, colour = np.flatnonzero(known) + 1, COLOUR[variant.name]
+        if metric not in _EXACT:
+            mean, low, high = (_smoothed(values[known]) for values in (mean, low, high))
+        axes.fill_between(epochs, low, high, color=colour, alpha=0.1, lw=0)
+        axes.plot(epochs, mean, color=colour, lw=1.5, label=variant.title)
+
+
+def _smoothed(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the mean over `SMOOTHED` epochs around each, fewer at the ends."""
+    window = np.ones(SMOOTHED)
+    counts = np.convolve(np.ones(len(values)), window, mode="same")
+    averages: NDArray[np.float64] = np.convolve(values, window, mode="same") / counts
+    return averages
 
 
 def _panels(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, list[list[Axes]]]:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from viatool.studies.comparison import about
-from viatool.studies.curves import draw_constraint, draw_learning, summary_of
+from viatool.studies.curves import SMOOTHED, draw_constraint, draw_learning, summary_of
 from viatool.studies.driven import LOOKAHEAD, draw_paths, hardest_scenario, scene_of, thinned
 from viatool.studies.study import Data, Options, Page, Study
 from viatool.studies.tables import head
@@ -18,7 +18,8 @@ _DRAWN = ("success_rate", "collision_rate", "episode_cost", "cvar", "var", "mult
 
 
 def _plan(options: Options) -> Sequence[Task]:
-    return [task for setting in SETTINGS.values() for task in plan(setting, EVERY, options)]
+    every = [task for setting in SETTINGS.values() for task in plan(setting, EVERY, options)]
+    return list({task.name: task for task in every}.values())
 
 
 def _collect(tasks: Sequence[Task], records: Mapping[str, Record]) -> Data:
@@ -36,16 +37,18 @@ def _collect_setting(
 ) -> dict[str, Any] | None:
     from viatool.world import load_map
 
-    trainings = {
-        task.folder.partition("/")[2]: task
-        for task in tasks
-        if isinstance(task, TrainVariant) and task.folder.startswith(f"{name}/") and task.name in records
+    by_folder = {
+        task.folder: task for task in tasks if isinstance(task, TrainVariant) and task.name in records
     }
+    folders = {variant.name: f"{SETTINGS[name].home(variant).name}/{variant.name}" for variant in EVERY}
+    trainings = {variant: by_folder[folder] for variant, folder in folders.items() if folder in by_folder}
+    if not any(task.folder.startswith(f"{name}/") for task in trainings.values()):
+        return None
     driven = {
         variant: [
             records[task.name].result
             for task in tasks
-            if isinstance(task, EvaluateSeed) and task.training is training and task.name in records
+            if isinstance(task, EvaluateSeed) and task.training == training and task.name in records
         ]
         for variant, training in trainings.items()
     }
@@ -53,7 +56,7 @@ def _collect_setting(
     if not every:
         return None
     index = hardest_scenario(every)
-    configuration = next(iter(trainings.values())).configuration
+    configuration = list(trainings.values())[-1].configuration  # of a constrained one, if there is any
     world_map = load_map(configuration.map)
     return {
         "cost_limit": configuration.cost_limit,
@@ -78,6 +81,8 @@ def _render(data: Data) -> Page:
     )
     pictures: dict[str, bytes] = {}
     found = data["settings"]
+    if not found:
+        return Page("\n".join([*lines, "No policy is trained and evaluated yet."]) + "\n")
     for name, setting in found.items():
         title = SETTINGS[name].title
         pictures[f"paths-{name}.png"] = draw_paths(setting["scene"], setting["paths"])
@@ -95,7 +100,7 @@ def _render(data: Data) -> Page:
             f"## Learning curves in {title}",
             "",
             "Episodes of the training, driven with exploration noise: mean over the seeds, and from the lowest to the "
-            "highest of them.",
+            f"highest of them, smoothed over {SMOOTHED} epochs.",
             "",
             f"![Success, collisions and cost over the epochs](learning-{name}.png)",
             "",
@@ -106,8 +111,9 @@ def _render(data: Data) -> Page:
     lines += [
         "## The multiplier, the value at risk and the tail of the cost",
         "",
-        "Mean over the seeds, and from the lowest to the highest. Where lambda is 0, the actor of every constrained "
-        "method maximises the same as that of TD3.",
+        "Mean over the seeds, and from the lowest to the highest; the CVaR is measured on the few low-noise episodes "
+        f"of an epoch, and smoothed over {SMOOTHED}. Where lambda is 0, the actor of every constrained method "
+        "maximises the same as that of TD3.",
         "",
         "![lambda, u and CVaR over the epochs](constraint.png)",
     ]

@@ -6,7 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from viatool.studies.answers import answer, compare, compare_all, comparison_table, discordant_pairs
+from viatool.studies.answers import (
+    Comparison,
+    answer,
+    compare,
+    compare_all,
+    comparison_table,
+    discordant_pairs,
+)
 from viatool.studies.metrics import METRICS
 from viatool.studies.statistics import rank_correlation
 from viatool.studies.tables import number
@@ -74,28 +81,40 @@ def question_1(data: Data, metrics: Sequence[str]) -> Section:
 def question_2(data: Data) -> Section:
     """Answer whether the ranking by cost and the ranking by verified safety diverge."""
     names = [variant.name for variant in VARIANTS.values() if variant.name in data["variants"]]
-    answers = (*(_second_answer(data, names, safety) for safety in _SAFETY), _rcpo_against_via(data))
+    found = {safety: discordant_pairs(data, names, "cost", safety) for safety in _SAFETY}
+    answers = [_second_answer(data, names, safety, *pairs) for safety, pairs in found.items()]
     claim = (
         "The claim: a method can have the lower cost and yet be verified as less safe. Counted are the pairs of "
         "methods that differ beyond doubt (by the rule) in both. It is confirmed if there is such a pair, reversed "
         "if there are only pairs in which the cheaper one is the safer one, else not confirmed."
     )
-    return Section("Q2: does verification reveal what the average cost does not?", answers, (claim, ""))
+    examples = [
+        f"- {VARIANTS[one.better].title} is cheaper than {VARIANTS[one.worse].title}, and less safe "
+        f"({METRICS[safety].title.lower()})."
+        for safety, (discordant, _) in found.items()
+        for one in discordant
+    ]
+    return Section(
+        "Q2: does verification reveal what the average cost does not?",
+        (*answers, _rcpo_against_via(data)),
+        (claim, "", *examples, *([""] if examples else [])),
+    )
 
 
-def _second_answer(data: Data, names: Sequence[str], safety: str) -> str:
-    discordant, concordant = discordant_pairs(data, names, "cost", safety)
+def _second_answer(
+    data: Data,
+    names: Sequence[str],
+    safety: str,
+    discordant: Sequence[Comparison],
+    concordant: Sequence[Comparison],
+) -> str:
     word = "confirmed" if discordant else "reversed" if concordant else "not confirmed"
     estimates = [data["variants"][name]["estimates"] for name in names]
     both = [(one["cost"]["mean"], one[safety]["mean"]) for one in estimates if safety in one]
-    examples = "".join(
-        f"; {VARIANTS[one.better].title} is cheaper than {VARIANTS[one.worse].title}, and less safe"
-        for one in discordant
-    )
     tau = rank_correlation(*zip(*both, strict=True)) if len(both) > 2 else 0.0
     return (
         f"{METRICS[safety].title} (proved): **{word}** (cheaper and less safe in {len(discordant)} pairs, cheaper "
-        f"and safer in {len(concordant)}{examples}). Kendall's tau of the two rankings: {-tau:+.2f} (1: they agree)."
+        f"and safer in {len(concordant)}). Kendall's tau of the two rankings: {0.0 - tau:+.2f} (1: they agree)."
     )
 
 

@@ -36,7 +36,7 @@ class Options:
         Sensor error of the verification.
     """
 
-    preset: str = "quick"
+    preset: str = "study"
     settings: tuple[str, ...] = ()
     seeds: int = 5
     seed: int = 0

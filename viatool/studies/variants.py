@@ -42,11 +42,18 @@ class Setting:
         In paths and in pages.
     settings : tuple of str
         ``key=value`` over the preset of every training.
+    base : Setting, optional
+        One that differs in the limit alone: what is trained without a constraint is the same there.
     """
 
     name: str
     title: str
     settings: tuple[str, ...]
+    base: Setting | None = None
+
+    def home(self, variant: Variant) -> Setting:
+        """Return the setting whose training of a variant counts here."""
+        return self.base if self.base is not None and variant.family == "unconstrained" else self
 
 
 TD3 = Variant("td3", "TD3", "td3", "unconstrained")
@@ -69,7 +76,7 @@ EVERY = (*METHODS[:-1], *ALPHAS)
 VARIANTS = {variant.name: variant for variant in EVERY}
 
 LAB = Setting("lab", "the paper's lab, b = 10", ("map=lab", "cost_limit=10"))
-BINDING = Setting("binding", "the lab with b = 0.5", ("map=lab", "cost_limit=0.5"))
+BINDING = Setting("binding", "the lab, b = 0.5", ("map=lab", "cost_limit=0.5"), LAB)
 SETTINGS = {setting.name: setting for setting in (LAB, BINDING)}
 
 
@@ -79,7 +86,7 @@ def plan(setting: Setting, variants: Sequence[Variant], options: Options) -> lis
 
     tasks: list[Task] = []
     for variant in variants:
-        training = TrainVariant.of(setting, variant, options)
+        training = TrainVariant.of(setting.home(variant), variant, options)
         tasks.append(training)
         tasks += [
             EvaluateSeed(training, seed, options.scenarios, options.eps) for seed in range(options.seeds)
