@@ -45,7 +45,9 @@ def test_a_sidecar_describes_a_policy(title: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("section", "model"), [("Keras", keras), ("MATLAB", matlab), ("ML-Agents", ml_agents)], ids=str
+    ("section", "model"),
+    [("Keras", keras), ("MATLAB", matlab), ("ML-Agents", ml_agents)],
+    ids=["Keras", "MATLAB", "ML-Agents"],
 )
 def test_the_sidecar_of_a_framework_fits_its_graph(section: str, model: Any, tmp_path: Path) -> None:
     sidecar = tmp_path / "robot.yaml"
