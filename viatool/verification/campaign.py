@@ -15,7 +15,7 @@ from viatool.verification.states import States
 
 _CHUNKS_PER_WORKER = 8
 _MOST_BLOCKS = 8
-_MOST_FLOATS = 2**22
+_MOST_FLOATS = 2**20  # 8 MB, below which Dask does not complain of large messages
 
 
 @dataclass(frozen=True)
