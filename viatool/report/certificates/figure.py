@@ -20,6 +20,7 @@ from viatool.report.certificates.document import read_certificate
 from viatool.report.drawing import INK, WALL, draw_floor, draw_obstacles
 from viatool.report.foreign import one_line
 from viatool.report.palette import COLOUR
+from viatool.world import Scenes
 
 if TYPE_CHECKING:
     from viatool.certify import Certificate
@@ -69,7 +70,7 @@ def _draw_places(figure: Figure, axes: Axes, certificate: Certificate, raster: F
     volumes = raster.sum(axis=1)  # (5, X, Y)
     free = volumes[1:].sum(axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        share = np.where(free > 0.0, (volumes[1] + volumes[2]) / free, np.nan)
+        share = np.where((free > 0.0) & _is_free(certificate), (volumes[1] + volumes[2]) / free, np.nan)
     image = axes.imshow(
         share.T, origin="lower", extent=_extent(certificate), cmap=colormaps["viridis"], vmin=0.0, vmax=1.0,
         interpolation="nearest", zorder=1.5,
@@ -82,6 +83,18 @@ def _draw_places(figure: Figure, axes: Axes, certificate: Certificate, raster: F
             angles="xy", scale=18.0, width=0.006, zorder=7,
         )  # fmt: skip
     axes.set_title("proved safe at each place", fontsize=9, color=INK, pad=3)
+
+
+def _is_free(certificate: Certificate) -> NDArray[np.bool_]:
+    """Tell which places keep the collision distance in their middle, (X, Y)."""
+    lattice, outline = certificate.lattice, certificate.rules.footprint
+    size = lattice.size[:2] * np.exp2(-lattice.grain[:2].astype(np.float64))
+    shape = lattice.count[:2] << lattice.grain[:2]
+    axes = (lattice.origin[axis] + size[axis] * (np.arange(shape[axis]) + 0.5) for axis in (0, 1))
+    places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    scenes = Scenes.of(certificate.world_map, [certificate.scenario])
+    left = scenes.clearance(places, np.zeros(len(places), np.int64)) - outline.radius
+    return np.asarray((left > certificate.rules.clearance.collision).reshape(shape))
 
 
 def _draw_slice(axes: Axes, certificate: Certificate, raster: Floats) -> None:
