@@ -15,6 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
+from viatool.certify import SECTOR_NAMES
 from viatool.report.certificates.console import headline
 from viatool.report.certificates.document import read_certificate
 from viatool.report.drawing import INK, WALL, draw_floor, draw_obstacles
@@ -32,7 +33,6 @@ SUFFIXES = (".png", ".svg", ".pdf")
 DPI = 160
 _COLOURS = (WALL, "#E4E9EE", COLOUR["safe"], COLOUR["unsafe"], COLOUR["unknown"])
 """In the order of the statuses."""
-_COMPASS = ("W-SW", "SW-S", "S-SE", "SE-E", "E-NE", "NE-N", "N-NW", "NW-W")
 
 
 def render(certificate: Certificate, checks: Sequence[Check], suffix: str) -> bytes:
@@ -57,7 +57,7 @@ def draw(certificate: Certificate) -> Figure:
     for sector in range(raster.shape[1]):
         axes = figure.add_subplot(grid[sector // 4, 2 + sector % 4])
         _draw_slice(axes, certificate, raster[:, sector])
-        axes.set_title(f"heading {_COMPASS[sector]}", fontsize=8, color=INK, pad=2)
+        axes.set_title(f"heading {SECTOR_NAMES[sector]}", fontsize=8, color=INK, pad=2)
     name = one_line(certificate.scenario.name).replace("$", r"\$")
     figure.suptitle(f"{name}: {headline(read_certificate(certificate))}", fontsize=10, color=INK)
     figure.legend(handles=_legend(), loc="outside lower center", ncols=6, fontsize=8, frameon=False)
