@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from xml.etree import ElementTree
 
 import jsonschema
 import numpy as np
@@ -23,6 +24,7 @@ def outputs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("certify")
     names = {
         "json": "c.json", "figure": "c.svg", "cells": "c.npz", "witnesses": "w.json", "markdown": "c.md",
+        "junit": "c.xml", "github": "c.txt",
     }  # fmt: skip
     asked = [part for name, file in names.items() for part in ("-o", f"{name}:{folder / file}")]
     done = run("--sample", "0.05", "--fail-under", "contested=0.1", *asked)
@@ -53,6 +55,16 @@ def test_cells_figure_and_markdown_are_written(outputs):
     assert set(table["status"]) <= {"uncontested", "certified", "refuted", "unknown"}
     assert outputs[1]["figure"].read_text().startswith("<?xml")
     assert "## viatool:" in outputs[1]["markdown"].read_text()
+
+
+def test_ci_sees_the_gate_the_slices_and_the_worst_places(outputs):
+    suite = ElementTree.parse(outputs[1]["junit"]).getroot()[0]
+    names = [case.get("name") for case in suite.iter("testcase")]
+    assert len(names) == len(set(names)) == 9
+    assert int(suite.get("failures")) >= 1
+    lines = outputs[1]["github"].read_text().splitlines()
+    assert lines[0].startswith("::error")
+    assert any(line.startswith("::warning") and "comes within" in line for line in lines)
 
 
 @pytest.mark.parametrize(

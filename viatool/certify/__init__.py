@@ -3,8 +3,17 @@
 from __future__ import annotations
 
 from viatool.certify.campaign import Budget, Campaign
-from viatool.certify.certificate import Certificate
+from viatool.certify.certificate import SECTOR_NAMES, Certificate
 from viatool.certify.findings import STATUSES, Findings
 from viatool.certify.job import Resolution, certify
 
-__all__ = ["STATUSES", "Budget", "Campaign", "Certificate", "Findings", "Resolution", "certify"]
+__all__ = [
+    "SECTOR_NAMES",
+    "STATUSES",
+    "Budget",
+    "Campaign",
+    "Certificate",
+    "Findings",
+    "Resolution",
+    "certify",
+]

@@ -22,6 +22,8 @@ Integers = NDArray[np.int64]
 SCHEMA_VERSION = 1
 SECTORS = 8
 """Slices by heading."""
+SECTOR_NAMES = ("W-SW", "SW-S", "S-SE", "SE-E", "E-NE", "NE-N", "N-NW", "NW-W")
+"""From theta = -pi on, with north along y."""
 _SPACING = 0.5
 """Metres between the worst places."""
 

@@ -134,9 +134,9 @@ class Question:
         ).proved
         return kept
 
-    def commands(self, cells: Cells, *, thorough: bool = False) -> Commands:
+    def commands(self, cells: Cells) -> Commands:
         """Bound what the policy commands anywhere in cells, whatever the sensors err. **Sound:** yes."""
-        found = [self._commands(cells.select(some), thorough) for some in self._chunks(len(cells), _CHUNK)]
+        found = [self._commands(cells.select(some)) for some in self._chunks(len(cells), _CHUNK)]
         return Commands(
             *(
                 np.concatenate([getattr(part, name) for part in found])
@@ -149,11 +149,11 @@ class Question:
         step = int(np.clip(_CHUNK_PAIRS // len(self.sensors.shapes), 8, most))
         return [slice(start, min(start + step, count)) for start in range(0, count, step)]
 
-    def _commands(self, cells: Cells, thorough: bool) -> Commands:
+    def _commands(self, cells: Cells) -> Commands:
         columns, spec = self.layout.columns, self.layout.spec
         seen = self.sensors.enclose(cells)
         inputs = input_model(seen.centre, seen.slope, seen.rest + self.layout.radii)
-        reached = reach_correlated(self.policy.network, inputs, arithmetic=self.arithmetic, thorough=thorough)
+        reached = reach_correlated(self.policy.network, inputs, arithmetic=self.arithmetic)
         lower, upper = (self.rules.clip(end[:, columns]) for end in (reached.lower, reached.upper))
         moved = reached.influence / np.maximum(reached.influence.sum(axis=1, keepdims=True), 1e-12)
         moved = moved.max(axis=2)  # (C, 3 + n)

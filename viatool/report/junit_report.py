@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree as Xml
 
 from viatool.report.document import ReportDocument, read_result
@@ -34,13 +34,18 @@ def junit(document: ReportDocument, episodes: Sequence[Episode], checks: Sequenc
     -----
     Names are unique within the suite, for GitLab drops cases of the same class name and name.
     """
-    cases = [_trajectory(episode) for episode in episodes] + [_condition(check) for check in checks]
+    cases = [_trajectory(episode) for episode in episodes] + [condition(check) for check in checks]
+    return suite_of(document, cases, total_seconds(document))
+
+
+def suite_of(document: Any, cases: Sequence[Xml.Element], seconds: float) -> Xml.Element:
+    """Return the document element around cases; the document says of which policy, map and assumptions."""
     totals = {
         "tests": str(len(cases)),
         "failures": str(sum(case.find("failure") is not None for case in cases)),
         "errors": str(sum(case.find("error") is not None for case in cases)),
         "skipped": str(sum(case.find("skipped") is not None for case in cases)),
-        "time": f"{total_seconds(document):.3f}",
+        "time": f"{seconds:.3f}",
     }
     root = Xml.Element("testsuites", {"name": "viatool", **totals})
     suite = Xml.SubElement(root, "testsuite", {"name": clean(document.policy.path), **totals})
@@ -66,29 +71,31 @@ def _trajectory(episode: Episode) -> Xml.Element:
         f"{episode.safe} safe, {episode.unsafe} unsafe, {episode.unknown} unknown; outcome {episode.outcome}"
     )
     if episode.unsafe:
-        _add(
+        add(
             case,
             "failure",
             f"{counted(episode.unsafe, 'unsafe state')}, the first is state {episode.first_unsafe}",
             figures,
         )
     elif episode.unknown:
-        _add(case, "error", counted(episode.unknown, "unknown state"), figures)
+        add(case, "error", counted(episode.unknown, "unknown state"), figures)
     elif not episode.states:
         Xml.SubElement(case, "skipped", {"message": "no states"})
     return case
 
 
-def _condition(check: Check) -> Xml.Element:
+def condition(check: Check) -> Xml.Element:
+    """Return the case of a condition of the gate."""
     case = Xml.Element("testcase", {"classname": "viatool.gate", "name": clean(check.condition), "time": "0"})
     if check.empty:
-        _add(case, "error", check.figures, check.condition)
+        add(case, "error", check.figures, check.condition)
     elif not check.passed:
-        _add(case, "failure", check.figures, check.condition)
+        add(case, "failure", check.figures, check.condition)
     return case
 
 
-def _add(case: Xml.Element, kind: str, message: str, text: str) -> None:
+def add(case: Xml.Element, kind: str, message: str, text: str) -> None:
+    """Add a failure or an error to a case."""
     element = Xml.SubElement(case, kind, {"message": clean(message), "type": f"viatool.{kind}"})
     element.text = clean(text)
 

@@ -4,6 +4,6 @@ from __future__ import annotations
 
 CERTIFICATE_REPORTERS = {
     name: f"viatool.report.certificates.{name}"
-    for name in ("json", "figure", "cells", "witnesses", "markdown")
+    for name in ("json", "figure", "cells", "witnesses", "markdown", "junit", "github")
 }
 """Format name to the module that renders it; imported when it is asked for."""

@@ -15,11 +15,13 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
+from viatool.certify import SECTOR_NAMES
 from viatool.report.certificates.console import headline
 from viatool.report.certificates.document import read_certificate
 from viatool.report.drawing import INK, WALL, draw_floor, draw_obstacles
 from viatool.report.foreign import one_line
 from viatool.report.palette import COLOUR
+from viatool.world import Scenes
 
 if TYPE_CHECKING:
     from viatool.certify import Certificate
@@ -31,7 +33,6 @@ SUFFIXES = (".png", ".svg", ".pdf")
 DPI = 160
 _COLOURS = (WALL, "#E4E9EE", COLOUR["safe"], COLOUR["unsafe"], COLOUR["unknown"])
 """In the order of the statuses."""
-_COMPASS = ("W-SW", "SW-S", "S-SE", "SE-E", "E-NE", "NE-N", "N-NW", "NW-W")
 
 
 def render(certificate: Certificate, checks: Sequence[Check], suffix: str) -> bytes:
@@ -56,7 +57,7 @@ def draw(certificate: Certificate) -> Figure:
     for sector in range(raster.shape[1]):
         axes = figure.add_subplot(grid[sector // 4, 2 + sector % 4])
         _draw_slice(axes, certificate, raster[:, sector])
-        axes.set_title(f"heading {_COMPASS[sector]}", fontsize=8, color=INK, pad=2)
+        axes.set_title(f"heading {SECTOR_NAMES[sector]}", fontsize=8, color=INK, pad=2)
     name = one_line(certificate.scenario.name).replace("$", r"\$")
     figure.suptitle(f"{name}: {headline(read_certificate(certificate))}", fontsize=10, color=INK)
     figure.legend(handles=_legend(), loc="outside lower center", ncols=6, fontsize=8, frameon=False)
@@ -69,7 +70,7 @@ def _draw_places(figure: Figure, axes: Axes, certificate: Certificate, raster: F
     volumes = raster.sum(axis=1)  # (5, X, Y)
     free = volumes[1:].sum(axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        share = np.where(free > 0.0, (volumes[1] + volumes[2]) / free, np.nan)
+        share = np.where((free > 0.0) & _is_free(certificate), (volumes[1] + volumes[2]) / free, np.nan)
     image = axes.imshow(
         share.T, origin="lower", extent=_extent(certificate), cmap=colormaps["viridis"], vmin=0.0, vmax=1.0,
         interpolation="nearest", zorder=1.5,
@@ -82,6 +83,18 @@ def _draw_places(figure: Figure, axes: Axes, certificate: Certificate, raster: F
             angles="xy", scale=18.0, width=0.006, zorder=7,
         )  # fmt: skip
     axes.set_title("proved safe at each place", fontsize=9, color=INK, pad=3)
+
+
+def _is_free(certificate: Certificate) -> NDArray[np.bool_]:
+    """Tell which places keep the collision distance in their middle, (X, Y)."""
+    lattice, outline = certificate.lattice, certificate.rules.footprint
+    size = lattice.size[:2] * np.exp2(-lattice.grain[:2].astype(np.float64))
+    shape = lattice.count[:2] << lattice.grain[:2]
+    axes = (lattice.origin[axis] + size[axis] * (np.arange(shape[axis]) + 0.5) for axis in (0, 1))
+    places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    scenes = Scenes.of(certificate.world_map, [certificate.scenario])
+    left = scenes.clearance(places, np.zeros(len(places), np.int64)) - outline.radius
+    return np.asarray((left > certificate.rules.clearance.collision).reshape(shape))
 
 
 def _draw_slice(axes: Axes, certificate: Certificate, raster: Floats) -> None:
