@@ -85,6 +85,7 @@ class DelayLine:
         whole = int(delay / interval + 1e-9)
         rest = delay - whole * interval
         self._rest = 0.0 if rest < 1e-9 else rest
+        self._immediate = whole == 0 and self._rest == 0.0
         self._interval = interval
         self._sent = np.zeros((whole + 2, robots, 2))  # the newest first
 
@@ -94,6 +95,8 @@ class DelayLine:
 
     def send(self, commands: Floats) -> Sequence[tuple[float, Floats]]:
         """Send commands (E, 2) and return what arrives in this interval: seconds and commands (E, 2)."""
+        if self._immediate:
+            return [(self._interval, commands)]
         self._sent = np.concatenate([commands[None], self._sent[:-1]])
         if self._rest == 0.0:
             return [(self._interval, self._sent[-2])]

@@ -31,6 +31,8 @@ Indices = NDArray[np.int64]
 
 # Points x shapes (x rays) that are measured at once: memory stays flat, and the arrays stay in the cache.
 _CHUNK = 160_000
+# Of so many edges about one is seen: the others face away, or are behind the LiDAR or too far off.
+_EDGES_SEEN = 6
 # What fills the arrays of a scene that has fewer shapes than another: too far away to be near or seen.
 _NO_CIRCLE = (1e9, 1e9, 0.0)
 _NO_EDGE = (1e9, 1e9, 1e9, 1e9)
@@ -266,7 +268,7 @@ class Scenes:
         self, measure: Callable[..., Any], scene: Indices, *arrays: NDArray[Any], rays: int = 1
     ) -> Any:
         """Apply a measurement to arrays of B rows, some rows at a time."""
-        shapes = len(self._centres) + len(self._first) + len(self._normals)
+        shapes = len(self._centres) + len(self._first) / _EDGES_SEEN + len(self._normals)
         pieces = math.ceil(len(scene) * shapes * rays / _CHUNK)
         if pieces <= 1:
             return measure(*arrays, scene)
