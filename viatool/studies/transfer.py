@@ -263,17 +263,18 @@ def _render(data: Data) -> Page:
         *table(header, rows),
         "Where the policy drives:",
         "",
-        *(f"- *{place.title}*: `{_words(place)}`" for place in PLACES),
+        *(f"- *{place.title}*: `{_words(place, data['scenarios'])}`" for place in PLACES),
         "",
         *_EXPLANATION,
     ]
     return Page("\n".join(lines).rstrip() + "\n")
 
 
-def _words(place: Place) -> str:
-    options = " ".join(f"--{name.replace('_', '-')} {value:g}" for name, value in place.conditions)
-    text = f"viatool simulate {POLICY} --map {MAP} --engine {place.engine} --robot {place.robot} {options}"
-    return text.rstrip()
+def _words(place: Place, scenarios: int) -> str:
+    """Return the command that drives the policy in a place."""
+    options = [f"--{name.replace('_', '-')} {value:g}" for name, value in place.conditions]
+    words = [f"viatool simulate {POLICY} --map {MAP} --engine {place.engine} --robot {place.robot}", *options]
+    return " ".join([*words, f"--episodes {scenarios} --seed {SEED}"])
 
 
 STUDY = Study(
