@@ -47,12 +47,12 @@ class Browser:
     def __init__(self, driver: Chrome) -> None:
         self.driver = driver
 
-    def open(self, page: Path, until: str = "yes") -> None:
+    def open(self, page: Path) -> None:
         """Open a page and wait until its figures are drawn."""
         self.driver.get_log("browser"), self.driver.get_log("performance")  # forget older pages
         self.driver.get(page.as_uri())
         limit = time.monotonic() + PATIENCE
-        while self.run("return document.documentElement.dataset.ready") != until:
+        while self.run("return document.documentElement.dataset.whole") is None:
             if time.monotonic() > limit:
                 raise TimeoutError(f"{page} did not open: {self.complaints()}")
             time.sleep(0.02)

@@ -31,6 +31,8 @@ PUBLIC = [
     "Trajectory",
     "WorldMap",
     "__version__",
+    "draw_map",
+    "draw_result",
     "load_map",
     "load_policy",
     "load_trajectory",

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from viatool.policy import Policy, load_policy
+    from viatool.report.figure_report import draw_result
+    from viatool.report.map_figure import draw_map
     from viatool.safety import Result
     from viatool.simulate.roll_out import roll_out
     from viatool.taylor import ReachableSet, reach
@@ -22,6 +24,8 @@ _ROOM_OF = {
     "Result": "viatool.safety",
     "Trajectory": "viatool.trajectory",
     "WorldMap": "viatool.world",
+    "draw_map": "viatool.report.map_figure",
+    "draw_result": "viatool.report.figure_report",
     "load_map": "viatool.world",
     "load_policy": "viatool.policy",
     "load_trajectory": "viatool.trajectory",
@@ -37,6 +41,8 @@ __all__ = [
     "Trajectory",
     "WorldMap",
     "__version__",
+    "draw_map",
+    "draw_result",
     "load_map",
     "load_policy",
     "load_trajectory",

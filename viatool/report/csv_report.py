@@ -7,6 +7,8 @@ from collections.abc import Iterator, Sequence
 from io import StringIO
 from typing import TYPE_CHECKING
 
+from viatool.report.foreign import shown
+
 if TYPE_CHECKING:
     from viatool.report.gate import Check
     from viatool.safety import Result
@@ -14,7 +16,7 @@ if TYPE_CHECKING:
 SUFFIXES = (".csv",)
 COLUMNS = ("state", "episode", "scenario", "outcome", "time", "x", "y", "theta", "verdict")
 _CHARACTERS = 1_000_000
-_FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
+_FORMULA_STARTS = ("=", "+", "-", "@")
 
 
 def render(result: Result, checks: Sequence[Check], suffix: str) -> Iterator[str]:
@@ -46,5 +48,6 @@ def render(result: Result, checks: Sequence[Check], suffix: str) -> Iterator[str
 
 
 def inert(text: str) -> str:
-    """Keep a spreadsheet from reading a name as a formula."""
-    return f"'{text}" if text.startswith(_FORMULA_STARTS) else text
+    """Keep a name on its line, and keep a spreadsheet from reading it as a formula."""
+    text = shown(text)
+    return f"'{text}" if text.lstrip().startswith(_FORMULA_STARTS) else text

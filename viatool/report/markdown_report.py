@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from viatool.report.document import RateByOutcome, ReportDocument, read_result
-from viatool.report.foreign import one_line
+from viatool.report.foreign import shown
 from viatool.report.gate import Check
 from viatool.report.numbers import count, percentage, seconds, significant
 from viatool.report.palette import MEANING, VERDICTS
@@ -81,5 +81,5 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def escape(text: str) -> str:
-    """Make a foreign string inert: one line, no markup, no HTML, no mention."""
-    return html.escape(one_line(text).translate(_SPECIAL), quote=False)
+    """Make a foreign string inert: one line, no markup, no HTML, no mention, no command in a log."""
+    return html.escape(shown(text).translate(_SPECIAL), quote=False)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from viatool.policy import Maps, ObservationChannel
 from viatool.safety.judgement import Contested, Judgement
 from viatool.safety.layout import ActionName
+from viatool.safety.notebook import table_of
 from viatool.safety.rates import RateByOutcome
 from viatool.safety.rules import Rules
 from viatool.safety.witness import Witnesses
@@ -209,6 +210,10 @@ class Result:
             "outcome": self.outcomes,
             "witness": self._witness(rows),
         }
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: verdicts and rates."""
+        return table_of(self)
 
     def to_json(self) -> dict[str, Any]:
         """Return the report as plain data for `json.dumps`, with None where a value does not exist."""

@@ -115,12 +115,12 @@
     current = data.first;
     applyFilters();
     wireTheme();
-    document.documentElement.dataset.ready = "explorer";
+    document.documentElement.dataset.usable = performance.now();
     await new Promise((resolve) => { setTimeout(resolve, 50); });
     await Figures.embed(items.slice(3));
     Drawing.redraw(current);
     setTheme(document.documentElement.dataset.theme);
-    document.documentElement.dataset.ready = "yes";
+    document.documentElement.dataset.whole = performance.now();
   }
 
   open();
