@@ -245,7 +245,9 @@ class BulletWorld:
             slab = pybullet.createVisualShape(
                 pybullet.GEOM_BOX, halfExtents=half, rgbaColor=_PAINT["floor"], physicsClientId=self.client
             )
-            self._add_body(-1, (0.5 * (x_min + x_max), 0.5 * (y_min + y_max), -0.005), slab)
+            self._add_body(
+                -1, (0.5 * (x_min + x_max), 0.5 * (y_min + y_max), -0.002), slab
+            )  # above the plane, by 3 mm
 
     def arrange(self, own: Obstacles) -> None:
         """Stand up the obstacles of a scenario; solids of the same form are used again, so that memory stays flat."""
