@@ -25,6 +25,8 @@ from viatool.train.selection import evaluate_policy
 HERE = Path(__file__).parent
 MAP = HERE.parent / "maps" / "lab.yaml"
 EPS = 0.01
+# What older policies were trained with before these options existed.
+FORMERLY = {"mirror": False, "steering_penalty": 0.0, "shaping_form": "potential", "shaping_path": "straight"}
 HEAD = (
     "| file | actor | success | collisions | timeouts | cost | fixed scenarios | proved safe | sampled | "
     "width of v | width of omega |\n|---|---|---|---|---|---|---|---|---|---|---|\n"
@@ -93,7 +95,7 @@ def main() -> None:
     for name in names:
         policy = load_policy(HERE / f"{name}.onnx")
         assert policy.spec is not None
-        text = yaml.safe_dump(policy.spec.training["configuration"], sort_keys=False)
+        text = yaml.safe_dump(FORMERLY | policy.spec.training["configuration"], sort_keys=False)
         (HERE / f"{name}.yaml").write_text(text, encoding="utf-8")
         record = record_of(policy)
         (HERE / f"{name}.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -27,9 +28,22 @@ def test_a_policy_drives_as_well_as_its_table_says(path: Path) -> None:
     assert outcome["collision_rate"] == pytest.approx(collisions, abs=0.01)
 
 
-def test_the_configuration_of_via_is_the_one_in_its_specification() -> None:
-    configuration = load_configuration("policies/via.yaml").model_dump(mode="json")
-    spec = load_policy("policies/via.onnx").spec
-    assert spec is not None
-    trained = spec.training["configuration"]
+@pytest.mark.parametrize("path", POLICIES, ids=lambda path: path.stem)
+def test_the_configuration_beside_a_policy_is_the_one_in_its_specification(path: Path) -> None:
+    configuration = load_configuration(path.with_suffix(".yaml")).model_dump(mode="json")
+    policy = load_policy(path)
+    assert policy.spec is not None
+    trained = policy.spec.training["configuration"]
     assert {name: configuration[name] for name in trained} == trained
+    record = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
+    assert record["sha256"] == policy.sha256
+
+
+@pytest.mark.parametrize(("name", "preset"), [("via", "study"), ("via-64", "best")])
+def test_a_policy_was_trained_with_its_preset(name: str, preset: str) -> None:
+    records = {
+        "checkpoint_interval": 1,
+        "tensorboard": False,
+    }  # what a run keeps does not change what it learns
+    configuration = load_configuration(f"policies/{name}.yaml").model_copy(update=records)
+    assert configuration == make_configuration(preset).model_copy(update=records)

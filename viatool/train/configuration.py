@@ -252,7 +252,9 @@ _STUDY: dict[str, Any] = {
 
 _BEST: dict[str, Any] = {
     "seeds": 4,
-    "epochs": 100,
+    "epochs": 80,
+    "actor_hidden": (64, 64),
+    "cost_limit": 0.4,
     "batch_size": 256,
     "replay_capacity": 400_000,
     "final_scenarios": 4000,
