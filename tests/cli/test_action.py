@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import shlex
+from importlib import import_module
 from pathlib import Path
 
 import yaml
@@ -41,3 +43,23 @@ def test_the_hooks_run_known_commands() -> None:
         program, command = hook["entry"].split()
         assert program == "viatool"
         assert command in COMMANDS
+
+
+def test_the_examples_of_the_page_about_ci_are_yaml_that_runs_known_commands() -> None:
+    text = (ROOT / "docs" / "ci.md").read_text(encoding="utf-8")
+    github, gitlab, hooks = (
+        yaml.safe_load(block) for block in re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)
+    )
+    action = yaml.safe_load((ROOT / "action.yml").read_text(encoding="utf-8"))
+    (step,) = [step for step in github["steps"] if "viatool@" in step["uses"]]
+    assert step["with"].keys() <= action["inputs"].keys()
+    assert {name for name, given in action["inputs"].items() if given.get("required")} <= step["with"].keys()
+    assert f"steps.{step['id']}.outputs.sarif" in text
+    assert "sarif" in action["outputs"]
+    _, command, *arguments = shlex.split(gitlab["verify"]["script"][-1])
+    module = import_module(f"viatool.cli.{command}")
+    module.command.make_context(command, [*arguments], resilient_parsing=False)
+    reports = [argument.partition(":")[2] for argument in arguments if argument.startswith("junit:")]
+    assert gitlab["verify"]["artifacts"]["reports"]["junit"] == reports[0]
+    known = yaml.safe_load((ROOT / ".pre-commit-hooks.yaml").read_text(encoding="utf-8"))
+    assert {hook["id"] for hook in hooks["repos"][0]["hooks"]} <= {hook["id"] for hook in known}

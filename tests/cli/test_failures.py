@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import click
 import pytest
 from click.testing import CliRunner
@@ -9,6 +14,8 @@ from click.testing import CliRunner
 from viatool import errors
 from viatool.cli import main
 from viatool.cli.failures import explain
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.mark.parametrize(
@@ -39,6 +46,25 @@ def test_a_missing_extra_is_named() -> None:
     code, message = explain(ModuleNotFoundError("No module named 'torch'", name="torch"))
     assert code == 2
     assert "viatool[train]" in message
+
+
+def test_the_page_without_its_library_is_refused_before_any_work(tmp_path: Path) -> None:
+    program = "import sys; sys.modules['bokeh'] = None; from viatool.cli import main; main()"
+    arguments = ("verify", "missing.onnx", "--map", "m.yaml", "--eps", "0.1", "-o", "html:r.html")
+    for name in ("missing.onnx", "m.yaml"):
+        (tmp_path / name).write_text("not read before the outputs are checked")
+    run = subprocess.run(
+        [sys.executable, "-c", program, *arguments],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    assert (run.returncode, run.stdout) == (2, "")
+    assert "'bokeh'" in run.stderr
+    assert "pip install 'viatool[html]'" in run.stderr
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["m.yaml", "missing.onnx"]
 
 
 def test_a_missing_part_of_viatool_is_not_mistaken_for_an_extra() -> None:
