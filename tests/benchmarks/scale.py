@@ -1,7 +1,7 @@
 """Time and memory of long runs, beside the targets: growth with the states, workers, a Dask cluster.
 
     python tests/benchmarks/scale.py [--most 1000000] [--compared 100000] [--plot docs/images/scale.svg]
-                                     [--json docs/results/scale.json]
+                                     [--json docs/results/data/scale.json]
 
 Runs `viatool verify` as a user does, on random poses of the lab with the swept criterion, and prints for each run
 the seconds on the wall, the seconds of CPU of all processes, and the largest memory of any process. Takes about ten
