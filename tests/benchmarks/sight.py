@@ -19,7 +19,7 @@ from tests.certify.test_sight import boxes_in
 from tests.world.random_worlds import ARENAS, random_world
 from viatool.certify.shapes import Shapes
 from viatool.certify.sight import enclose_scan
-from viatool.world import Lidar, load_map
+from viatool.world import Lidar, Scenes, load_map
 
 SIDES = (0.004, 0.01, 0.02, 0.04, 0.08)  # whole widths in metres and radians
 POSES = 50
@@ -36,10 +36,12 @@ def main() -> None:
     seconds, cast, outside, cells = {"enclose": 0.0, "cast": 0.0}, 0, 0, 0
     while cast < given.rays:
         world, scenario, lidar = situation(generator)
-        shapes = outlines(world, scenario)
+        shapes, scenes = outlines(world, scenario), Scenes.of(world, [scenario])
         for side in SIDES:
             boxes = boxes_in(world, scenario, generator, 100, sizes=(0.5 * side,))
             boxes.radius[:] = 0.5 * side
+            left = scenes.clearance(boxes.centre[:, :2], np.zeros(len(boxes), np.int64))
+            boxes = boxes.select(left > side)  # a LiDAR within an obstacle sees nothing that is promised
             start = time.process_time()
             forms = enclose_scan(boxes, Shapes.of(world, scenario), lidar)
             seconds["enclose"] += time.process_time() - start
