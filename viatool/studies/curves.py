@@ -141,7 +141,7 @@ def _draw_curves(axes: Axes, curves: Curves, variants: Sequence[Variant], metric
 
 def _smoothed(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the mean over `SMOOTHED` epochs around each, fewer at the ends."""
-    window = np.ones(SMOOTHED)
+    window = np.ones(min(SMOOTHED, len(values)))
     counts = np.convolve(np.ones(len(values)), window, mode="same")
     averages: NDArray[np.float64] = np.convolve(values, window, mode="same") / counts
     return averages
