@@ -76,7 +76,7 @@ def errors(function: ActivationFunction, session: Any, x: NDArray[np.float32]) -
         value = function(exact)
         found = session.run(None, {"v0": x[:, None]})[0][:, 0].astype(np.float64)
         inside = defined(function, exact, value)
-        size = np.maximum(1.0, np.maximum(np.abs(value), np.abs(exact)))
+        size = function.amplitude * np.maximum(1.0, np.maximum(np.abs(value), np.abs(exact)))
         units = np.where(inside, np.abs(found - value) / (UNIT * size), 0.0)
     return np.where(np.isnan(units), np.inf, units), int(inside.sum())
 

@@ -67,6 +67,18 @@ def test_the_roundings_of_a_folded_constant_cover_what_onnxruntime_makes_of_it(o
     assert (found.roundings == 0) == (operator in ("Abs", "Neg", "Sqrt", *BINARY))
 
 
+@pytest.mark.parametrize("operator", ["Softmax", "LogSoftmax", "Hardmax"])
+@pytest.mark.parametrize("axis", [0, 1, 2, -1, -2])
+def test_old_operators_take_a_constant_as_a_matrix_like_onnxruntime(operator: str, axis: int) -> None:
+    constant = weights(4, 2, 3, 4)
+    model = model_of([node(operator, ["a"], ["y"], axis=axis)], {"a": constant}, opset=11)
+    del model.graph.input[:]
+    expected = onnxruntime.InferenceSession(model.SerializeToString()).run(None, {})[0]
+    (graph_node,) = live(read_graph(model, Path()), "y").nodes
+    (found,) = fold(graph_node, [Constant(constant, "float32")], {"axis": axis})
+    np.testing.assert_allclose(found.array, expected, rtol=1e-5)
+
+
 def test_a_constant_that_runtimes_fold_differently_is_counted(tmp_path: Path) -> None:
     nodes = [node("Softmax", ["c"], ["s"]), node("Mul", ["s", "two"], ["t"]), node("Add", ["x", "t"], ["y"])]
     policy = load_policy(save(model_of(nodes, {"c": weights(1, 4), "two": np.float32(2)}), tmp_path))

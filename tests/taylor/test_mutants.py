@@ -509,6 +509,12 @@ MUTANTS = [
         "0 * size",
     ),
     Mutant(
+        deployed(chain(1, [[1.0]], activation("Elu", alpha=1e5)), [[-3.3e-3]]),
+        "rounding._activation_deviation",
+        "node.function.amplitude *",
+        "",
+    ),
+    Mutant(
         deployed(chain(1, [[1.0]], activation("ThresholdedRelu", alpha=0.1)), [[0.1]]),
         "rounding._activation_deviation",
         "value.upper - value.lower",

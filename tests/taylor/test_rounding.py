@@ -8,12 +8,20 @@ import pytest
 from tests.benchmarks.activation_error import LARGEST, UNIT, worst_error
 from tests.strategies import ACTIVATIONS
 from viatool.errors import EnclosureError
-from viatool.policy.activations import ActivationFunction
+from viatool.policy.activations import ActivationFunction, activation
 from viatool.policy.network import Affine, Input, Network
 from viatool.taylor.rounding import activation_error, affine_rounding, gamma, runtime_deviation
 
+STEEP = (
+    activation("Elu", alpha=1e4),
+    activation("Celu", alpha=300.0),
+    activation("Selu", alpha=500.0, gamma=-40.0),
+    activation("HardSigmoid", alpha=50.0, beta=-1000.0),
+    activation("LeakyRelu", alpha=70.0),
+)
 
-@pytest.mark.parametrize("function", ACTIVATIONS, ids=lambda function: function.name)
+
+@pytest.mark.parametrize("function", [*ACTIVATIONS, *STEEP], ids=str)
 def test_onnxruntime_stays_within_half_of_the_margin_of_an_activation(function: ActivationFunction) -> None:
     worst = worst_error(function, 40_009, -LARGEST, LARGEST)
     assert worst.points > 40_000

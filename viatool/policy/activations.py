@@ -7,6 +7,7 @@ Expressions are written so that float64 evaluation neither overflows nor cancels
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -33,6 +34,9 @@ class NormalCdf(sympy.Function):  # type: ignore[misc]  # sympy carries no types
 
 FLOAT_MODULES: list[Any] = [{"NormalCdf": special.ndtr}, "scipy", "numpy"]
 """The namespace in which expressions are compiled for float64 evaluation."""
+
+_SCALES = frozenset(("alpha", "beta", "gamma", "slope"))
+"""Parameters by which an expression multiplies, or that it adds."""
 
 _DECLARATIONS: dict[str, tuple[Callable[..., Expression], dict[str, float]]] = {}
 
@@ -254,6 +258,16 @@ class ActivationFunction:
         """Return the function as a sympy expression in `X`."""
         declaration, _ = _DECLARATIONS[self.name]
         return declaration(**{name: _exact(value) for name, value in self.parameters})
+
+    @property
+    def amplitude(self) -> float:
+        """Return how much larger than its argument and its value, and than 1, an intermediate result may be.
+
+        A program computes ``alpha * (exp(x) - 1)`` with an error that is relative to alpha, also where the value
+        is small.
+        """
+        scales = (abs(value) for name, value in self.parameters if name in _SCALES)
+        return math.prod(max(1.0, scale) for scale in scales)
 
     def __call__(self, x: Floats) -> Floats:
         """Evaluate elementwise in float64; the error is far below one float32 rounding."""

@@ -32,6 +32,9 @@ FOLDED_ONLY = frozenset((
 # fmt: on
 """Operators that are read when they do not depend on the observation, and refused when they do."""
 
+_OF_MATRICES = frozenset(("Hardmax", "LogSoftmax", "Softmax"))
+"""Before opset 13 they took a tensor as a matrix."""
+
 Arrays = Sequence[Array | None]
 Values = Sequence[Constant | Computed | None]
 Maker = Callable[[GraphNode, Values, Mapping[str, Any]], Constant]
@@ -94,6 +97,8 @@ def evaluate(node: GraphNode, arrays: Arrays, attributes: Mapping[str, Any]) -> 
     from onnx.reference import ReferenceEvaluator
 
     _guard_size(node, arrays, attributes)
+    if node.operator in _OF_MATRICES and node.opset < 13:
+        return _evaluate_as_matrix(node, arrays[0], attributes.get("axis", 1))
     # fresh names: the file's own may be given twice or be empty
     inputs = [f"x{index}" if array is not None else "" for index, array in enumerate(arrays)]
     outputs = [f"y{index}" if name else "" for index, name in enumerate(node.outputs)]
@@ -115,6 +120,17 @@ def evaluate(node: GraphNode, arrays: Arrays, attributes: Mapping[str, Any]) -> 
         warnings.simplefilter("ignore")
         results = ReferenceEvaluator(model).run(None, given)
     return [np.asarray(result) for result in results]
+
+
+def _evaluate_as_matrix(node: GraphNode, array: Array | None, axis: int) -> list[Array]:
+    """Run a node that takes `axis` and all axes after it as one; the reference implementation does not."""
+    if array is None or not -array.ndim <= axis <= array.ndim:
+        raise Refusal(f"has no axis {axis}")
+    rows = math.prod(array.shape[: axis if axis >= 0 else axis + array.ndim])
+    matrix = array.reshape(rows, array.size // max(rows, 1))
+    proto = onnx.helper.make_node(node.operator, ["x"], ["y"], axis=1)
+    (result,) = evaluate(replace(node, opset=13, proto=proto), [matrix], {"axis": 1})
+    return [result.reshape(array.shape)]
 
 
 def _held(result: Array, narrow: bool) -> Constant:

@@ -279,4 +279,5 @@ def _activation_error(node: Activation, x: Floats, value: Floats, inherited: Flo
         moved = np.maximum(moved, np.abs(node.function(x + step * inherited) - value))
     moved = np.where(np.isnan(moved), np.inf, moved)  # rounding may leave the domain, as that of a logarithm
     units = 0.0 if node.function.name in _EXACT_ACTIVATIONS else _ACTIVATION_UNITS
-    return moved + units * unit * np.maximum(1.0, np.maximum(np.abs(x), np.abs(value)))
+    size = node.function.amplitude * np.maximum(1.0, np.maximum(np.abs(x), np.abs(value)))
+    return moved + units * unit * size

@@ -26,8 +26,9 @@ ENGINE_ROUNDOFF = 2.0**-53
 SLIGHTLY_MORE = 1 + 2.0**-40
 """Factor that covers the rounding of the few float64 operations with which a bound itself is computed."""
 
-# Error of a runtime's activation in unit roundoffs of max(1, |f(x)|, |x|), at least twice what was ever measured in
-# onnxruntime; composites (Silu as x * sigmoid(x), ...) count each of their operations.
+# Error of a runtime's activation in unit roundoffs of max(1, |f(x)|, |x|), times the amplitude of its parameters, at
+# least twice what was ever measured in onnxruntime; composites (Silu as x * sigmoid(x), ...) count each of their
+# operations.
 _RUNTIME_UNITS = {
     "Abs": 0.0,
     "Clip": 0.0,
@@ -145,7 +146,7 @@ def runtime_deviation(
 
 
 def activation_error(name: str, precision: str) -> float:
-    """Return the relative and absolute error, in units of ``max(1, |f(x)|, |x|)``, of a runtime's activation."""
+    """Return the error of a runtime's activation, in units of ``amplitude * max(1, |f(x)|, |x|)``."""
     units = _RUNTIME_UNITS.get(name, _DEFAULT_UNITS)
     return units * UNIT_ROUNDOFF[precision]
 
@@ -183,7 +184,7 @@ def _activation_deviation(
         moved = inherited * np.maximum(np.abs(slope.lower), np.abs(slope.upper))
     moved = np.where(inherited == 0, 0.0, moved)
     moved = np.fmin(moved, value.upper - value.lower)  # over a jump only the range helps
-    size = np.maximum(
+    size = node.function.amplitude * np.maximum(
         1.0, np.maximum(np.maximum(np.abs(value.lower), np.abs(value.upper)), _reach(hull, inherited))
     )
     return moved + activation_error(node.function.name, precision) * size
