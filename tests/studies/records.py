@@ -71,7 +71,7 @@ def records_of(
             result = evaluation(task.seed, success - shift, collision, cost + shift, safe - task.seed)
         else:
             continue
-        records[task.name] = Record(task.name, {}, result, 60.0, "2026-11-25")
+        records[task.name] = Record(task.name, {"cost_limit": 0.5}, result, 60.0, "2026-11-25")
     return records
 
 

@@ -76,7 +76,7 @@ def _variant(training: Record, evaluations: Sequence[Record]) -> dict[str, Any]:
         "epochs": [record.result["epoch"] for record in evaluations],
         "values": values,
         "estimates": {name: _finite(asdict(estimate(found))) for name, found in known.items() if found},
-        "constraint": constraint_of(training.result["curves"]),
+        "constraint": constraint_of(training.result["curves"]) | {"limit": training.parameters["cost_limit"]},
         "seconds": training.seconds,
     }
 

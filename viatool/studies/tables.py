@@ -135,20 +135,38 @@ def theirs(variant: Variant, metric: Metric) -> str:
 
 
 def constraint_table(data: Mapping[str, Any]) -> list[str]:
-    """Return what lambda and u did in the trainings."""
+    """Return what lambda and u did in the trainings, and whether the policies keep the limit."""
     rows = []
-    for name, found in data["variants"].items():
-        if VARIANTS[name].family != "unconstrained":
-            constraint = found["constraint"]
-            rows.append(
-                [
-                    VARIANTS[name].title,
-                    f"{constraint['zero']:.0%}",
-                    f"{constraint['zero_late']:.0%}",
-                    f"{constraint['multiplier']:.3f}",
-                    f"{constraint['multiplier_highest']:.3f}",
-                    f"{constraint['var']:.2f}" if VARIANTS[name].method in ("via", "cvar-cpo") else MISSING,
-                ]
-            )
-    titles = ("lambda = 0", "in the last quarter", "lambda there", "highest lambda", "u there")
+    for variant in (VARIANTS[name] for name in VARIANTS if name in data["variants"]):
+        if variant.family == "unconstrained":
+            continue
+        constraint = data["variants"][variant.name]["constraint"]
+        tracked = variant.method in ("via", "cvar-cpo")
+        rows.append(
+            [
+                variant.title,
+                f"{constraint['zero']:.0%}",
+                f"{constraint['zero_late']:.0%}",
+                f"{constraint['multiplier']:.3f}",
+                f"{constraint['multiplier_highest']:.3f}",
+                f"{constraint['var']:.2f}" if tracked else MISSING,
+                _kept_limit(data, variant),
+            ]
+        )
+    titles = (
+        "lambda = 0",
+        "in the last quarter",
+        "lambda there",
+        "highest lambda",
+        "u there",
+        "limited to b",
+    )
     return table(["Method", *titles], rows)
+
+
+def _kept_limit(data: Mapping[str, Any], variant: Variant) -> str:
+    """Return the mean of what the method limits, on the held-out scenarios, against b."""
+    metric = METRICS["cost" if variant.family == "expectation" else f"cvar_{variant.alpha:g}"]
+    found = data["variants"][variant.name]
+    mean, limit = found["estimates"][metric.name]["mean"], found["constraint"]["limit"]
+    return f"{metric.title} {number(mean, metric)} {'≤' if mean <= limit else '>'} {limit:g}"
