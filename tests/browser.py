@@ -27,7 +27,7 @@ FLAGS = (
     "--disable-component-update",
     "--disable-sync",
 )
-PATIENCE = 60.0  # seconds for a page to open on a busy machine
+PATIENCE = 120.0  # seconds for a page to open on a busy machine
 
 
 def program(names: tuple[str, ...]) -> str:

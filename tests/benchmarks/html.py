@@ -15,11 +15,11 @@ import time
 from pathlib import Path
 
 import viatool
-from tests.browser import Browser, running_browser
+from tests.browser import PATIENCE, Browser, running_browser
 from tests.enlarged import enlarged
 from viatool.report.html.page import render_page
 
-MOVES = 40
+MOVES = 20
 RUNS = 3
 MOVE = """
 const [moves, done] = arguments;
@@ -64,6 +64,7 @@ def measure(page: Path) -> tuple[float, float, float, float]:
 
 
 def move(browser: Browser) -> float:
+    browser.driver.set_script_timeout(PATIENCE)
     return float(browser.driver.execute_async_script(MOVE, MOVES))
 
 
