@@ -97,8 +97,8 @@ def _own_roundings(operator: str, arrays: Sequence[Array | None], result: Array,
     value = np.abs(result.astype(np.float64))
     with np.errstate(all="ignore"):
         if operator in _RELATIVE_FUNCTIONS:
-            own = _FUNCTION_UNITS * max(1.0, float(np.abs(np.log(value[value > 0])).max(initial=0.0)))
-            return math.ceil(own) + (result.size if operator == "Softmax" else 0)  # it also sums
+            units = _FUNCTION_UNITS * max(1.0, float(np.abs(np.log(value[value > 0])).max(initial=0.0)))
+            return math.ceil(units) + (result.size if operator == "Softmax" else 0)  # it also sums
         if operator in _FUNCTIONS:
             argument = np.abs(given[0].astype(np.float64))
             own = _FUNCTION_UNITS * np.maximum(1.0, np.maximum(argument.max(initial=0.0), value))

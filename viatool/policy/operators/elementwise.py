@@ -106,8 +106,11 @@ def clipped(call: Call, x: Computed, lower: float, upper: float) -> Computed:
 def read_prelu(call: Call) -> Sequence[Value]:
     """Read a leaky rectifier whose slope may differ from element to element."""
     x, slope = call.computed(0), call.weights(1, "slope")
-    if call.version == 6 and slope.ndim == 1 and slope.size > 1:
-        slope = slope.reshape(-1, *(1 for _ in x.shape[2:]))
+    if call.version == 6 and slope.size > 1 and len(x.shape) > 2:
+        raise Refusal(
+            "has a slope for each channel, which onnxruntime takes as one for each last element",
+            "use opset 7",
+        )
     slopes = np.broadcast_to(slope, x.shape).ravel()
     if (slopes == slopes[0]).all():
         return [call.assembly.activation(x, activation("LeakyRelu", alpha=float(slopes[0])))]
