@@ -11,6 +11,7 @@ import pytest
 from click.testing import Result
 from PIL import Image
 
+from tests.needs import needs_pybullet
 from viatool.policy import load_policy
 from viatool.trajectory import load_trajectory
 
@@ -38,6 +39,7 @@ def test_the_report_counts_the_episodes(run: Run, tmp_path: Path) -> None:
     assert min(episode["path_length_ratio"] for episode in document["episodes"]) >= 1.0
 
 
+@needs_pybullet
 def test_a_trajectory_of_the_physics_engine_is_verified(run: Run, tmp_path: Path) -> None:
     states, report, document = tmp_path / "run.npz", tmp_path / "report.json", tmp_path / "run.json"
     result = run(

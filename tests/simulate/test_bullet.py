@@ -9,12 +9,14 @@ from functools import cache
 import numpy as np
 import pytest
 
+from tests.needs import WITHOUT_PYBULLET
 from viatool.errors import ConfigurationError
 from viatool.simulate import Conditions, NavigationSimulator, Simulator, make_simulator, with_robot
 from viatool.simulate.models import MODELS
 from viatool.world import ROBOTS, Lidar, Obstacles, Scenario, Scenes, WorldMap, load_map
 
-pytest.importorskip("pybullet", reason="pybullet has no wheels for this Python", exc_type=ModuleNotFoundError)
+if WITHOUT_PYBULLET:
+    pytest.skip("pybullet has no wheel for this Python", allow_module_level=True)
 
 from viatool.simulate.bullet import BulletSimulator
 from viatool.simulate.bullet.world import BulletWorld

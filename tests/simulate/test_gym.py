@@ -14,6 +14,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
 import viatool
+from tests.needs import needs_pybullet
 from viatool.errors import ConfigurationError
 from viatool.policy.specification import ObservationChannel, PolicySpecification
 from viatool.simulate import NavigationSimulator
@@ -29,7 +30,7 @@ def make(**setting: Any) -> NavigationEnvironment:
     return environment
 
 
-@pytest.mark.parametrize("engine", ["kinematic", "bullet"])
+@pytest.mark.parametrize("engine", ["kinematic", pytest.param("bullet", marks=needs_pybullet)])
 def test_gymnasium_accepts_the_environment(engine: str) -> None:
     check_env(make(engine=engine, noise=0.02, delay=0.05, drift=0.01))
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from tests.needs import needs_pybullet
 from tests.train.test_run import tiny
 from viatool.errors import ViatoolError
 from viatool.train import train
@@ -52,6 +53,7 @@ def test_another_robot_gets_commands_within_its_own_limits(tmp_path: Path) -> No
     assert actions[:, 1].max() > 0.0 > actions[:, 1].min()
 
 
+@needs_pybullet
 def test_a_policy_is_trained_in_the_physics_engine(tmp_path: Path) -> None:
     few = {"seeds": 1, "robots": 2, "epochs": 1, "epoch_steps": 12, "learning_starts": 8, "horizon": 5}
     scenarios = {"validation_scenarios": 2, "test_scenarios": 2, "warmup_episodes": 2}
