@@ -269,7 +269,10 @@ def gather_nd(operator: str, version: int) -> list[Case]:
 @case("Pad")
 def pad(operator: str, version: int) -> list[Case]:
     if version == 2:
-        return [Case([node("Pad", ["x"], ["y"], pads=[0, 1, 0, 2], value=0.5)])]
+        return [
+            Case([node("Pad", ["x"], ["y"], pads=[0, 1, 0, 2], value=fill)], name=f"with {fill}")
+            for fill in (0.5, 2.0)
+        ]
     cases = [Case([node("Pad", ["x", "p", "v"], ["y"])], {"p": ints(0, 1, 0, 2), "v": np.float32(0.5)})]
     for mode in ("reflect", "edge"):
         cases.append(Case([node("Pad", ["x", "p"], ["y"], mode=mode)], {"p": ints(0, 1, 0, 2)}, name=mode))

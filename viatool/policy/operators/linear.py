@@ -232,6 +232,7 @@ def _extreme(
 @reads("Cast", 6, 9, 13, 19, 21, 23, 24, 25, 28, treatment="exact", note="between floating-point types")
 def read_cast(call: Call) -> Sequence[Result]:
     """Read a change between floating-point types; a comparison that is cast to a boolean stays one."""
+    call.flag("saturate")  # means nothing here, but onnxruntime makes zeros of other numbers
     dtype = dtype_name(call.integer("to"))
     if dtype == "bool" and isinstance(call.inputs[0], Comparison):
         return [call.inputs[0]]

@@ -8,12 +8,15 @@ every copy is exact. The number 0 stands for a zero that the operator fills in.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
+import onnx
 from numpy.typing import NDArray
 
 from viatool.policy.assembly import Computed, Refusal
 from viatool.policy.folding import evaluate
+from viatool.policy.graph import GraphNode
 from viatool.policy.operators.linear import precision_of
 from viatool.policy.operators.registry import Call, Value, finite, reads
 from viatool.policy.tensors import Constant
@@ -49,6 +52,10 @@ _MOVING: dict[str, tuple[tuple[int, ...], tuple[int, ...] | int]] = {
 
 def _move(call: Call) -> Sequence[Value]:
     _, data = _MOVING[call.node.operator]
+    if call.node.operator == "ReverseSequence":
+        axes = (call.integer("batch_axis"), call.integer("time_axis"))
+        if sorted(axes) != [0, 1]:
+            raise Refusal(f"has batch_axis and time_axis {axes}, expected 0 and 1")
     return move(call, range(len(call.inputs)) if isinstance(data, int) else data)
 
 
@@ -71,8 +78,18 @@ def move(call: Call, positions: Sequence[int]) -> Sequence[Value]:
             numbers.append(call.constant(index, "shape or index").array)
     if following - 1 > 2**24:
         raise Refusal("moves more elements than viatool keeps")
-    results = evaluate(call.node, numbers, call.attributes)
+    results = evaluate(_filling_zeros(call.node), numbers, call.attributes)
     return [_copied(call, np.asarray(result, dtype=np.int64), moved) for result in results]
+
+
+def _filling_zeros(node: GraphNode) -> GraphNode:
+    """Return a node without the number that an old Pad fills in, which would pass for that of an element."""
+    proto = onnx.NodeProto()
+    proto.CopyFrom(node.proto)
+    kept = [attribute for attribute in proto.attribute if attribute.name != "value"]
+    del proto.attribute[:]
+    proto.attribute.extend(kept)
+    return replace(node, proto=proto)
 
 
 def _copied(call: Call, result: Indices, moved: Sequence[tuple[int, Value]]) -> Computed:
