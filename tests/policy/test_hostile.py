@@ -310,3 +310,28 @@ def test_a_broken_specification_inside_the_model(tmp_path: Path) -> None:
     for text in ("not json", "{}", '{"schema_version": 7}', "[" * 100_000):
         helper.set_model_props(model, {"viatool.spec": text})
         refused(save(model, tmp_path), "viatool.spec")
+
+
+TWO_VALUES = node("Constant", [], ["c"], value_float=0.5)
+TWO_VALUES.attribute.append(onnx.helper.make_attribute("value_int", 2))
+
+
+@pytest.mark.parametrize(
+    ("nodes", "opset", "reason"),
+    [
+        ([TWO_VALUES, node("Mul", ["x", "c"], ["y"])], 17, "several values: value_float, value_int"),
+        (
+            [node("Cast", ["x"], ["h"], to=TensorProto.FLOAT16, saturate=100), node("Cast", ["h"], ["y"], to=1)],
+            19,
+            "saturate = 100",
+        ),
+        ([node("ReverseSequence", ["x", "n"], ["y"], batch_axis=0, time_axis=-2)], 17, "batch_axis and time_axis"),
+        ([node("Unsqueeze", ["x"], ["u"], axes=[2]), node("PRelu", ["u", "s"], ["y"])], 6, "slope for each channel"),
+    ],
+    ids=["Constant", "Cast", "ReverseSequence", "PRelu"],
+)  # fmt: skip
+def test_what_runtimes_take_in_another_sense_is_refused(
+    nodes: list[onnx.NodeProto], opset: int, reason: str, tmp_path: Path
+) -> None:
+    constants = {"n": np.array([3]), "s": np.array([0.25, 0.1, -0.5, 2.0], np.float32)}
+    refused(save(model_of(nodes, constants, opset=opset), tmp_path), reason)

@@ -145,6 +145,8 @@ def _held(result: Array, narrow: bool) -> Constant:
 
 
 def _constant(node: GraphNode, inputs: Values, attributes: Mapping[str, Any]) -> Constant:
+    if len(node.attributes) > 1:
+        raise Refusal(f"has several values: {', '.join(sorted(node.attributes))}", "keep one of them")
     for name, dtype in (
         ("value_float", "float32"),
         ("value_floats", "float32"),
