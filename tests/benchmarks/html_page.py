@@ -1,6 +1,6 @@
 """How fast the HTML report opens and follows its slider, in headless Chromium without a GPU.
 
-    python -m tests.benchmarks.html [STATES ...]
+    python -m tests.benchmarks.html_page [STATES ...]
 
 Prints the size of the page, the seconds until the map can be used and until every figure is there, the processor time
 of the page's main thread until then, and the time from one state of the slider to the next one drawn.
