@@ -19,6 +19,7 @@ Indices = NDArray[np.int64]
 
 _MOST = 5_000_000  # poses; more is a slip of the keyboard
 _BATCH = 4096  # poses drawn together; part of what a seed means
+_OBSERVED = 16_384  # poses observed together, so that memory stays flat
 _BARREN = 50  # batches without a free place after which a map counts as full
 
 
@@ -104,9 +105,12 @@ def observe_places(
     if not len(poses):
         raise EmptyEvaluationError("there is no free place", "lower the clearance or the grid's spacing")
     goals = np.array([scenario.goal for scenario in scenarios])[scene]
-    observations = _observe(
-        policy, world_map, scenes, Situation(poses, scene, goals, np.zeros((len(poses), 2)))
-    )
+    standing = np.zeros((len(poses), 2))
+    observations = np.empty((len(poses), specification_of(policy).observation_size))
+    for start in range(0, len(poses), _OBSERVED):
+        rows = slice(start, start + _OBSERVED)
+        here = Situation(poses[rows], scene[rows], goals[rows], standing[rows])
+        observations[rows] = _observe(policy, world_map, scenes, here)
     return Trajectory(
         poses=poses,
         observations=observations,
