@@ -184,3 +184,10 @@ def test_observations_that_rounding_moves_out_of_a_domain_are_left_out(tmp_path:
     policy = load_policy(save(model_of(nodes, {"w": weights(0, 4, 3, scale=10.0)}), tmp_path))
     for seed in range(10):
         check_network(policy.network, policy.runtime, None, seed=seed)
+
+
+def test_observations_on_which_a_partial_sum_overflows_are_left_out(tmp_path: Path) -> None:
+    weight = np.array([[2.5e38], [2.5e38], [-2.5e38], [-2.4e38]], dtype=np.float32)
+    policy = load_policy(save(model_of([node("MatMul", ["x", "w"], ["y"])], {"w": weight}), tmp_path))
+    for seed in range(10):
+        check_network(policy.network, policy.runtime, None, seed=seed)

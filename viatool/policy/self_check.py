@@ -270,7 +270,8 @@ def _affine_error(
     stored = (terms == 0) & (node.roundings == 0)
     factor = np.where(copies | stored, 0.0, roundings / np.maximum(1 - roundings, 1e-3))
     error: Floats = inherited + factor * magnitude + (factor > 0) * terms * tiny
-    return error
+    fits = magnitude < _LARGEST[node.precision] / _MARGIN  # a partial sum may be larger than the result
+    return np.where(fits, error, np.inf)
 
 
 def _activation_error(node: Activation, x: Floats, value: Floats, inherited: Floats, unit: float) -> Floats:
