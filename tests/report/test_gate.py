@@ -72,6 +72,13 @@ def test_a_report_passes_against_itself_and_fails_against_a_better_baseline(docu
     assert not passes(Gate(baseline=document(97, 0, 3)), document(97, 1, 2))
 
 
+def test_a_baseline_made_with_another_sensor_error_is_named_as_such(document) -> None:
+    now = document(97, 1, 2)
+    before = now.model_copy(update={"eps": 0.5})
+    assert all("another eps" in check.figures for check in evaluate(Gate(baseline=before), now))
+    assert not any("another" in check.figures for check in evaluate(Gate(baseline=now), now))
+
+
 def test_an_empty_evaluation_passes_no_condition_at_all(document) -> None:
     gate = Gate((parse_threshold("0"),), max_unsafe=0, max_unknown=0, baseline=document(1, 0, 0))
     checks = evaluate(gate, document(0, 0, 0))

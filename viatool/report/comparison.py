@@ -15,9 +15,10 @@ from viatool.report.foreign import shown
 from viatool.report.gate import RATES, rate_named
 from viatool.report.numbers import MISSING, count, percentage, seconds, significant
 from viatool.report.palette import STYLE, VERDICTS
-from viatool.report.wording import describe_eps, total_seconds
+from viatool.report.wording import settings, total_seconds
 
 Row = tuple[str, str, str, Text]
+ALWAYS = ("map", "eps", "criterion", "arithmetic")  # settings that are shown also where they agree
 
 
 def print_comparison(before: ReportDocument, after: ReportDocument, console: Console) -> None:
@@ -40,16 +41,16 @@ def print_comparison(before: ReportDocument, after: ReportDocument, console: Con
 
 
 def _settings(before: ReportDocument, after: ReportDocument) -> Iterator[Row]:
-    pairs = {
-        "policy": (before.policy.sha256[:12], after.policy.sha256[:12]),
-        "map": (before.map.sha256[:12], after.map.sha256[:12]),
-        "eps": (describe_eps(before.eps), describe_eps(after.eps)),
-        "criterion": (before.criterion, after.criterion),
-        "arithmetic": (before.arithmetic, after.arithmetic),
-        "states": (count(before.states), count(after.states)),
-    }
-    for name, (old, new) in pairs.items():
-        yield name, old, new, Text("same" if old == new else "differs", style="dim" if old == new else "bold")
+    old, new = settings(before), settings(after)
+    yield _setting("policy", before.policy.sha256[:12], after.policy.sha256[:12])
+    for name in new:
+        if name in ALWAYS or old.get(name, new[name]) != new[name]:
+            yield _setting(name, old[name], new[name])
+    yield _setting("states", count(before.states), count(after.states))
+
+
+def _setting(name: str, old: str, new: str) -> Row:
+    return name, old, new, Text("same" if old == new else "differs", style="dim" if old == new else "bold")
 
 
 def _verdicts(before: ReportDocument, after: ReportDocument) -> Iterator[Row]:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
 
 from viatool.errors import ConfigurationError
 from viatool.report.document import Rate, ReportDocument, UnsafeState
 from viatool.report.numbers import count, digits_needed, percent_of, percentage
+from viatool.report.wording import settings
 
 RATES = {
     "overall": "safety rate",
@@ -174,7 +175,15 @@ def _regressions(baseline: ReportDocument, document: ReportDocument) -> list[Che
         figures = f"{percentage(now.safe, now.total, 4)}, was {percentage(before.safe, before.total, 4)}"
         checks.append(Check(f"{title} not below the baseline", passed, figures))
     checks.append(_new_unsafe_states(baseline, document))
-    return checks
+    aside = _other_settings(baseline, document)
+    return [replace(check, figures=check.figures + aside) for check in checks]
+
+
+def _other_settings(baseline: ReportDocument, document: ReportDocument) -> str:
+    """Name the settings in which two reports differ: their figures answer different questions then."""
+    before, now = settings(baseline), settings(document)
+    other = [name for name in now if before.get(name, now[name]) != now[name]]
+    return f" (the baseline has another {' and '.join(other)})" if other else ""
 
 
 def _new_unsafe_states(baseline: ReportDocument, document: ReportDocument) -> Check:

@@ -67,6 +67,18 @@ def assumptions(document: ReportDocument) -> dict[str, str]:
     return listed
 
 
+def settings(document: ReportDocument) -> dict[str, str]:
+    """List what a run was asked for, by name: reports with other settings answer other questions."""
+    listed = assumptions(document)
+    return {
+        "map": document.map.sha256[:12],
+        "eps": describe_eps(document.eps),
+        **listed,
+        "criterion": document.criterion,
+        "arithmetic": document.arithmetic,
+    }
+
+
 def _flat(value: Any) -> str:
     if isinstance(value, Mapping):
         return ", ".join(f"{name.replace('_', ' ')} {_flat(part)}" for name, part in value.items())
