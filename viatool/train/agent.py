@@ -166,7 +166,7 @@ class Learner:
             next_input = critic_input(self._features(batch.next_observation), next_action)
             reward = self.method.learnt_reward(batch, multiplier)
             target = task_target(agent.task_critics.target, next_input, reward, batch.discount)
-        metrics = update_task_critics(agent.task_critics, inputs, target, learning_rate)
+        metrics = update_task_critics(agent.task_critics, inputs, target, learning_rate, measure=measure)
         if agent.cost_critic is not None and self.updates % options.cost_critic_delay == 0:
             metrics |= self.method.update_cost_critic(
                 agent.cost_critic, inputs, next_input, batch, learning_rate, measure=measure

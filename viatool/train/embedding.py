@@ -58,11 +58,8 @@ class Embedding:
         pair = self.older_action.weights if older else self.action_encoder.target
         with torch.no_grad():
             state_code = normalise_code(state(observation))
-        frozen = [layer.detach() for layer in pair.layers]
-        hidden = torch.cat([state_code, action], dim=-1)
-        for index in range(0, len(frozen) - 2, 2):
-            hidden = torch.baddbmm(frozen[index + 1], hidden, frozen[index]).relu_()
-        return torch.cat([state_code, torch.baddbmm(frozen[-1], hidden, frozen[-2])], dim=-1)
+        pair_code = pair.as_constants(torch.cat([state_code, action], dim=-1))
+        return torch.cat([state_code, pair_code], dim=-1)
 
     def update(
         self, observation: Tensor, action: Tensor, next_observation: Tensor, learning_rate: float

@@ -106,11 +106,17 @@ class Weights:
         Tensor
             ``(S, B, sizes[-1])``.
         """
+        return self._evaluate(self.layers, inputs)
+
+    def as_constants(self, inputs: Tensor) -> Tensor:
+        """Evaluate the first S perceptrons so that gradients reach the inputs alone, ``(S, B, in)``."""
+        return self._evaluate([layer.detach()[: inputs.shape[0]] for layer in self.layers], inputs)
+
+    def _evaluate(self, layers: Sequence[Tensor], inputs: Tensor) -> Tensor:
         hidden, activate = inputs, _ACTIVATIONS[self.activation]
-        for index in range(0, len(self.layers) - 2, 2):
-            hidden = torch.baddbmm(self.layers[index + 1], hidden, self.layers[index])
-            hidden = activate(hidden)
-        return torch.baddbmm(self.layers[-1], hidden, self.layers[-2])
+        for index in range(0, len(layers) - 2, 2):
+            hidden = activate(torch.baddbmm(layers[index + 1], hidden, layers[index]))
+        return torch.baddbmm(layers[-1], hidden, layers[-2])
 
 
 class TrainedNetwork:
@@ -127,17 +133,26 @@ class TrainedNetwork:
         self.target = weights.copy()
         self.first_moment = torch.zeros_like(weights.flat)
         self.second_moment = torch.zeros_like(weights.flat)
-        self.steps = 0
+        self.steps = torch.tensor(0.0)
 
     def descend(self, gradients: Sequence[Tensor], learning_rate: float) -> None:
         """Take one Adam step along the gradients of `weights.layers`."""
-        gradient = torch.cat([part.reshape(-1) for part in gradients])
         self.steps += 1
-        first, second = ADAM_DECAY
-        self.first_moment.lerp_(gradient, 1 - first)
-        self.second_moment.mul_(second).addcmul_(gradient, gradient, value=1 - second)
-        scale = (self.second_moment / (1 - second**self.steps)).sqrt_().add_(ADAM_EPSILON)
-        self.weights.flat.addcdiv_(self.first_moment, scale, value=-learning_rate / (1 - first**self.steps))
+        torch._fused_adam_(  # what torch.optim.Adam(fused=True) calls, without its bookkeeping
+            [self.weights.flat],
+            [torch.cat([part.reshape(-1) for part in gradients])],
+            [self.first_moment],
+            [self.second_moment],
+            [],
+            [self.steps],
+            lr=learning_rate,
+            beta1=ADAM_DECAY[0],
+            beta2=ADAM_DECAY[1],
+            weight_decay=0.0,
+            eps=ADAM_EPSILON,
+            amsgrad=False,
+            maximize=False,
+        )
 
     def follow(self, rate: float) -> None:
         """Move the target by `rate` towards the weights (exponential moving average)."""
@@ -150,7 +165,7 @@ class TrainedNetwork:
             "target": self.target.flat,
             "first_moment": self.first_moment,
             "second_moment": self.second_moment,
-            "steps": torch.tensor(self.steps),
+            "steps": self.steps,
         }
 
     def restore(self, state: dict[str, Tensor]) -> None:
@@ -159,4 +174,4 @@ class TrainedNetwork:
         self.target.flat.copy_(state["target"])
         self.first_moment.copy_(state["first_moment"])
         self.second_moment.copy_(state["second_moment"])
-        self.steps = int(state["steps"])
+        self.steps.copy_(state["steps"])

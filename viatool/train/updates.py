@@ -80,11 +80,11 @@ def task_target(target_critics: Weights, next_input: Tensor, reward: Tensor, dis
 def twin_values(critics: Weights, inputs: Tensor) -> Tensor:
     """Evaluate both task critics: ``(S, B, f + A)`` to ``(2, S, B)``."""
     seeds, count, _ = inputs.shape
-    return critics(inputs.repeat(2, 1, 1)).view(2, seeds, count)
+    return critics(torch.cat([inputs, inputs])).view(2, seeds, count)
 
 
 def update_task_critics(
-    critics: TrainedNetwork, inputs: Tensor, target: Tensor, learning_rate: float
+    critics: TrainedNetwork, inputs: Tensor, target: Tensor, learning_rate: float, *, measure: bool = False
 ) -> Metrics:
     """Regress both critics on the target, ``sum_i E[(Q_i(s, a) - y)^2]``.
 
@@ -98,11 +98,15 @@ def update_task_critics(
         ``(S, B)``, see `task_target`.
     learning_rate : float
         Of this step.
+    measure : bool
+        Also compute metrics that the step does not need.
     """
     values = twin_values(critics.weights, inputs)
-    losses = (values - target).square().mean(-1)  # (2, S)
-    critics.descend(grad(losses.sum(), critics.weights.layers), learning_rate)
-    return {"task_critic_loss": losses.detach().sum(0), "task_value": values.detach().mean((0, 2))}
+    errors = values.detach() - target  # (2, S, B)
+    critics.descend(grad(values, critics.weights.layers, errors * (2 / target.shape[1])), learning_rate)
+    if not measure:
+        return {}
+    return {"task_critic_loss": errors.square().mean(-1).sum(0), "task_value": values.detach().mean((0, 2))}
 
 
 def update_actor(
@@ -144,8 +148,9 @@ def update_actor(
     raw = agent.actor.weights(observation)
     inputs = critic_input(features, raw.tanh())
     value = first_value(agent.task_critics.weights, inputs).mean(-1)  # (S,)
-    loss = saturation_penalty * saturation(raw) - value
-    metrics = {"actor_value": value.detach()}
+    loss, metrics = -value, {"actor_value": value.detach()}
+    if saturation_penalty:
+        loss = loss + saturation_penalty * saturation(raw)
     if agent.cost_critic is not None and bool(multiplier.any()):
         cost = method.action_cost(agent.cost_critic.weights(inputs), budget).mean(-1)
         loss = loss + multiplier * cost
@@ -168,11 +173,7 @@ def saturation(raw: Tensor) -> Tensor:
 
 def first_value(critics: Weights, inputs: Tensor) -> Tensor:
     """Evaluate only the first task critic, ``(S, B, f + A)`` to ``(S, B)``."""
-    first = [weight.detach()[: inputs.shape[0]] for weight in critics.layers]
-    hidden = inputs
-    for index in range(0, len(first) - 2, 2):
-        hidden = torch.baddbmm(first[index + 1], hidden, first[index]).relu_()
-    return torch.baddbmm(first[-1], hidden, first[-2]).squeeze(-1)
+    return critics.as_constants(inputs).squeeze(-1)
 
 
 def update_targets(agent: Agent, rate: float) -> None:

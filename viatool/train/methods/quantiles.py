@@ -11,8 +11,6 @@ import torch
 from torch import Tensor
 from torch.nn.functional import softplus
 
-CACHED_PAIRS = 2**16  # float32 differences that stay in the cache of a core
-
 
 @lru_cache
 def quantile_midpoints(count: int) -> Tensor:
@@ -34,7 +32,7 @@ def noncrossing_quantiles(logits: Tensor) -> Tensor:
         ``(..., M)`` with ``k = softplus(f_k) > 0`` and ``phi_i`` the cumulated softmax, so that
         ``q_i <= q_(i+1)``.
     """
-    increments, slope, shift = logits[..., :-2], logits[..., -2:-1], logits[..., -1:]
+    increments, slope, shift = logits.split([logits.shape[-1] - 2, 1, 1], -1)
     return softplus(slope) * increments.softmax(-1).cumsum(-1) + shift
 
 
@@ -58,21 +56,17 @@ def quantile_huber_gradient(predicted: Tensor, target: Tensor, kappa: float = 1.
 
     Notes
     -----
-    Written by hand since automatic differentiation would keep five ``(S, B, M, M)`` arrays. With ``c`` the
-    clipped difference, ``|tau - 1{d < 0}| c = tau c + (1 - 2 tau) min(c, 0)``. As many seeds are taken
-    together as stay in the cache.
+    Written by hand since automatic differentiation would keep five ``(S, M, M, B)`` arrays. With ``c`` the
+    clipped difference, ``|tau - 1{d < 0}| c = tau c + (1 - 2 tau) min(c, 0)``. The states come last in these
+    arrays: long rows, whatever the number of quantiles.
     """
     count = predicted.shape[-1]
-    midpoints = quantile_midpoints(count)
-    gradient = torch.empty_like(predicted)
-    together = max(1, CACHED_PAIRS // (predicted.shape[1] * count * count))
-    parts = (torch.split(array, together) for array in (predicted, target, gradient))
-    for some_predicted, some_target, some_gradient in zip(*parts, strict=True):
-        clipped = (some_target.unsqueeze(-2) - some_predicted.unsqueeze(-1)).clamp_(-kappa, kappa)
-        both = clipped.mean(-1)  # (seeds, B, M), of (seeds, B, M, M)
-        negative = clipped.clamp_(max=0.0).mean(-1)
-        torch.add(midpoints * both, (1 - 2 * midpoints) * negative, out=some_gradient)
-    return gradient.div_(-kappa * count)
+    midpoints = quantile_midpoints(count).unsqueeze(-1)
+    rows, columns = predicted.mT.contiguous().unsqueeze(2), target.mT.contiguous().unsqueeze(1)
+    clipped = (columns - rows).clamp_(-kappa, kappa)  # (S, M, M, B)
+    both = clipped.sum(2)  # (S, M, B)
+    negative = clipped.clamp_(max=0.0).sum(2)
+    return (midpoints * both).addcmul_(1 - 2 * midpoints, negative).div_(-kappa * count**2).mT
 
 
 def quantile_huber_loss(predicted: Tensor, target: Tensor, kappa: float = 1.0) -> Tensor:
