@@ -32,7 +32,7 @@ def noncrossing_quantiles(logits: Tensor) -> Tensor:
         ``(..., M)`` with ``k = softplus(f_k) > 0`` and ``phi_i`` the cumulated softmax, so that
         ``q_i <= q_(i+1)``.
     """
-    increments, slope, shift = logits.split([logits.shape[-1] - 2, 1, 1], -1)
+    increments, slope, shift = torch.split(logits, [logits.shape[-1] - 2, 1, 1], dim=-1)
     return softplus(slope) * increments.softmax(-1).cumsum(-1) + shift
 
 
