@@ -19,10 +19,11 @@ def result_versions() -> dict[str, str]:
 
 def installed_versions() -> dict[str, str]:
     """Return these, and the versions of the optional packages or that they are not installed."""
-    return result_versions() | {name: _version_of(name) for name in OPTIONAL}
+    return result_versions() | {name: version_of(name) for name in OPTIONAL}
 
 
-def _version_of(name: str) -> str:
+def version_of(name: str) -> str:
+    """Return the version of a package, or that it is not installed."""
     try:
         return version(name)
     except PackageNotFoundError:

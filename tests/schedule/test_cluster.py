@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import time
+
 import pytest
 
 from tests.schedule.local_cluster import LocalCluster, wait_for
-from tests.schedule.work import Square, in_order, pieces, squares
+from tests.schedule.work import Chain, Endless, Square, in_order, pieces, report, squares
 from viatool.errors import ConfigurationError, EnclosureError, WorkError
 from viatool.schedule import Cluster, open_scheduler
 
@@ -27,6 +29,37 @@ def test_every_piece_is_done_once(cluster):
     scheduler = open_scheduler(address=cluster.address)
     assert in_order(scheduler.run(Square(), pieces(295))) == squares(300)
     assert scheduler.workers == 2
+
+
+def test_pieces_may_wait_for_answers_and_report_before_they_give_them(cluster):
+    chain = Chain(3)
+    for _, (answer,) in Cluster(cluster.address).run(Square(), chain):
+        chain.answers.append(answer)
+    assert chain.answers == [2, 4, 16, 256]
+    told = []
+    run = Cluster(cluster.address).run(report, pieces(20), lambda *news: told.append(news))
+    assert in_order(run) == squares(20)
+    assert {(piece.name, message.line) for piece, message in told} >= {
+        (piece.name, f"squared {piece.content}") for piece in pieces(20)
+    }
+
+
+def test_work_that_nobody_waits_for_any_more_ends(cluster, tmp_path):
+    sign = tmp_path / "sign"
+
+    def leave(*_):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        list(Cluster(cluster.address).run(Endless(str(sign)), pieces(10), leave))
+
+    def ended():
+        before = sign.read_text()
+        time.sleep(0.5)
+        return sign.read_text() == before
+
+    wait_for(ended, 20.0)
+    assert int(sign.read_text()) < 1000
 
 
 def test_a_scheduler_file_names_the_cluster_as_well(cluster):

@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from tests.schedule.work import Square, in_order, pieces, squares, where
+from tests.schedule.work import Chain, Square, in_order, pieces, report, squares, where
 from viatool.errors import ConfigurationError, EnclosureError, WorkError
 from viatool.schedule import Processes, Serial, open_scheduler
 
@@ -26,6 +26,21 @@ class TestEveryScheduler:
         with pytest.raises(EnclosureError) as caught:
             in_order(scheduler.run(Square(35, "refuse"), pieces(60)))
         assert (caught.value.message, caught.value.hint) == ("numbers 30 to 39: no bounds", "smaller eps")
+
+    def test_pieces_may_wait_for_answers(self, scheduler):
+        chain = Chain(4)
+        for _, (answer,) in scheduler.run(Square(), chain):
+            chain.answers.append(answer)
+        assert chain.answers == [2, 4, 16, 256, 65536]
+
+    def test_what_a_piece_reports_is_told_before_its_answer(self, scheduler):
+        told = []
+        for piece, _ in scheduler.run(
+            report, pieces(20), lambda piece, message: told.append((piece.name, message))
+        ):
+            first, second = [message for name, message in told if name == piece.name]
+            assert (first.fraction, first.note) == (0.1, f"at {piece.span.first}")
+            assert (second.fraction, second.line) == (1.0, f"squared {piece.content}")
 
     @pytest.mark.parametrize(
         ("accident", "message"), [("crash", "ZeroDivisionError: by zero"), ("exhaust", "out of memory")]

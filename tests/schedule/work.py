@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from viatool.errors import EnclosureError
-from viatool.schedule import Piece, Span
+from viatool.schedule import Piece, Span, reporter
 
 
 def pieces(count: int, size: int = 10) -> list[Piece[list[int]]]:
@@ -69,3 +69,50 @@ class Square:
 def where(numbers: list[int]) -> list[tuple[int, str | None]]:
     """Return the process that works, and the threads that its libraries may use."""
     return [(os.getpid(), os.environ.get("OMP_NUM_THREADS")) for _ in numbers]
+
+
+def report(numbers: list[int]) -> list[int]:
+    """Square numbers, and say so."""
+    progress = reporter()
+    for done, number in enumerate(numbers, start=1):
+        progress.advance(done / len(numbers), f"at {number}")
+    progress.say(f"squared {numbers}")
+    return [number * number for number in numbers]
+
+
+@dataclass(frozen=True)
+class Endless:
+    """Reports for a minute, and leaves a sign of life in a file."""
+
+    sign: str
+
+    def __call__(self, numbers: list[int]) -> list[int]:
+        for step in range(1200):
+            Path(self.sign).write_text(str(step))
+            reporter().advance(step / 1200)
+            time.sleep(0.05)
+        return numbers
+
+
+def add_up(folder: Path, names: list[str]) -> int:
+    """Add what files hold to a total that an earlier attempt may have begun, and remove one of them."""
+    total = folder / "deep" / "total"
+    total.parent.mkdir(exist_ok=True)
+    before = int(total.read_text()) if total.exists() else 0
+    total.write_text(str(before + sum(int((folder / name).read_text()) for name in names)))
+    (folder / names[0]).unlink()
+    return int(total.read_text())
+
+
+class Chain:
+    """Pieces of which each is the answer to the one before."""
+
+    def __init__(self, length: int) -> None:
+        self.length = length
+        self.answers = [2]
+
+    def __iter__(self) -> Any:
+        for link in range(self.length):
+            while len(self.answers) <= link:
+                yield None
+            yield Piece(Span(link, link + 1), f"link {link}", [self.answers[link]])

@@ -10,8 +10,9 @@ from typing import Any
 
 from viatool.errors import ViatoolError
 from viatool.report.files import write_whole
+from viatool.schedule import Progress
 from viatool.studies.study import Options, Page, Study
-from viatool.studies.tasks import Progress, Record, Task
+from viatool.studies.tasks import Record, Task
 
 
 @dataclass(frozen=True)

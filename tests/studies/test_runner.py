@@ -15,7 +15,8 @@ import pytest
 
 from tests.studies.small import Count
 from viatool.errors import ConfigurationError, ViatoolError
-from viatool.studies.progress import Board, Lines, Message, open_board
+from viatool.schedule import Message, open_scheduler
+from viatool.studies.progress import Board, Lines, open_board
 from viatool.studies.runner import find_records, run_tasks
 from viatool.studies.tasks import record_path
 
@@ -59,7 +60,7 @@ def test_a_failure_stops_only_what_needs_it(tmp_path: Path, workers: int) -> Non
         Count("heir", needed=("small/good",)),
     ]
     with pytest.raises(ViatoolError, match=r"1 task\(s\) failed and 3 remain .*small/bad: it does not work"):
-        run_tasks(tasks, tmp_path, Board(), workers=workers)
+        run_tasks(tasks, tmp_path, Board(), scheduler=open_scheduler(workers))
     assert sorted(find_records(tasks, tmp_path)) == ["small/good", "small/heir"]
     assert sorted(attempts(tmp_path)) == ["bad", "good", "heir"]
 
@@ -73,7 +74,7 @@ def test_tasks_wait_for_what_they_need_and_records_are_told_as_they_come(tmp_pat
 
 def test_only_one_process_works_in_a_folder(tmp_path: Path) -> None:
     def again(records: object) -> None:
-        with pytest.raises(ConfigurationError, match="another viatool reproduce works in"):
+        with pytest.raises(ConfigurationError, match="another viatool works in"):
             run_tasks([Count("b")], tmp_path, Board())
 
     run_tasks([Count("a")], tmp_path, Board(), finished=again)
@@ -84,11 +85,12 @@ PROGRAM = """
 import sys
 from pathlib import Path
 from tests.studies.small import Count
+from viatool.schedule import open_scheduler
 from viatool.studies.progress import Board
 from viatool.studies.runner import run_tasks
 if __name__ == "__main__":
     tasks = [Count("a"), Count("slow", 400, seconds=0.02), Count("b")]
-    run_tasks(tasks, Path(sys.argv[1]), Board(), workers=int(sys.argv[2]))
+    run_tasks(tasks, Path(sys.argv[1]), Board(), scheduler=open_scheduler(int(sys.argv[2])))
 """
 
 
@@ -143,7 +145,7 @@ def test_the_time_left_follows_the_work_that_is_done(monkeypatch: pytest.MonkeyP
     board.begin([Count("a"), Count("b"), Count("c"), Count("d")], 5)
     assert board.time_left() == ""
     clock[0] = 60.0
-    board.put(Message("small/a", 0.5, ""))
+    board.put("small/a", Message(0.5))
     assert board.fraction() == pytest.approx(0.125)
     assert board.time_left() == ", about 7 min left"
 

@@ -37,7 +37,7 @@ TINY = (
 OPTIONS = Options(settings=TINY, seeds=2, scenarios=6)
 
 
-class Killed(Exception):  # noqa: N818  # an event, not an error
+class Killed(BaseException):
     """Stands for the end of the process."""
 
 
@@ -48,7 +48,7 @@ class Bomb(Board):
         super().__init__()
         self.fraction_of_end = fraction
 
-    def put(self, message: Any) -> None:
+    def put(self, task: str, message: Any) -> None:
         if message.fraction >= self.fraction_of_end:
             raise Killed
 
@@ -68,7 +68,7 @@ def whole(training: TrainVariant, tmp_path_factory: pytest.TempPathFactory) -> P
 def test_an_interrupted_training_is_resumed_and_gives_the_same_policies(
     training: TrainVariant, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("viatool.studies.runner._SECONDS_BETWEEN_MESSAGES", 0.0)
+    monkeypatch.setattr("viatool.schedule.progress._SECONDS_BETWEEN", 0.0)
     with pytest.raises(Killed):
         run_tasks([training], tmp_path, Bomb(0.5))
     assert (tmp_path / "lab" / "via-0.9" / "run" / "state.pt").exists()
@@ -87,7 +87,9 @@ def test_a_training_that_ended_without_a_record_is_not_repeated(
     before = json.loads(record.read_text(encoding="utf-8"))["result"]
     record.unlink()
     for name in ("train", "resume"):
-        monkeypatch.setattr(f"viatool.train.{name}", lambda *_: pytest.fail("it was trained again"))
+        monkeypatch.setattr(
+            f"viatool.train.batches.{name}", lambda *_, **__: pytest.fail("it was trained again")
+        )
     again = run_tasks([training], whole, Board())[training.name]
     assert json.loads(json.dumps(again.result)) == before
 

@@ -76,6 +76,30 @@ def test_a_bag_holds_the_states_that_the_simulator_drove(tmp_path, request, kind
     assert ("moved by the recorded transform from 'map'" in told(states)) == (case == "drifted")
 
 
+@pytest.mark.parametrize("case", ["plain", "drifted"])
+def test_scans_that_are_read_a_few_at_a_time_give_the_same_states(tmp_path, request, monkeypatch, case):
+    messages = request.getfixturevalue(case)[0]
+    messages = changed(messages, "/scan", 2, ranges=np.full(180, np.nan, np.float32))
+    messages = [
+        m for m in messages if m.received > messages[0].received + 400 * MILLISECOND or m.topic != "/cmd_vel"
+    ]
+    whole = read(tmp_path, messages)
+    for together in (1, 7):
+        monkeypatch.setattr("viatool.trajectory.bag._SCANS", together)
+        parts = load_trajectory(tmp_path / "run", SPECIFICATION, SETTINGS)
+        assert parts.notes == whole.notes
+        for name in ("poses", "observations", "time"):
+            np.testing.assert_array_equal(getattr(parts, name), getattr(whole, name))
+    assert "without a recent command" not in told(whole)
+    assert "left out: 1 with a bin" in told(whole)
+    late = changed(messages, "/scan", 14, header=header(10**9, "laser"))
+    with pytest.raises(TrajectoryError, match="goes back by .* in message 14"):
+        read(tmp_path / "late", late)
+    wrong = changed(messages, "/scan", 9, range_max=0.0)
+    with pytest.raises(TrajectoryError, match="scan 9 has the first angle"):
+        read(tmp_path / "wrong", wrong)
+
+
 @pytest.mark.parametrize("kind", ["mcap", "sqlite3"])
 def test_the_file_of_a_bag_is_enough(tmp_path, plain, kind):
     folder = write_bag(tmp_path / "run", plain[0], kind)

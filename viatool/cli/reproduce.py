@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 import click
 
 from viatool.cli import options
 from viatool.cli.terminal import open_console
+from viatool.cli.work import worker_options
 from viatool.studies import STUDIES
 
 
@@ -65,14 +67,7 @@ from viatool.studies import STUDIES
     metavar="DIRECTORY",
     help="Folder of the pages and their data; by default OUTPUT/results.",
 )
-@click.option(
-    "--workers",
-    type=click.IntRange(min=1),
-    default=1,
-    show_default=True,
-    metavar="N",
-    help="Processes that work side by side.",
-)
+@worker_options("tasks")
 @click.option(
     "--render-only", is_flag=True, help="Write the pages from the data that are there; run nothing."
 )
@@ -88,7 +83,8 @@ def command(
     scenarios: int,
     output: Path,
     results: Path | None,
-    workers: int,
+    workers: int | Literal["auto"],
+    scheduler: str | None,
     render_only: bool,
     threads: int | None,
     quiet: bool,
@@ -99,6 +95,7 @@ def command(
     verified. Finished work is kept and interrupted trainings are resumed: the same command, given again at any
     time, ends in the same results. See docs/reproduce.md.
     """
+    from viatool.schedule import open_scheduler
     from viatool.studies.progress import open_board
     from viatool.studies.reproduction import render, reproduce
     from viatool.studies.study import Options
@@ -115,8 +112,9 @@ def command(
             seed=seed,
             scenarios=scenarios,
         )
+        who = open_scheduler(workers, scheduler)
         with open_board(open_console(stderr=True), quiet=quiet) as board:
-            pages = reproduce(names, chosen, output, target, board, workers=workers)
+            pages = reproduce(names, chosen, output, target, board, scheduler=who)
     if not quiet:
         for page in pages:
             click.echo(page)

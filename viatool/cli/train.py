@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
+from typing import Literal
 
 import click
 
 from viatool.cli import options
 from viatool.cli.terminal import open_console
+from viatool.cli.work import worker_options
 
 
 @click.command()
@@ -45,6 +47,13 @@ from viatool.cli.terminal import open_console
     help="Policies trained side by side; the best is kept.",
 )
 @click.option(
+    "--batch",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Seeds that train as one batch, in a run of its own, so that several workers can train; by default all.",
+)
+@worker_options("batches")
+@click.option(
     "--output",
     "-o",
     type=options.WRITABLE,
@@ -67,6 +76,9 @@ def command(
     engine: str | None,
     seed: int | None,
     seeds: int | None,
+    batch: int | None,
+    workers: int | Literal["auto"],
+    scheduler: str | None,
     output: Path | None,
     interrupted: Path | None,
     quiet: bool,
@@ -74,20 +86,28 @@ def command(
     """Train a policy with a CVaR constraint and export it, ready to verify.
 
     Options and metrics are explained in docs/training.md, methods in docs/methods.md. Two runs with the same
-    seed on the same machine give the same policy, also when one was interrupted and resumed.
+    seed on the same machine give the same policy, also when one was interrupted and resumed, and whoever trains.
     """
-    from viatool.train import Silence, TrainingResult, console_progress, make_configuration, resume, train
-    from viatool.train.progress import Progress
+    from viatool.schedule import Progress, open_scheduler
+    from viatool.train import (
+        Silence,
+        TrainingResult,
+        console_progress,
+        make_configuration,
+        resume_seeds,
+        train_seeds,
+    )
 
     directory = output or Path("runs") / f"{preset}-{time.strftime('%Y%m%d-%H%M%S')}"
 
     def run(progress: Progress) -> TrainingResult:
         if interrupted is not None:
-            return resume(interrupted, progress)
+            return resume_seeds(interrupted, scheduler=open_scheduler(workers, scheduler), progress=progress)
         map_name = None if map_path is None else str(map_path)
         chosen = {"map": map_name, "engine": engine, "seed": seed, "seeds": seeds}
         configuration = make_configuration(preset, file, settings, **chosen)
-        return train(configuration, directory, progress)
+        who = open_scheduler(workers, scheduler)
+        return train_seeds(configuration, directory, batch=batch, scheduler=who, progress=progress)
 
     if quiet:
         run(Silence())

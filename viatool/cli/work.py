@@ -34,33 +34,37 @@ class WorkersType(click.ParamType):  # type: ignore[type-arg]  # generic only in
         return self.fail(f"'{value}' is no number of workers of at least 1, nor auto", param, ctx)
 
 
+def worker_options(what: str) -> Callable[[Command], Command]:
+    """Return what adds the options of who does the work; `what` names the work that is shared out."""
+
+    def add(command: Command) -> Command:
+        workers = click.option(
+            "--workers",
+            type=WorkersType(),
+            default=1,
+            show_default=True,
+            help=f"Processes that work on the {what}; auto takes one for each core. The result is the same.",
+        )
+        scheduler = click.option(
+            "--scheduler",
+            metavar="ADDRESS",
+            help="Work on a Dask cluster instead: tcp://HOST:PORT, or its scheduler file (json).",
+        )
+        return workers(scheduler(command))
+
+    return add
+
+
 def work_options(command: Command) -> Command:
     """Add the options of long work."""
-    for option in reversed(
-        (
-            click.option(
-                "--workers",
-                type=WorkersType(),
-                default=1,
-                show_default=True,
-                help="Processes that work on the states; auto takes one for each core. The result is the same.",
-            ),
-            click.option(
-                "--scheduler",
-                metavar="ADDRESS",
-                help="Work on a Dask cluster instead: tcp://HOST:PORT, or its scheduler file (json).",
-            ),
-            click.option(
-                "--checkpoint",
-                type=WRITABLE,
-                metavar="DIR",
-                help="Keep finished states there, for --resume after whatever ends the run.",
-            ),
-            click.option("--resume", is_flag=True, help="Continue from what --checkpoint keeps."),
-        )
-    ):
-        command = option(command)
-    return command
+    checkpoint = click.option(
+        "--checkpoint",
+        type=WRITABLE,
+        metavar="DIR",
+        help="Keep finished states there, for --resume after whatever ends the run.",
+    )
+    resume = click.option("--resume", is_flag=True, help="Continue from what --checkpoint keeps.")
+    return worker_options("states")(checkpoint(resume(command)))
 
 
 @contextmanager

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import logging
+import time
 import uuid
-from collections.abc import Callable, Iterable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from itertools import islice
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from viatool.errors import ConfigurationError, WorkError
@@ -17,8 +19,10 @@ from viatool.schedule.parcel import (
     decisive_versions,
     describe_mismatch,
     failure,
+    needed_versions,
 )
-from viatool.schedule.pieces import Answer, Content, Piece
+from viatool.schedule.pieces import Answer, Content, Piece, Source, Told, draw
+from viatool.schedule.progress import Abandoned, Message, ignore
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -27,6 +31,7 @@ _CONNECT_SECONDS = 10.0
 _WORKER_SECONDS = 60.0
 _CLOSE_SECONDS = 1.0
 _RETRIES = 2
+_PATIENCE = 0.02  # seconds between looks at what has come
 _AHEAD = 8  # pieces beyond those at work, so that an adaptive cluster sees a reason to grow
 
 
@@ -42,8 +47,10 @@ class Cluster:
     -----
     The work travels once to each worker, a piece when it is its turn. Dask gives the pieces of a worker that died to
     others, and gives a piece up that killed several. A scheduler that dies ends the run; a checkpoint keeps what is
-    finished.
+    finished. A piece that reports its progress ends soon after nobody waits for it any more.
     """
+
+    remote = True
 
     def __init__(self, address: str) -> None:
         self.address = address
@@ -66,40 +73,28 @@ class Cluster:
             self._inspect(client)
 
     def run(
-        self, work: Callable[[Content], Answer], pieces: Iterable[Piece[Content]]
+        self, work: Callable[[Content], Answer], pieces: Source[Content], told: Told = ignore
     ) -> Iterator[tuple[Piece[Content], Answer]]:
         """Carry out work on pieces, as `Scheduler.run` says."""
-        from distributed import as_completed
-
-        rest = iter(pieces)
         with self._client() as client:
             self._inspect(client)
-            run = f"viatool-{uuid.uuid4().hex[:12]}"
-            parcel = client.submit(_keep, Parcel.of(work), key=f"{run}-work")
-            waiting: dict[Future, Piece[Content]] = {}
-            finished = as_completed(loop=client.loop)
-
-            def top_up() -> None:
-                for piece in islice(rest, max(0, 2 * self._threads + _AHEAD - len(waiting))):
-                    key = f"{run}-{piece.span.first}-{piece.span.last}"
-                    future = client.submit(carry_out, parcel, piece.content, key=key, retries=_RETRIES)
-                    waiting[future] = piece
-                    finished.add(future)
-
+            orders = _Orders(client, Parcel.of(work))
+            rest = iter(pieces)
             try:
-                top_up()
-                for future in finished:
-                    piece = waiting.pop(future)
-                    try:
-                        answer = self._answer(future, piece)
-                        self._threads = max(1, sum(client.nthreads().values()))
-                        top_up()
-                    except OSError as error:  # so are all errors of Dask's connections
-                        raise self._lost() from error
-                    yield piece, checked(piece, answer)
+                orders.fill(rest, self._threads)
+                while orders.waiting:
+                    for future in orders.finished(told):
+                        piece = orders.waiting.pop(future)
+                        try:
+                            answer = self._answer(future, piece)
+                            self._threads = max(1, sum(client.nthreads().values()))
+                            orders.fill(rest, self._threads)
+                        except OSError as error:  # so are all errors of Dask's connections
+                            raise self._lost() from error
+                        yield piece, checked(piece, answer)
+                    orders.fill(rest, self._threads)  # with what waited for these answers
             finally:
-                with suppress(Exception):  # the scheduler may be gone
-                    client.cancel([*waiting, parcel], asynchronous=False, force=True)
+                orders.cancel()
 
     def _answer(self, future: Future, piece: Piece[Any]) -> Any:
         """Return the answer of a finished piece, in whatever way it finished."""
@@ -160,7 +155,7 @@ class Cluster:
                 f"the cluster at {self.address} has no worker after {_WORKER_SECONDS:g} s",
                 f"start some with 'dask worker {self.address}'",
             ) from error
-        here, others = decisive_versions(), client.run(decisive_versions, on_error="return")
+        here, others = needed_versions(), client.run(decisive_versions, on_error="return")
         try:
             others[f"scheduler {self.address}"] = client.run_on_scheduler(decisive_versions)
         except Exception as error:  # whatever its import raises comes back
@@ -181,6 +176,67 @@ def _not_importable(error: BaseException, process: str = "worker") -> Configurat
         f"the {process} cannot import viatool ({type(error).__name__}: {error})",
         "install viatool in the environments of the scheduler and of the workers as well",
     )
+
+
+class _Orders:
+    """The pieces that are at work on a cluster, or about to be.
+
+    Parameters
+    ----------
+    client : Client
+        Of the cluster.
+    parcel : Parcel
+        The work; sent once to each worker.
+    """
+
+    def __init__(self, client: Client, parcel: Parcel) -> None:
+        from distributed import as_completed
+
+        self.client, self.run = client, f"viatool-{uuid.uuid4().hex[:12]}"
+        self.parcel = client.submit(_keep, parcel, key=f"{self.run}-work")
+        self.waiting: dict[Future, Piece[Any]] = {}
+        self._ended = as_completed(loop=client.loop)
+        self._posted: deque[tuple[str, Any]] = deque()
+        client.subscribe_topic(self.run, lambda event: self._posted.append(event[1]))
+
+    def fill(self, pieces: Iterator[Piece[Any] | None], threads: int) -> None:
+        """Order as many pieces as keep all workers busy."""
+        for piece in draw(pieces, 2 * threads + _AHEAD - len(self.waiting)):
+            key = f"{self.run}-{piece.span.first}-{piece.span.last}"
+            tell = partial(_post, self.run, key)
+            future = self.client.submit(
+                carry_out, self.parcel, piece.content, tell, key=key, retries=_RETRIES
+            )
+            self.waiting[future] = piece
+            self._ended.add(future)
+
+    def finished(self, told: Told) -> list[Future]:
+        """Return what has ended, if anything has, after passing on what was posted before."""
+        ended: list[Future] = self._ended.next_batch(block=False)
+        pieces = {future.key: piece for future, piece in self.waiting.items()} if self._posted else {}
+        while self._posted:
+            key, message = self._posted.popleft()
+            if key in pieces:
+                told(pieces[key], Message(*message))
+        if not ended:
+            time.sleep(_PATIENCE)
+        return ended
+
+    def cancel(self) -> None:
+        """Let the cluster forget all of it."""
+        with suppress(Exception):  # the scheduler may be gone
+            self.client.cancel([*self.waiting, self.parcel], asynchronous=False, force=True)
+
+
+def _post(topic: str, key: str, message: Message) -> None:
+    """Post a message from a worker; a piece that nobody waits for ends here."""
+    from distributed import get_worker
+
+    worker = get_worker()
+    task = worker.state.tasks.get(key)
+    if task is None or task.state == "cancelled":
+        raise Abandoned(key)
+    worker.log_event(topic, (key, list(message)))
 
 
 def _keep(parcel: Parcel) -> Parcel:

@@ -6,17 +6,18 @@ import hashlib
 import os
 import pickle
 import platform
+import sys
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from importlib.metadata import version
 from typing import Any, TypeVar
 
 from threadpoolctl import threadpool_limits
 
 from viatool.errors import ConfigurationError, ViatoolError, WorkError
 from viatool.schedule.pieces import Piece
-from viatool.versions import result_versions
+from viatool.schedule.progress import Tell, telling
+from viatool.versions import result_versions, version_of
 
 Answer = TypeVar("Answer")
 
@@ -34,11 +35,24 @@ def numeric_threads() -> int:
     return int(text) if text.isdecimal() and int(text) > 0 else 1
 
 
+_WHERE_USED = ("torch", "pybullet")  # by some kinds of work alone
+
+
 def decisive_versions() -> dict[str, str]:
     """Return the versions in which two processes must agree to compute the same."""
     found = result_versions()
     major, minor, *_ = found["python"].split(".")
-    return {**found, "python": f"{major}.{minor}", "scipy": version("scipy")}
+    others = {name: version_of(name) for name in ("scipy", *_WHERE_USED)}
+    return {**found, "python": f"{major}.{minor}", **others}
+
+
+def needed_versions() -> dict[str, str]:
+    """Return those of them on which the work of this process depends, by what is imported so far."""
+    return {
+        name: text
+        for name, text in decisive_versions().items()
+        if name not in _WHERE_USED or name in sys.modules
+    }
 
 
 def describe_mismatch(here: dict[str, str], there: dict[str, str]) -> str:
@@ -75,7 +89,7 @@ class Parcel:
     def of(cls, work: Callable[[Any], Any]) -> Parcel:
         """Pack a function."""
         content = pickle.dumps(work, protocol=5)
-        return cls(content, hashlib.sha256(content).hexdigest(), decisive_versions(), numeric_threads())
+        return cls(content, hashlib.sha256(content).hexdigest(), needed_versions(), numeric_threads())
 
     def label(self) -> Parcel:
         """Return the parcel without its content, for processes that have opened it."""
@@ -97,21 +111,23 @@ class Parcel:
                         f"a worker on {platform.node()} has {differing}",
                         "install the same versions on the workers as here",
                     )
-                threadpool_limits(limits=self.threads)
                 while len(_opened) >= _MOST_OPEN:
                     del _opened[next(iter(_opened))]
                 _opened[self.digest] = pickle.loads(self.content)
             return _opened[self.digest]
 
 
-def carry_out(parcel: Parcel, content: Any) -> Any:
+def carry_out(parcel: Parcel, content: Any, tell: Tell) -> Any:
     """Do one piece of work in a worker's process.
 
     An error that viatool raises on purpose is the answer, not an accident: it is returned, for schedulers try again
     what raises.
     """
     try:
-        return parcel.open()(content)
+        work = parcel.open()
+        threadpool_limits(limits=parcel.threads)  # of all that is loaded by now, in the thread that works
+        with telling(tell):
+            return work(content)
     except ViatoolError as error:
         return error
 

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from itertools import islice
+from typing import Any, Generic, Protocol, TypeVar
+
+from viatool.schedule.progress import Message, ignore
 
 Content = TypeVar("Content")
 Answer = TypeVar("Answer")
@@ -41,6 +44,10 @@ class Piece(Generic[Content]):
     content: Content
 
 
+Source = Iterable[Piece[Content] | None]
+Told = Callable[[Piece[Any], Message], None]
+
+
 class Scheduler(Protocol):
     """Where work is carried out."""
 
@@ -49,8 +56,13 @@ class Scheduler(Protocol):
         """Return how many pieces can be worked on at the same time."""
         ...
 
+    @property
+    def remote(self) -> bool:
+        """Tell whether workers may be on machines that do not see the files of this one."""
+        ...
+
     def run(
-        self, work: Callable[[Content], Answer], pieces: Iterable[Piece[Content]]
+        self, work: Callable[[Content], Answer], pieces: Source[Content], told: Told = ignore
     ) -> Iterator[tuple[Piece[Content], Answer]]:
         """Carry out work on pieces.
 
@@ -59,7 +71,10 @@ class Scheduler(Protocol):
         work : callable
             A picklable, pure function of a piece's content.
         pieces : iterable of Piece
-            Drawn one by one as workers become free, so that they need not all exist at once.
+            Drawn one by one as workers become free, so that they need not all exist at once. Where pieces depend on
+            answers, None says that no piece is ready before another answer has been given out.
+        told : callable
+            Called with what pieces under way report, see `reporter`.
 
         Yields
         ------
@@ -74,6 +89,14 @@ class Scheduler(Protocol):
             If a piece ended otherwise: its worker died, it ran out of memory, or the work is broken.
         """
         ...
+
+
+def draw(pieces: Iterator[Piece[Content] | None], most: int) -> Iterator[Piece[Content]]:
+    """Draw at most so many pieces; fewer when no other one is ready."""
+    for piece in islice(pieces, max(most, 0)):
+        if piece is None:
+            return
+        yield piece
 
 
 def cut(count: int, done: Collection[Span], most: int) -> list[Span]:

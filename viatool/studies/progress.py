@@ -5,10 +5,10 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from queue import Empty
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from viatool.errors import ViatoolError
+from viatool.schedule import Message
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -18,14 +18,6 @@ if TYPE_CHECKING:
 _SECONDS_BETWEEN_LINES = 30.0
 
 
-class Message(NamedTuple):
-    """What a running task tells."""
-
-    task: str
-    fraction: float
-    note: str
-
-
 class Board:
     """Counts the work that is done, and estimates from its pace how long the rest will take.
 
@@ -33,7 +25,6 @@ class Board:
     """
 
     def __init__(self) -> None:
-        self.messages: Any = None  # a queue that other processes fill
         self._running: dict[str, float] = {}
         self._work: dict[str, float] = {}
         self._left = self._gone = 0.0
@@ -48,18 +39,10 @@ class Board:
         self._started = time.monotonic()
         self._show(f"{self._number} of {total} tasks are finished already" if self._number else "")
 
-    def put(self, message: Message) -> None:
+    def put(self, task: str, message: Message) -> None:
         """Note how far a running task is."""
-        self._running[message.task] = message.fraction
-        self._moved(message)
-
-    def receive(self) -> None:
-        """Note what other processes have sent."""
-        while self.messages is not None:
-            try:
-                self.put(self.messages.get_nowait())
-            except Empty:
-                return
+        self._running[task] = message.fraction
+        self._moved(task, message)
 
     def end(self, task: str, outcome: Record | ViatoolError) -> None:
         """Note that a task is done, or has failed."""
@@ -90,7 +73,7 @@ class Board:
     def _show(self, line: str) -> None:
         """Show a line that stays."""
 
-    def _moved(self, message: Message) -> None:
+    def _moved(self, task: str, message: Message) -> None:
         """Show how far a running task is."""
 
     def _ended(self, task: str) -> None:
@@ -115,11 +98,11 @@ class Lines(Board):
         if line:
             self._console.print(line, markup=False, soft_wrap=True)
 
-    def _moved(self, message: Message) -> None:
+    def _moved(self, task: str, message: Message) -> None:
         now = time.monotonic()
         if now - self._last >= _SECONDS_BETWEEN_LINES:
             self._last = now
-            self._show(f"{message.task}: {message.fraction:.0%} {message.note}{self.time_left()}")
+            self._show(f"{task}: {message.fraction:.0%} {message.note}{self.time_left()}")
 
 
 class Bars(Board):
@@ -135,11 +118,11 @@ class Bars(Board):
         if line:
             self._bars.console.print(line, markup=False)
 
-    def _moved(self, message: Message) -> None:
-        if message.task not in self._rows:
-            self._rows[message.task] = self._bars.add_task("", total=1.0)
-        text = f"{message.task} {message.note}"
-        self._bars.update(self._rows[message.task], completed=message.fraction, description=text)
+    def _moved(self, task: str, message: Message) -> None:
+        if task not in self._rows:
+            self._rows[task] = self._bars.add_task("", total=1.0)
+        text = f"{task} {message.note}"
+        self._bars.update(self._rows[task], completed=message.fraction, description=text)
         overall = f"{self._number} of {self._total} tasks{self.time_left()}"
         self._bars.update(self._all, completed=self.fraction(), description=overall)
 

@@ -6,6 +6,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+from viatool.schedule import Scheduler
 from viatool.studies import study_named
 from viatool.studies.progress import Board
 from viatool.studies.runner import Records, run_tasks
@@ -16,7 +17,13 @@ _SECONDS_BETWEEN_PAGES = 60.0
 
 
 def reproduce(
-    names: Sequence[str], options: Options, output: Path, results: Path, board: Board, *, workers: int = 1
+    names: Sequence[str],
+    options: Options,
+    output: Path,
+    results: Path,
+    board: Board,
+    *,
+    scheduler: Scheduler | None = None,
 ) -> list[Path]:
     """Run studies and write their data and pages.
 
@@ -30,8 +37,8 @@ def reproduce(
         Folders of the records and of the pages.
     board : Board
         Shows how far everything is.
-    workers : int
-        Processes that work side by side.
+    scheduler : Scheduler, optional
+        Who does the tasks; by default this process.
 
     Returns
     -------
@@ -52,7 +59,7 @@ def reproduce(
             last = time.monotonic()
 
     try:
-        run_tasks(list(tasks.values()), output, board, workers=workers, finished=publish_now_and_then)
+        run_tasks(list(tasks.values()), output, board, scheduler=scheduler, finished=publish_now_and_then)
     finally:
         pages = publish(plans, options, known, results)
     return pages

@@ -6,30 +6,21 @@ import hashlib
 import json
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from viatool.errors import ConfigurationError
 from viatool.report.files import write_whole
-
-
-class Progress(Protocol):
-    """What a task reports to; a training run's progress has the same form."""
-
-    def advance(self, fraction: float, note: str = "") -> None:
-        """Tell the fraction of the task that is done, in [0, 1], and what is going on."""
-
-    def say(self, line: str) -> None:
-        """Tell something in passing."""
+from viatool.schedule import Progress
 
 
 class Task(ABC):
     """One piece of work that either has a record or is still to be done.
 
-    A task is sent to other processes, so it is plain data. It keeps whatever else it makes below
-    ``output / name`` and must cope with what an interrupted attempt left there.
+    A task is sent to other processes, so it is plain data. It may be done in a copy of the output folder that holds
+    only what it `reads`. It must cope with what an interrupted attempt left.
     """
 
     @property
@@ -40,6 +31,10 @@ class Task(ABC):
     @property
     def needs(self) -> tuple[str, ...]:
         """Names of the tasks whose results it reads."""
+        return ()
+
+    def reads(self, output: Path) -> Iterable[Path]:
+        """Return the files and folders that it looks at, below the output folder and relative to it."""
         return ()
 
     @property

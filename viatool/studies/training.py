@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from viatool.errors import ConfigurationError
+from viatool.schedule import Progress
 from viatool.studies.study import Options
-from viatool.studies.tasks import Progress, Task, digest
+from viatool.studies.tasks import Task, digest, record_path
 from viatool.studies.variants import ALPHAS, Setting, Variant
 
 if TYPE_CHECKING:
@@ -46,15 +48,19 @@ class TrainVariant(Task):
         ``SETTING/VARIANT`` below the output folder.
     configuration : TrainingConfiguration
         Of the trainer.
+    world_map : WorldMap
+        Its map, which a worker need not see as a file.
     """
 
     folder: str
     configuration: TrainingConfiguration
+    world_map: WorldMap
 
     @classmethod
     def of(cls, setting: Setting, variant: Variant, options: Options) -> TrainVariant:
         """Build the training of a variant in a setting."""
         from viatool.train import make_configuration
+        from viatool.world import load_map
 
         configuration = make_configuration(
             options.preset,
@@ -68,7 +74,8 @@ class TrainVariant(Task):
             finalists=1,  # every seed is evaluated; none is chosen over the others
         )
         every = {"checkpoint_interval": configuration.evaluation_interval}
-        return cls(f"{setting.name}/{variant.name}", configuration.model_copy(update=every))
+        world_map = load_map(configuration.map)
+        return cls(f"{setting.name}/{variant.name}", configuration.model_copy(update=every), world_map)
 
     @property
     def name(self) -> str:
@@ -84,22 +91,19 @@ class TrainVariant(Task):
 
     def parameters(self) -> dict[str, Any]:
         """Return the configuration and the digest of its map."""
-        from viatool.world import load_map
+        return self.configuration.model_dump(mode="json") | {"map_sha256": self.world_map.sha256}
 
-        sha256 = load_map(self.configuration.map).sha256
-        return self.configuration.model_dump(mode="json") | {"map_sha256": sha256}
+    def reads(self, output: Path) -> list[Path]:
+        """Return the run directory, in case it was begun elsewhere."""
+        return [Path(self.folder, "run")]
 
     def run(self, output: Path, progress: Progress) -> dict[str, Any]:
         """Train, or resume; return the curves of all seeds and the epoch that is best for each."""
-        from viatool.train import resume, train
+        from viatool.train import complete
         from viatool.train.records import installed_versions
 
         directory = output / self.folder / "run"
-        if not (directory / "configuration.yaml").exists():
-            train(self.configuration, directory, progress)
-        elif not (directory / "evaluation.json").exists():
-            self._check_configuration(directory)
-            resume(directory, progress)
+        complete(self.configuration, directory, progress, world_map=self.world_map)
         with (directory / "metrics.csv").open(newline="", encoding="utf-8") as stream:
             rows = list(csv.DictReader(stream))
         seeds = self.configuration.seeds
@@ -108,15 +112,6 @@ class TrainVariant(Task):
             "curves": curves_of(rows, seeds),
             "versions": installed_versions(),
         }
-
-    def _check_configuration(self, directory: Path) -> None:
-        from viatool.train import load_configuration
-
-        if load_configuration(directory / "configuration.yaml") != self.configuration:
-            raise ConfigurationError(
-                f"the interrupted training in {directory} has other settings",
-                "choose another --output, or remove that folder",
-            )
 
 
 def choose_epochs(rows: Sequence[Mapping[str, str]], seeds: int) -> list[int]:
@@ -191,22 +186,28 @@ class EvaluateSeed(Task):
         training = digest(self.training.parameters())
         return {"training": training, "seed": self.seed, "scenarios": self.scenarios, "eps": self.eps}
 
+    def reads(self, output: Path) -> list[Path]:
+        """Return the record of the training, and the checkpoint that is chosen there."""
+        chosen = self._checkpoint(self._epoch(output))
+        return [record_path(output, self.training.name).relative_to(output), chosen]
+
+    def _epoch(self, output: Path) -> int:
+        trained = json.loads(record_path(output, self.training.name).read_text(encoding="utf-8"))
+        return int(trained["result"]["chosen"][self.seed])
+
+    def _checkpoint(self, epoch: int) -> Path:
+        return Path(self.training.folder, "run", "checkpoints", f"epoch_{epoch:04d}.pt")
+
     def run(self, output: Path, progress: Progress) -> dict[str, Any]:
         """Return the report of either set of scenarios, the costs of the episodes and the fixed paths."""
-        import json
-
-        from viatool.studies.tasks import record_path
         from viatool.train import export_checkpoint
-        from viatool.world import load_map
 
-        options = self.training.configuration
-        trained = json.loads(record_path(output, self.training.name).read_text(encoding="utf-8"))
-        epoch = int(trained["result"]["chosen"][self.seed])
-        checkpoint = output / self.training.folder / "run" / "checkpoints" / f"epoch_{epoch:04d}.pt"
+        options, world_map = self.training.configuration, self.training.world_map
+        epoch = self._epoch(output)
+        checkpoint = output / self._checkpoint(epoch)
         target = policy_path(output, self.training.folder, self.seed)
         target.parent.mkdir(parents=True, exist_ok=True)
-        policy = export_checkpoint(checkpoint, target, seed=self.seed)
-        world_map = load_map(options.map)
+        policy = export_checkpoint(checkpoint, target, seed=self.seed, map_path=world_map)
         if world_map.generator is None:
             raise ConfigurationError(f"map {options.map} has no generator", "add one, as maps/lab.yaml has")
         held_out = world_map.generator.draw(self.scenarios, options.test_seed)

@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
+from viatool.schedule import Progress
 from viatool.studies.study import Data, Options, Page, Study
 from viatool.studies.tables import table
-from viatool.studies.tasks import Progress, Record, Task
+from viatool.studies.tasks import Record, Task
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from viatool.schedule import Progress
+from viatool.train.batches import complete, resume_seeds, train_seeds
 from viatool.train.configuration import PRESETS, TrainingConfiguration, load_configuration, make_configuration
 from viatool.train.export import export_checkpoint
-from viatool.train.progress import Progress, Silence, console_progress
+from viatool.train.progress import Silence, console_progress
 from viatool.train.trainer import TrainingResult, resume, train
 
 __all__ = [
@@ -13,10 +15,13 @@ __all__ = [
     "Silence",
     "TrainingConfiguration",
     "TrainingResult",
+    "complete",
     "console_progress",
     "export_checkpoint",
     "load_configuration",
     "make_configuration",
     "resume",
+    "resume_seeds",
     "train",
+    "train_seeds",
 ]

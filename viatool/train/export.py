@@ -18,7 +18,7 @@ from viatool.train.evaluation import actor_command
 from viatool.train.networks import HiddenActivation, Weights
 from viatool.train.observation import Scaling, make_scaling, make_specification
 from viatool.train.records import load_checkpoint
-from viatool.world import load_map
+from viatool.world import WorldMap, load_map
 
 Floats = NDArray[np.float64]
 
@@ -127,7 +127,7 @@ def export_checkpoint(
     path: str | os.PathLike[str],
     *,
     seed: int | None = None,
-    map_path: str | Path | None = None,
+    map_path: str | Path | WorldMap | None = None,
 ) -> Policy:
     """Make a policy of a checkpoint.
 
@@ -139,8 +139,8 @@ def export_checkpoint(
         The ONNX file to write.
     seed : int, optional
         Which of the seeds; by default the one with the best validation at that epoch, or 0 without one.
-    map_path : path, optional
-        Where the training map stands now, if not where the configuration says; its robot is used.
+    map_path : path or WorldMap, optional
+        The training map, or where it stands now if not where the configuration says; its robot is used.
 
     Returns
     -------
@@ -156,7 +156,8 @@ def export_checkpoint(
     """
     content = load_checkpoint(Path(checkpoint))
     configuration = TrainingConfiguration.model_validate_json(content["configuration"])
-    robot = load_map(map_path or configuration.map).robot
+    world_map = map_path if isinstance(map_path, WorldMap) else load_map(map_path or configuration.map)
+    robot = world_map.robot
     scaling = make_scaling(robot, configuration.budget_limit)
     if seed is None:
         success = np.nan_to_num(np.asarray(content["validation_success"]), nan=-1.0)

@@ -4,17 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Protocol
 
-
-class Progress(Protocol):
-    """What a run reports to."""
-
-    def advance(self, fraction: float, note: str = "") -> None:
-        """Tell the fraction of the run that is done, in [0, 1], and what is going on."""
-
-    def say(self, line: str) -> None:
-        """Tell something that shall stay on the screen."""
+from viatool.schedule import Progress
 
 
 class Silence:

@@ -93,15 +93,15 @@ class TrainingRun:
         self.collector = self.returns = None
 
 
-def begin_run(configuration: TrainingConfiguration) -> TrainingRun:
-    """Draw the networks, and measure u0 with the initial policies.
+def begin_run(configuration: TrainingConfiguration, world_map: WorldMap | None = None) -> TrainingRun:
+    """Draw the networks, and measure u0 with the initial policies; read the map if it is not given.
 
     Raises
     ------
     ConfigurationError
         If the map has neither scenarios nor a generator.
     """
-    world_map = load_map(configuration.map)
+    world_map = load_map(configuration.map) if world_map is None else world_map
     if world_map.generator is None and not world_map.scenarios:
         raise ConfigurationError(
             f"map {configuration.map} has neither scenarios nor a generator",
@@ -173,7 +173,7 @@ def run_state(run: TrainingRun) -> dict[str, Any]:
     }
 
 
-def resume_run(state: dict[str, Any], where: Path) -> TrainingRun:
+def resume_run(state: dict[str, Any], where: Path, world_map: WorldMap | None = None) -> TrainingRun:
     """Build the run that `run_state` described.
 
     Raises
@@ -182,7 +182,7 @@ def resume_run(state: dict[str, Any], where: Path) -> TrainingRun:
         If the map has changed since.
     """
     configuration = TrainingConfiguration.model_validate_json(state["configuration"])
-    run = begin_run(configuration.model_copy(update={"warmup_episodes": 0}))
+    run = begin_run(configuration.model_copy(update={"warmup_episodes": 0}), world_map)
     run.configuration = configuration
     if run.world_map.sha256 != state["map_sha256"]:
         raise ConfigurationError(

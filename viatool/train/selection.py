@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -42,6 +43,22 @@ class Candidate:
     safety: tuple[float, ...] = ()
 
 
+class Scored(Protocol):
+    """What policies are compared by; see `Candidate`."""
+
+    @property
+    def seed(self) -> int: ...  # noqa: D102  # as of a candidate
+    @property
+    def epoch(self) -> int: ...  # noqa: D102
+    @property
+    def score(self) -> float: ...  # noqa: D102
+    @property
+    def safety(self) -> tuple[float, ...]: ...  # noqa: D102
+
+
+Policies = TypeVar("Policies", bound=Scored)
+
+
 def random_scenarios(world_map: WorldMap, count: int, seed: int) -> tuple[Scenario, ...]:
     """Return `count` scenarios of the map's generator, or its own ones over and over if it has none."""
     if world_map.generator is not None:
@@ -50,7 +67,7 @@ def random_scenarios(world_map: WorldMap, count: int, seed: int) -> tuple[Scenar
     return tuple(own[index % len(own)] for index in range(count))
 
 
-def best_candidates(candidates: Sequence[Candidate], count: int, tolerance: float) -> list[Candidate]:
+def best_candidates(candidates: Sequence[Policies], count: int, tolerance: float) -> list[Policies]:
     """Return the best ones in order.
 
     Those within `tolerance` of the best score count as equally good, and then those of the next such class:
@@ -58,7 +75,7 @@ def best_candidates(candidates: Sequence[Candidate], count: int, tolerance: floa
     """
     best = max(one.score for one in candidates)
 
-    def rank(one: Candidate) -> tuple[float, tuple[float, ...], float, int, int]:
+    def rank(one: Scored) -> tuple[float, tuple[float, ...], float, int, int]:
         behind = (best - one.score) // tolerance if one.safety and tolerance else best - one.score
         return (behind, tuple(-rate for rate in one.safety), -one.score, -one.epoch, one.seed)
 

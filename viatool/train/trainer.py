@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -15,13 +16,14 @@ from numpy.typing import NDArray
 
 from viatool.errors import ConfigurationError, ViatoolError
 from viatool.policy import Policy
+from viatool.schedule import Progress
 from viatool.train.collection import Collector, Episodes
 from viatool.train.configuration import TrainingConfiguration, load_configuration
 from viatool.train.constraint import update_multiplier, update_var
 from viatool.train.export import export_actor, training_record
 from viatool.train.methods.method import EpochCosts
 from viatool.train.observation import make_specification
-from viatool.train.progress import Progress, Silence
+from viatool.train.progress import Silence
 from viatool.train.records import (
     MetricsLog,
     installed_versions,
@@ -33,11 +35,14 @@ from viatool.train.records import (
 from viatool.train.run import TrainingRun, begin_run, checkpoint, resume_run, run_state, var_ceiling
 from viatool.train.scoring import score_safety
 from viatool.train.selection import Candidate, best_candidates, choose, evaluate_policy, validate
+from viatool.world import WorldMap
 
 Floats = NDArray[np.float64]
 
 FARTHEST_GOAL = 20.0  # metres, beyond any goal: the curriculum's end
 MEASURED_EVERY = 100  # updates between two of which the metrics are recorded
+CONFIGURATION = "configuration.yaml"
+BATCHES = "batches.yaml"  # of a run of several batches
 STATE = "state.pt"
 EVALUATION = "evaluation.json"
 
@@ -58,6 +63,8 @@ class TrainingResult:
         Of the exported program: rates and means on ``fixed`` (the map's scenarios) and ``held_out`` ones.
     seconds : float
         Wall time.
+    batch : int, optional
+        Which of several batches the seed belongs to.
     """
 
     run_directory: Path
@@ -67,12 +74,14 @@ class TrainingResult:
     epoch: int
     evaluation: dict[str, dict[str, float]]
     seconds: float
+    batch: int | None = None
 
     def lines(self) -> list[str]:
         """Return the result for people."""
+        batch = "" if self.batch is None else f" of batch {self.batch}"
         lines = [
             f"policy      {self.policy_path}",
-            f"chosen      seed {self.seed} after epoch {self.epoch}",
+            f"chosen      seed {self.seed}{batch} after epoch {self.epoch}",
             f"time        {self.seconds:.0f} s",
         ]
         for name, metrics in self.evaluation.items():
@@ -85,7 +94,11 @@ class TrainingResult:
 
 
 def train(
-    configuration: TrainingConfiguration, run_directory: str | Path, progress: Progress | None = None
+    configuration: TrainingConfiguration,
+    run_directory: str | Path,
+    progress: Progress | None = None,
+    *,
+    world_map: WorldMap | None = None,
 ) -> TrainingResult:
     """Train, choose and export a policy.
 
@@ -99,6 +112,8 @@ def train(
         ``evaluation.json``.
     progress : Progress, optional
         What the run reports to; by default nothing. See `console_progress`.
+    world_map : WorldMap, optional
+        The configuration's map where it is loaded already, for a process that does not see its file.
 
     Returns
     -------
@@ -112,25 +127,27 @@ def train(
         If the training diverges.
     """
     directory = Path(run_directory)
-    if (directory / "configuration.yaml").exists():
+    if any((directory / name).exists() for name in (CONFIGURATION, BATCHES)):
         raise ConfigurationError(
             f"{directory} holds an earlier run", "choose another run directory, or resume that run"
         )
     with _reproducible_torch():
-        run = begin_run(configuration)  # reads the map: a wrong one leaves no folder behind
+        run = begin_run(configuration, world_map)  # reads the map: a wrong one leaves no folder behind
         directory.mkdir(parents=True, exist_ok=True)
-        write_text(directory / "configuration.yaml", configuration.to_yaml())
+        write_text(directory / CONFIGURATION, configuration.to_yaml())
         return _train(run, directory, progress or Silence())
 
 
-def resume(run_directory: str | Path, progress: Progress | None = None) -> TrainingResult:
+def resume(
+    run_directory: str | Path, progress: Progress | None = None, *, world_map: WorldMap | None = None
+) -> TrainingResult:
     """Go on with a run that was interrupted at any moment; the result is that of an uninterrupted one.
 
     Parameters
     ----------
     run_directory : path
         Of the interrupted run. Without a saved state in it, the run begins anew with its configuration.
-    progress : Progress, optional
+    progress, world_map : optional
         As for `train`.
 
     Raises
@@ -139,7 +156,7 @@ def resume(run_directory: str | Path, progress: Progress | None = None) -> Train
         If there is no run in the folder, it is finished, or its map has changed.
     """
     directory = Path(run_directory)
-    if not (directory / "configuration.yaml").exists():
+    if not (directory / CONFIGURATION).exists():
         raise ConfigurationError(f"there is no training run in {directory}", "give the folder of a run")
     if (directory / EVALUATION).exists():
         raise ConfigurationError(
@@ -147,23 +164,38 @@ def resume(run_directory: str | Path, progress: Progress | None = None) -> Train
         )
     with _reproducible_torch():
         if (directory / STATE).exists():
-            run = resume_run(load_checkpoint(directory / STATE), directory)
+            run = resume_run(load_checkpoint(directory / STATE), directory, world_map)
         else:
-            run = begin_run(load_configuration(directory / "configuration.yaml"))
+            run = begin_run(load_configuration(directory / CONFIGURATION), world_map)
         return _train(run, directory, progress or Silence())
+
+
+_trainings = 0
+_threads_before = 1
+_guard = Lock()
 
 
 @contextmanager
 def _reproducible_torch() -> Iterator[None]:
-    """Use one thread, whose order of summation is always the same, and treat denormals as zero."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
+    """Use one thread, whose order of summation is always the same, and treat denormals as zero.
+
+    Threads of one worker may train at the same time: the last one to end restores what holds for the process.
+    """
+    global _trainings, _threads_before
+    with _guard:
+        if not _trainings:
+            _threads_before = torch.get_num_threads()
+        _trainings += 1
+        torch.set_num_threads(1)
     torch.set_flush_denormal(True)
     try:
         yield
     finally:
-        torch.set_num_threads(threads)
         torch.set_flush_denormal(False)
+        with _guard:
+            _trainings -= 1
+            if not _trainings:
+                torch.set_num_threads(_threads_before)
 
 
 def _train(run: TrainingRun, directory: Path, progress: Progress) -> TrainingResult:
@@ -374,6 +406,7 @@ def _finish(run: TrainingRun, directory: Path, progress: Progress, started: floa
     evaluation = evaluate_policy(policy, run.world_map, options)
     seconds = time.perf_counter() - started
     record: dict[str, Any] = {"seed": chosen.seed, "epoch": chosen.epoch, "seconds": round(seconds, 1)}
+    record |= {"score": chosen.score, "safety": list(chosen.safety)}
     write_json(directory / EVALUATION, record | evaluation)
     (directory / STATE).unlink(missing_ok=True)  # a finished run needs no resuming, and it is large
     return TrainingResult(directory, path, policy, chosen.seed, chosen.epoch, evaluation, seconds)

@@ -67,6 +67,6 @@ def assemble(channels: Sequence[ObservationChannel], measured: Mapping[str, NDAr
         if channel.value is not None:
             columns[:, first:last] = channel.value
         else:
-            columns[:, first:last] = measured[channel.kind].reshape(count, -1)
+            columns[:, first:last] = measured[channel.kind].reshape(count, channel.size)
         first = last
     return columns.astype(np.float64)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +29,7 @@ ODOMETRY = "nav_msgs/msg/Odometry"
 SCAN = "sensor_msgs/msg/LaserScan"
 STAMPED = ("geometry_msgs/msg/TwistStamped", ODOMETRY)
 COMMANDS = ("geometry_msgs/msg/Twist", *STAMPED)
+_SCANS = 4096  # that are in memory at the same time
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 
 
@@ -51,12 +54,12 @@ class Commands:
 
 @dataclass(frozen=True, eq=False)
 class Bag:
-    """What a bag holds; `commands` is None when they were not asked for."""
+    """What a bag holds; `commands` is None when they were not asked for. The scans are read when they are asked for."""
 
     odometry: Odometry
-    scans: Scans
     commands: Commands | None
     transforms: Transforms
+    scans: Iterator[Scans]
 
 
 @dataclass(frozen=True)
@@ -73,8 +76,9 @@ def is_bag(path: Path) -> bool:
     return path.suffix.lower() in SUFFIXES or (path / "metadata.yaml").is_file()
 
 
-def read_bag(path: Path, topics: Topics, *, commands: bool) -> Bag:
-    """Read the topics of a bag.
+@contextmanager
+def open_bag(path: Path, topics: Topics, *, commands: bool) -> Iterator[Bag]:
+    """Read the topics of a bag: first all but the scans, then the scans some at a time, while the bag is open.
 
     Parameters
     ----------
@@ -85,8 +89,8 @@ def read_bag(path: Path, topics: Topics, *, commands: bool) -> Bag:
     commands : bool
         Whether the commands are needed.
 
-    Returns
-    -------
+    Yields
+    ------
     Bag
         In the order of recording.
 
@@ -103,23 +107,34 @@ def read_bag(path: Path, topics: Topics, *, commands: bool) -> Bag:
         if commands:
             usual = COMMANDS if topics.command else COMMANDS[:2]
             drive = _choose(reader, "command", topics.command, usual, "/cmd_vel", "--cmd-topic")
-        return Bag(
+        yield Bag(
             odometry=_read_odometry(reader, odom),
-            scans=_read_scans(reader, scan),
             commands=None if drive is None else _read_commands(reader, drive),
             transforms=_read_transforms(reader),
+            scans=_read_scans(reader, scan),
         )
 
 
 @contextmanager
 def _opened(path: Path) -> Iterator[AnyReader]:
-    """Open a bag; whatever its parsers raise becomes one kind of error."""
+    """Open a bag."""
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
+    with _readable():
+        reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+        reader.open()
     try:
-        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
-            yield reader
+        yield reader
+    finally:
+        reader.close()
+
+
+@contextmanager
+def _readable() -> Iterator[None]:
+    """Turn whatever the parsers of bags raise into one kind of error."""
+    try:
+        yield
     except (ViatoolError, ModuleNotFoundError):
         raise
     except Exception as error:  # a damaged file can fail anywhere in the parsers of four formats
@@ -152,8 +167,9 @@ def _choose(
 def _messages(reader: AnyReader, connections: list[Connection]) -> Iterator[tuple[int, Any]]:
     """Yield when a message was recorded, in nanoseconds, and the message."""
     if connections:  # rosbags reads none as all
-        for connection, received, raw in reader.messages(connections=connections):
-            yield received, reader.deserialize(raw, connection.msgtype)
+        with _readable():
+            for connection, received, raw in reader.messages(connections=connections):
+                yield received, reader.deserialize(raw, connection.msgtype)
 
 
 def _stamp(header: Any) -> int:
@@ -169,17 +185,17 @@ def _quaternion(rotation: Any) -> tuple[float, float, float, float]:
 
 
 def _read_odometry(reader: AnyReader, connections: list[Connection]) -> Odometry:
-    stamps, poses, frames = [], [], set()
+    stamps, poses, frames = array("q"), array("d"), set()
     for _, message in _messages(reader, connections):
         pose = message.pose.pose
         stamps.append(_stamp(message.header))
-        poses.append((pose.position.x, pose.position.y, heading_of(_quaternion(pose.orientation))))
+        poses.extend((pose.position.x, pose.position.y, heading_of(_quaternion(pose.orientation))))
         frames.add((_frame(message.header.frame_id), _frame(message.child_frame_id)))
-    array = np.array(poses, dtype=np.float64).reshape(-1, 3)
-    bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
+    table = np.array(poses).reshape(-1, 3)
+    bad = np.flatnonzero(~np.isfinite(table).all(axis=1))
     if bad.size:
         raise TrajectoryError(
-            f"odometry message {bad[0]} has the pose {array[bad[0]].tolist()} (a heading that is nan stands for "
+            f"odometry message {bad[0]} has the pose {table[bad[0]].tolist()} (a heading that is nan stands for "
             "a quaternion that is no rotation)",
             "check the node that published it, or cut the recording",
         )
@@ -188,56 +204,65 @@ def _read_odometry(reader: AnyReader, connections: list[Connection]) -> Odometry
             f"the odometry changes its frames: {sorted(frames)}", "record one odometry, or name its topic"
         )
     frame, child = frames.pop() if frames else ("", "")
-    return Odometry(_ordered(stamps, "odometry"), array, frame, child)
+    return Odometry(_ordered(np.array(stamps), "odometry"), table, frame, child)
 
 
-def _read_scans(reader: AnyReader, connections: list[Connection]) -> Scans:
-    stamps, received, ranges, geometry, frames = [], [], [], [], set()
-    for recorded, message in _messages(reader, connections):
-        stamps.append(_stamp(message.header))
-        received.append(recorded)
-        ranges.append(np.asarray(message.ranges, dtype=np.float32))  # the type of the message
-        geometry.append((message.angle_min, message.angle_increment, message.range_min, message.range_max))
-        frames.add(_frame(message.header.frame_id))
-    described = np.array(geometry, dtype=np.float64).reshape(-1, 4)
+def _read_scans(reader: AnyReader, connections: list[Connection]) -> Iterator[Scans]:
+    """Yield all scans, `_SCANS` at a time."""
+    messages = _messages(reader, connections)
+    before, last, frames = 0, np.zeros(0, dtype=np.int64), set[str]()
+    while some := list(islice(messages, _SCANS)):
+        frames.update(_frame(message.header.frame_id) for _, message in some)
+        if len(frames) > 1:
+            raise TrajectoryError(
+                f"the scans come from several frames: {', '.join(sorted(frames))}",
+                "record one LiDAR on one topic",
+            )
+        stamps = np.array([_stamp(message.header) for _, message in some], dtype=np.int64)
+        _ordered(np.concatenate([last, stamps]), "scan", before - len(last))
+        yield Scans(
+            stamps,
+            np.array([received for received, _ in some], dtype=np.int64),
+            tuple(np.asarray(message.ranges, dtype=np.float32) for _, message in some),  # the message's type
+            _geometry([message for _, message in some], before),
+            *frames,
+        )
+        before, last = before + len(some), stamps[-1:]
+
+
+def _geometry(scans: Sequence[Any], before: int) -> Floats:
+    """Return the first angle, angle step, least and largest range of scans, of which so many stand before them."""
+    described = np.array(
+        [(scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max) for scan in scans],
+        dtype=np.float64,
+    )
     usable = np.isfinite(described[:, :2]).all(axis=1) & (described[:, 2] < described[:, 3])
     bad = np.flatnonzero(~usable)
     if bad.size:
         raise TrajectoryError(
-            f"scan {bad[0]} has the first angle, angle step, least and largest range "
+            f"scan {before + bad[0]} has the first angle, angle step, least and largest range "
             f"{described[bad[0]].tolist()}",
             "check the LiDAR's driver",
         )
-    if len(frames) > 1:
-        raise TrajectoryError(
-            f"the scans come from several frames: {', '.join(sorted(frames))}",
-            "record one LiDAR on one topic",
-        )
-    return Scans(
-        _ordered(stamps, "scan"),
-        np.array(received, dtype=np.int64),
-        tuple(ranges),
-        described,
-        frames.pop() if frames else "",
-    )
+    return described
 
 
 def _read_commands(reader: AnyReader, connections: list[Connection]) -> Commands:
     stamped = connections[0].msgtype in STAMPED
-    stamps, values = [], []
+    stamps, values = array("q"), array("d")
     for recorded, message in _messages(reader, connections):
         twist = message.twist if stamped else message
         twist = twist.twist if connections[0].msgtype == ODOMETRY else twist
         stamps.append(_stamp(message.header) if stamped else recorded)
-        values.append((twist.linear.x, twist.angular.z))
-    array = np.array(values, dtype=np.float64).reshape(-1, 2)
-    bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
+        values.extend((twist.linear.x, twist.angular.z))
+    table = np.array(values).reshape(-1, 2)
+    bad = np.flatnonzero(~np.isfinite(table).all(axis=1))
     if bad.size:
         raise TrajectoryError(
-            f"command {bad[0]} is {array[bad[0]].tolist()}, which is not finite",
+            f"command {bad[0]} is {table[bad[0]].tolist()}, which is not finite",
             "cut the recording before it",
         )
-    return Commands(_ordered(stamps, "command"), array, received=not stamped)
+    return Commands(_ordered(np.array(stamps), "command"), table, received=not stamped)
 
 
 def _read_transforms(reader: AnyReader) -> Transforms:
@@ -259,15 +284,14 @@ def _read_transforms(reader: AnyReader) -> Transforms:
     return found
 
 
-def _ordered(stamps: list[int], what: str) -> Indices:
-    """Return stamps as an array, refusing a clock that goes back."""
-    array = np.array(stamps, dtype=np.int64)
-    back = np.flatnonzero(np.diff(array) < 0)
+def _ordered(stamps: Indices, what: str, before: int = 0) -> Indices:
+    """Return stamps, refusing a clock that goes back; so many messages stand before them."""
+    back = np.flatnonzero(np.diff(stamps) < 0)
     if back.size:
         row = int(back[0]) + 1
         raise TrajectoryError(
-            f"the clock of the {what} messages goes back by {(array[row - 1] - array[row]) * 1e-9:g} s in "
-            f"message {row}",
+            f"the clock of the {what} messages goes back by {(stamps[row - 1] - stamps[row]) * 1e-9:g} s in "
+            f"message {before + row}",
             "record one run without restarting the simulation or setting the clock",
         )
-    return array
+    return stamps

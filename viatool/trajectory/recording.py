@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,13 +12,13 @@ from numpy.typing import NDArray
 
 from viatool.errors import ConfigurationError, EmptyEvaluationError, PolicyError, TrajectoryError
 from viatool.trajectory.assembly import assemble, polar_goals
-from viatool.trajectory.bag import Bag, Commands, Topics, read_bag
-from viatool.trajectory.scans import Scans, bin_scans
+from viatool.trajectory.bag import Bag, Topics, open_bag
+from viatool.trajectory.scans import Readings, Scans, bin_scans
 from viatool.trajectory.trajectory import Trajectory
 from viatool.trajectory.transforms import compose, interpolate
 
 if TYPE_CHECKING:
-    from viatool.policy import LidarSpecification, PolicySpecification
+    from viatool.policy import LidarSpecification, ObservationChannel, PolicySpecification
     from viatool.world import Scenario
 
 Floats = NDArray[np.float64]
@@ -25,6 +26,12 @@ Booleans = NDArray[np.bool_]
 
 _GOALS = {"goal_distance", "goal_cosine", "goal_sine"}
 _PREVIOUS = {"previous_linear", "previous_angular"}
+_REASONS = (
+    "without a pose at their time",
+    "with a bin that measured nothing",
+    "without a recent command",
+)
+"""Why scans are left out."""
 
 
 @dataclass(frozen=True)
@@ -78,38 +85,30 @@ def load_bag(path: Path, specification: PolicySpecification | None, settings: Ba
     """
     lidar, needed = _needs(specification, settings)
     assert specification is not None  # `_needs` refuses None
-    bag = read_bag(path, settings.topics, commands=bool(needed & _PREVIOUS))
-    if not len(bag.scans) or not len(bag.odometry.stamps):
-        empty = "scans" if not len(bag.scans) else "odometry"
+    with open_bag(path, settings.topics, commands=bool(needed & _PREVIOUS)) as bag:
+        gathered = _Gathered(bag, lidar, settings)
+        parts = [gathered.states(scans, specification.observation) for scans in bag.scans]
+    if not parts or not len(bag.odometry.stamps):
+        empty = "odometry" if parts else "scans"
         raise EmptyEvaluationError(
             f"{path}: the bag holds no {empty}", "record at least one scan and its pose"
         )
-    poses, located, notes = _locate(bag, settings)
-    bins, complete, told = _see(bag, lidar, poses, settings)
-    previous, commanded, said = _previous(bag.commands, bag.scans, settings.gap)
-    keep = located & complete & commanded
-    notes = [*notes, *told, *said, *_losses(located, complete, commanded, keep)]
-    if not keep.any():
+    notes = gathered.notes()
+    stamps, poses, observations = (np.concatenate(part) for part in zip(*parts, strict=True))
+    if not len(stamps):
         raise EmptyEvaluationError(
             f"{path}: no scan is left ({'; '.join(notes)})",
             "record odometry, transforms and commands throughout",
         )
-    measured = {
-        "lidar": bins[keep],
-        "previous_linear": previous[keep, 0],
-        "previous_angular": previous[keep, 1],
-    }
-    if settings.goal is not None:
-        measured |= polar_goals(poses[keep], np.array(settings.goal))
     return Trajectory(
-        poses=poses[keep],
-        observations=assemble(specification.observation, measured),
-        actions=np.zeros((int(keep.sum()), 0)),
-        episode=np.zeros(int(keep.sum()), dtype=np.int64),
-        time=(bag.scans.stamps[keep] - bag.scans.stamps[0]) * 1e-9,
+        poses=poses,
+        observations=observations,
+        actions=np.zeros((len(poses), 0)),
+        episode=np.zeros(len(poses), dtype=np.int64),
+        time=(stamps - gathered.first) * 1e-9,
         outcomes=np.array(["unknown"]),
         costs=np.array([np.nan]),
-        scenarios=(_scenario(path, poses[keep][0], settings.goal),),
+        scenarios=(_scenario(path, poses[0], settings.goal),),
         notes=tuple(notes),
     )
 
@@ -141,73 +140,124 @@ def _needs(
     return next((channel.lidar for channel in free if channel.kind == "lidar"), None), needed
 
 
-def _locate(bag: Bag, settings: BagSettings) -> tuple[Floats, Booleans, list[str]]:
-    """Return the pose of the robot in the map frame at every scan, (S, 3), and whether it is known."""
-    odometry, at = bag.odometry, bag.scans.stamps
-    poses, known = interpolate(odometry.stamps, odometry.poses, at, settings.gap)
-    frame = settings.frame.removeprefix("/")
-    if odometry.frame == frame:
-        return poses, known, [f"odometry is given in the frame '{frame}', taken as the map's"]
-    drift, seen = bag.transforms.locate(odometry.frame, frame, at, settings.gap)
-    note = f"odometry in '{odometry.frame}', moved by the recorded transform from '{frame}'"
-    return compose(drift, poses), known & seen, [note]
+class _Gathered:
+    """Makes states of scans, some at a time, and remembers what was assumed and left out.
 
+    Parameters
+    ----------
+    bag : Bag
+        Its odometry, commands and transforms.
+    lidar : LidarSpecification or None
+        What the policy observes of a scan.
+    settings : BagSettings
+        Goal, topics and frame.
+    """
 
-def _see(
-    bag: Bag, lidar: LidarSpecification | None, poses: Floats, settings: BagSettings
-) -> tuple[Floats, Booleans, list[str]]:
-    """Return the bins of every scan, (S, bins), and whether each has a measurement."""
-    scans, robot = bag.scans, bag.odometry.child
-    if lidar is None:
-        return np.zeros((len(scans), 0)), np.ones(len(scans), dtype=bool), []
-    yaw, notes = 0.0, []
-    if scans.frame != robot:
-        mount, known = bag.transforms.locate(scans.frame, robot, scans.stamps, settings.gap)
-        if not known.any():
-            return np.zeros((len(scans), lidar.bins)), known, []
-        mount = mount[known]
-        x, y, yaw = mount[0]
+    def __init__(self, bag: Bag, lidar: LidarSpecification | None, settings: BagSettings) -> None:
+        self.bag, self.lidar, self.settings = bag, lidar, settings
+        self.first = self.scans = self.kept = self.waiting = 0
+        self.lost = dict.fromkeys(_REASONS, 0)
+        self.mounted: tuple[float, float] | None = None
+        self.seen = Readings()
+
+    def states(
+        self, scans: Scans, channels: Sequence[ObservationChannel]
+    ) -> tuple[NDArray[np.int64], Floats, Floats]:
+        """Return stamps (K,), poses (K, 3) and observations (K, n) of those scans of which all is known."""
+        if not len(self.bag.odometry.stamps):
+            return scans.stamps[:0], np.zeros((0, 3)), np.zeros((0, 0))
+        if not self.scans:
+            self.first = int(scans.stamps[0])
+        poses, located = self._locate(scans.stamps)
+        bins = self._see(scans)
+        previous, commanded = self._previous(scans)
+        known = dict(zip(_REASONS, (located, np.isfinite(bins).all(axis=1), commanded), strict=True))
+        keep = np.logical_and.reduce(list(known.values()))
+        self.scans += len(keep)
+        self.kept += int(keep.sum())
+        for reason, which in known.items():
+            self.lost[reason] += int((~which).sum())
+        measured = {
+            "lidar": bins[keep],
+            "previous_linear": previous[keep, 0],
+            "previous_angular": previous[keep, 1],
+        }
+        if self.settings.goal is not None:
+            measured |= polar_goals(poses[keep], np.array(self.settings.goal))
+        return scans.stamps[keep], poses[keep], assemble(channels, measured)
+
+    def _locate(self, at: NDArray[np.int64]) -> tuple[Floats, Booleans]:
+        """Return the pose of the robot in the map frame, (S, 3), and whether it is known."""
+        odometry, gap = self.bag.odometry, self.settings.gap
+        poses, known = interpolate(odometry.stamps, odometry.poses, at, gap)
+        if odometry.frame == self._frame:
+            return poses, known
+        drift, seen = self.bag.transforms.locate(odometry.frame, self._frame, at, gap)
+        return compose(drift, poses), known & seen
+
+    @property
+    def _frame(self) -> str:
+        return self.settings.frame.removeprefix("/")
+
+    def _see(self, scans: Scans) -> Floats:
+        """Return the bins of every scan, (S, bins); NaN where nothing was measured."""
+        if self.lidar is None:
+            return np.zeros((len(scans), 0))
+        if self.mounted is None:
+            self.mounted = self._mount(scans.frame)
+        yaw, _ = self.mounted
+        return bin_scans(scans, self.lidar, yaw, self.seen)
+
+    def _mount(self, sensor: str) -> tuple[float, float]:
+        """Return the heading of the LiDAR on the robot, and its distance from the robot's origin."""
+        robot = self.bag.odometry.child
+        if sensor == robot:
+            return 0.0, 0.0
+        mount = self.bag.transforms.mount(sensor, robot, self.settings.gap)
+        if not len(mount):
+            raise TrajectoryError(
+                f"the transforms between the robot '{robot}' and the LiDAR '{sensor}' are never known at one time",
+                "record /tf and /tf_static throughout",
+            )
         if np.abs(mount - mount[0]).max() > 1e-3:
             raise TrajectoryError(
-                f"the LiDAR '{scans.frame}' moves on the robot '{robot}'",
-                "record a LiDAR that is fixed to it",
+                f"the LiDAR '{sensor}' moves on the robot '{robot}'", "record a LiDAR that is fixed to it"
             )
-        away = float(np.hypot(x, y))
+        x, y, yaw = mount[0].tolist()
+        return yaw, float(np.hypot(x, y))
+
+    def _previous(self, scans: Scans) -> tuple[Floats, Booleans]:
+        """Return the command before each scan, (S, 2), and whether it is known; standing still before the first."""
+        found, known = np.zeros((len(scans), 2)), np.ones(len(scans), dtype=bool)
+        commands = self.bag.commands
+        if commands is None:
+            return found, known
+        at = scans.received if commands.received else scans.stamps
+        last = np.searchsorted(commands.stamps, at, side="left") - 1
+        some = last >= 0
+        found[some] = commands.values[last[some]]
+        known[some] = (at[some] - commands.stamps[last[some]]) * 1e-9 <= self.settings.gap
+        self.waiting += int((~some).sum())
+        return found, known
+
+    def notes(self) -> list[str]:
+        """Say in words what was assumed, how many scans were left out, and why; one may lack several things."""
+        frame, odometry = self._frame, self.bag.odometry.frame
+        if odometry == frame:
+            notes = [f"odometry is given in the frame '{frame}', taken as the map's"]
+        else:
+            notes = [f"odometry in '{odometry}', moved by the recorded transform from '{frame}'"]
+        _, away = self.mounted or (0.0, 0.0)
         if away > 1e-3:
             notes.append(f"the LiDAR stands {away:.3f} m from the robot's origin; poses are the origin's")
-    bins, counted = bin_scans(scans, lidar, float(yaw))
-    rays = sorted({len(ranges) for ranges in scans.ranges})
-    if rays != [lidar.rays]:
-        notes.append(f"scans of {', '.join(map(str, rays))} rays binned like the policy's {lidar.rays}")
-    return bins, np.asarray(np.isfinite(bins).all(axis=1)), [*notes, *counted.notes(scans, lidar)]
-
-
-def _previous(commands: Commands | None, scans: Scans, gap: float) -> tuple[Floats, Booleans, list[str]]:
-    """Return the command before each scan, (S, 2), and whether it is known; standing still before the first."""
-    found, known = np.zeros((len(scans), 2)), np.ones(len(scans), dtype=bool)
-    if commands is None:
-        return found, known, []
-    at = scans.received if commands.received else scans.stamps
-    last = np.searchsorted(commands.stamps, at, side="left") - 1
-    some = last >= 0
-    found[some] = commands.values[last[some]]
-    known[some] = (at[some] - commands.stamps[last[some]]) * 1e-9 <= gap
-    waiting = int((~some).sum())
-    notes = [f"previous command 0 before the first one (scans: {waiting:,})"] if waiting else []
-    return found, known, notes
-
-
-def _losses(located: Booleans, complete: Booleans, commanded: Booleans, keep: Booleans) -> list[str]:
-    """Say how many scans were left out, and why; one scan may lack several things."""
-    reasons = (
-        (located, "without a pose at their time"),
-        (complete, "with a bin that measured nothing"),
-        (commanded, "without a recent command"),
-    )
-    lost = [f"{int((~known).sum()):,} {why}" for known, why in reasons if not known.all()]
-    if not lost:
-        return [f"all {len(keep):,} scans of the bag"]
-    return [f"{int(keep.sum()):,} of {len(keep):,} scans of the bag; left out: {', '.join(lost)}"]
+        if self.lidar is not None:
+            notes += self.seen.notes(self.lidar)
+        if self.waiting:
+            notes.append(f"previous command 0 before the first one (scans: {self.waiting:,})")
+        lost = ", ".join(f"{count:,} {reason}" for reason, count in self.lost.items() if count)
+        if not lost:
+            return [*notes, f"all {self.scans:,} scans of the bag"]
+        return [*notes, f"{self.kept:,} of {self.scans:,} scans of the bag; left out: {lost}"]
 
 
 def _scenario(path: Path, start: Floats, goal: tuple[float, float] | None) -> Scenario | None:

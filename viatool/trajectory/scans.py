@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,12 +16,10 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-_SCANS = 4096  # that are binned together
-
 
 @dataclass(frozen=True, eq=False)
 class Scans:
-    """S laser scans in the order of recording.
+    """S laser scans in the order of recording: some of a bag, so that not all of its ranges are in memory at once.
 
     Parameters
     ----------
@@ -48,21 +46,26 @@ class Scans:
 
 @dataclass
 class Readings:
-    """How many readings within the policy's field of view were of which kind."""
+    """What was seen of the scans of a bag: readings within the policy's field of view by kind, rays, and ranges."""
 
     total: int = 0
     absent: int = 0
     beyond: int = 0
     too_near: int = 0
+    rays: set[int] = field(default_factory=set)
+    least: float = -np.inf
+    largest: float = np.inf
 
-    def notes(self, scans: Scans, lidar: LidarSpecification) -> list[str]:
-        """Say in words what became of readings that are no distances."""
-        least, largest = scans.geometry[:, 2].max(), scans.geometry[:, 3].min()
+    def notes(self, lidar: LidarSpecification) -> list[str]:
+        """Say in words what became of readings that are no distances, and how the sensors differ."""
         found = []
+        if sorted(self.rays) != [lidar.rays]:
+            rays = ", ".join(map(str, sorted(self.rays)))
+            found.append(f"scans of {rays} rays binned like the policy's {lidar.rays}")
         if self.absent:
             found.append(
                 f"{self.absent:,} of {self.total:,} readings are no measurement (NaN, or below the sensor's "
-                f"least range of {least:g} m) and were left out"
+                f"least range of {self.least:g} m) and were left out"
             )
         if self.beyond:
             found.append(
@@ -70,14 +73,14 @@ class Readings:
             )
         if self.too_near:
             found.append(f"{self.too_near:,} readings of -inf (too near) read {lidar.minimum_range:g} m")
-        if largest < lidar.maximum_range - 1e-6:
+        if self.largest < lidar.maximum_range - 1e-6:
             found.append(
-                f"the recorded sensor sees {largest:g} m far, the policy's LiDAR {lidar.maximum_range:g} m"
+                f"the recorded sensor sees {self.largest:g} m far, the policy's LiDAR {lidar.maximum_range:g} m"
             )
         return found
 
 
-def bin_scans(scans: Scans, lidar: LidarSpecification, yaw: float) -> tuple[Floats, Readings]:
+def bin_scans(scans: Scans, lidar: LidarSpecification, yaw: float, seen: Readings) -> Floats:
     """Return the least distance in each bin, as the simulated sensor does.
 
     Parameters
@@ -88,18 +91,20 @@ def bin_scans(scans: Scans, lidar: LidarSpecification, yaw: float) -> tuple[Floa
         What the policy observes: each recorded ray belongs to the bin of the nearest specified ray.
     yaw : float
         Heading of the sensor on the robot, in radians.
+    seen : Readings
+        Counts on.
 
     Returns
     -------
-    tuple of (ndarray, Readings)
-        (S, bins) metres, clipped to the specified range, NaN for a bin without a measurement; and the count.
+    ndarray
+        (S, bins) metres, clipped to the specified range, NaN for a bin without a measurement.
 
     Raises
     ------
     TrajectoryError
         If a bin has no ray at all, so that the sensor does not see what the policy observes.
     """
-    binned, counted = np.empty((len(scans), lidar.bins)), Readings()
+    binned = np.empty((len(scans), lidar.bins))
     shapes = np.column_stack([scans.geometry, [len(ranges) for ranges in scans.ranges]])
     kinds, kind = np.unique(shapes, axis=0, return_inverse=True)
     for index, (first, step, least, largest, rays) in enumerate(kinds):
@@ -109,12 +114,11 @@ def bin_scans(scans: Scans, lidar: LidarSpecification, yaw: float) -> tuple[Floa
         chosen = chosen[np.argsort(bins[chosen], kind="stable")]
         _check_bins(bins[chosen], lidar, first, step, int(rays))
         starts = np.searchsorted(bins[chosen], np.arange(lidar.bins))
-        for begin in range(0, len(rows), _SCANS):
-            some = rows[begin : begin + _SCANS]
-            ranges = np.stack([scans.ranges[row][chosen] for row in some.tolist()], dtype=np.float64)
-            cleaned = _clean(ranges, least, largest, lidar, counted)
-            binned[some] = np.fmin.reduceat(cleaned, starts, axis=1)
-    return binned, counted
+        ranges = np.stack([scans.ranges[row][chosen] for row in rows.tolist()], dtype=np.float64)
+        binned[rows] = np.fmin.reduceat(_clean(ranges, least, largest, lidar, seen), starts, axis=1)
+        seen.rays.add(int(rays))
+        seen.least, seen.largest = max(seen.least, float(least)), min(seen.largest, float(largest))
+    return binned
 
 
 def _bin_of_rays(angles: Floats, lidar: LidarSpecification) -> Indices:
@@ -143,17 +147,15 @@ def _check_bins(bins: Indices, lidar: LidarSpecification, first: float, step: fl
         )
 
 
-def _clean(
-    ranges: Floats, least: float, largest: float, lidar: LidarSpecification, counted: Readings
-) -> Floats:
+def _clean(ranges: Floats, least: float, largest: float, lidar: LidarSpecification, seen: Readings) -> Floats:
     """Return distances (S, R): NaN for no measurement, the largest range where nothing came back (REP 117)."""
     near = np.isneginf(ranges)
     with np.errstate(invalid="ignore"):
         absent = np.isnan(ranges) | (~near & ((ranges < least - 1e-6) | (ranges <= 0.0)))
         beyond = ~absent & (ranges > largest + 1e-6)
-    counted.total += ranges.size
-    counted.absent += int(absent.sum())
-    counted.beyond += int(beyond.sum())
-    counted.too_near += int(near.sum())
+    seen.total += ranges.size
+    seen.absent += int(absent.sum())
+    seen.beyond += int(beyond.sum())
+    seen.too_near += int(near.sum())
     distances = np.where(beyond, lidar.maximum_range, np.where(absent, np.nan, ranges))
     return np.clip(distances, lidar.minimum_range, lidar.maximum_range)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from viatool.errors import TrajectoryError
 
 Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
 Booleans = NDArray[np.bool_]
 
 _TILT = 0.02  # how far from upright a frame may be, as the sine of the angle
@@ -20,10 +22,28 @@ class _Edge:
     """How one frame lies in its parent, over time."""
 
     parent: str
-    stamps: list[int] = field(default_factory=list)
-    poses: list[tuple[float, float, float]] = field(default_factory=list)
+    stamps: array[int] = field(default_factory=lambda: array("q"))
+    poses: array[float] = field(default_factory=lambda: array("d"))  # x, y, theta one after the other
     static: bool = False
     complaint: TrajectoryError | None = None
+    _sorted: tuple[Indices, Floats] | None = None
+
+    def add(self, stamp: int, pose: tuple[float, float, float], *, static: bool) -> None:
+        """Add an observation; of a static frame only the last one counts."""
+        if static and self.static:
+            del self.stamps[:], self.poses[:]
+        self.stamps.append(stamp)
+        self.poses.extend(pose)
+        self.static |= static
+        self._sorted = None
+
+    def observed(self) -> tuple[Indices, Floats]:
+        """Return when the frame was observed, ascending, and its poses (M, 3) then."""
+        if self._sorted is None:
+            stamps, poses = np.array(self.stamps), np.array(self.poses).reshape(-1, 3)
+            order = np.argsort(stamps, kind="stable")
+            self._sorted = stamps[order], poses[order]
+        return self._sorted
 
 
 class Transforms:
@@ -47,12 +67,7 @@ class Transforms:
         yaw = heading_of(quaternion)
         if edge.complaint is None:
             edge.complaint = _complain(edge, child, parent, (*translation, yaw), quaternion)
-        if static and edge.static:
-            edge.stamps.clear()
-            edge.poses.clear()
-        edge.stamps.append(stamp)
-        edge.poses.append((*translation, yaw))
-        edge.static |= static
+        edge.add(stamp, (*translation, yaw), static=static)
 
     def locate(
         self, child: str, parent: str, stamps: NDArray[np.int64], gap: float
@@ -78,6 +93,29 @@ class Transforms:
         TrajectoryError
             If the frames are not connected, or not upright in each other.
         """
+        up, down = self._between(child, parent)
+        inner, inner_known = self._climb(up, stamps, gap)
+        outer, outer_known = self._climb(down, stamps, gap)
+        return compose(invert(outer), inner), inner_known & outer_known
+
+    def mount(self, child: str, parent: str, gap: float) -> Floats:
+        """Return how one frame lay in another whenever a frame between them was observed, (K, 3).
+
+        Raises
+        ------
+        TrajectoryError
+            As `locate`.
+        """
+        up, down = self._between(child, parent)
+        moving = [
+            edge.observed()[0] for edge in map(self._edges.__getitem__, (*up, *down)) if not edge.static
+        ]
+        stamps = np.unique(np.concatenate([np.zeros(0 if moving else 1, np.int64), *moving]))
+        poses, known = self.locate(child, parent, stamps, gap)
+        return poses[known]
+
+    def _between(self, child: str, parent: str) -> tuple[list[str], list[str]]:
+        """Return the frames that lie below the common ancestor of two frames, from each of them upwards."""
         up, down = self._ancestors(child), self._ancestors(parent)
         common = next((frame for frame in up if frame in down), None)
         if common is None:
@@ -90,9 +128,7 @@ class Transforms:
                 f"the recording has no transform from '{parent}' to '{child}' (its frames: {known})",
                 f"record /tf and /tf_static; if '{child}' is the map's frame itself, say --frame {child}",
             )
-        inner, inner_known = self._climb(up[: up.index(common)], stamps, gap)
-        outer, outer_known = self._climb(down[: down.index(common)], stamps, gap)
-        return compose(invert(outer), inner), inner_known & outer_known
+        return up[: up.index(common)], down[: down.index(common)]
 
     def _ancestors(self, frame: str) -> list[str]:
         """Return the frame and those in which it lies, innermost first."""
@@ -119,9 +155,9 @@ class Transforms:
             edge = self._edges[frame]
             self._check(frame)
             if edge.static:
-                around = np.broadcast_to(np.array(edge.poses[-1]), poses.shape)
+                around = np.broadcast_to(np.array(edge.poses[-3:]), poses.shape)
             else:
-                around, seen = interpolate(np.array(edge.stamps), np.array(edge.poses), stamps, gap)
+                around, seen = interpolate(*edge.observed(), stamps, gap)
                 known = known & seen
             poses = compose(around, poses)
         return poses, known
@@ -185,7 +221,7 @@ def interpolate(
     Parameters
     ----------
     stamps : ndarray
-        (M,) nanoseconds, in any order.
+        (M,) nanoseconds, ascending.
     poses : ndarray
         (M, 3) x, y, theta.
     at : ndarray
@@ -198,8 +234,6 @@ def interpolate(
     tuple of ndarray
         (N, 3), and (N,) bool whether the pose is known: nothing is extrapolated.
     """
-    order = np.argsort(stamps, kind="stable")
-    stamps, poses = stamps[order], poses[order]
     after = np.clip(np.searchsorted(stamps, at, side="left"), 0, len(stamps) - 1)
     before = np.maximum(np.where(stamps[after] == at, after, after - 1), 0)
     span = (stamps[after] - stamps[before]) * 1e-9
