@@ -27,6 +27,7 @@ FAILURES: dict[str, tuple[BaseException, int]] = {
     "missing extra": (ModuleNotFoundError("No module named 'bokeh'", name="bokeh"), 2),
     "disk full": (OSError(28, "No space left on device", "report.json"), 2),
     "self-check": (errors.SelfCheckError("differs", "report it"), 3),
+    "work": (errors.WorkError("states 0 to 9: out of memory", "use fewer workers"), 3),
     "defect": (ZeroDivisionError("division by zero"), 3),
     "out of memory": (MemoryError(), 3),
     "recursion": (RecursionError("too deep"), 3),

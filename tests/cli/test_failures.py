@@ -28,6 +28,7 @@ ROOT = Path(__file__).resolve().parents[2]
         (errors.EnclosureError("no bound"), 2, "error: no bound"),
         (errors.EmptyEvaluationError("nothing", "more"), 5, "error: nothing\nhint: more"),
         (errors.SelfCheckError("differs"), 3, "error: differs"),
+        (errors.WorkError("states 0 to 9: lost", "again"), 3, "error: states 0 to 9: lost\nhint: again"),
         (KeyboardInterrupt(), 130, "interrupted"),
         (click.Abort(), 130, "interrupted"),
     ],

@@ -93,7 +93,7 @@ def test_scans_that_are_read_a_few_at_a_time_give_the_same_states(tmp_path, requ
     assert "without a recent command" not in told(whole)
     assert "left out: 1 with a bin" in told(whole)
     late = changed(messages, "/scan", 14, header=header(10**9, "laser"))
-    with pytest.raises(TrajectoryError, match="goes back by .* in message 14"):
+    with pytest.raises(TrajectoryError, match=r"goes back by .* in message 14"):
         read(tmp_path / "late", late)
     wrong = changed(messages, "/scan", 9, range_max=0.0)
     with pytest.raises(TrajectoryError, match="scan 9 has the first angle"):

@@ -1,0 +1,109 @@
+"""What ends a chunk for good ends the command with code 3 and one message that names it; what is done is kept."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from viatool.cli import main
+from viatool.safety import judge
+from viatool.verification import examination
+
+ROOT = Path(__file__).resolve().parents[2]
+VERIFY = (
+    "verify",
+    "policies/via.onnx",
+    "--map",
+    "maps/lab.yaml",
+    "--eps",
+    "0.01",
+    "--only-contested",
+    "--seed",
+    "4",
+)
+POSES = ("--poses", "random:2000")  # two blocks
+
+DEADLY = """
+import os, signal
+from viatool.verification.examination import Examination
+examine = Examination.examine
+def deadly(self, block):
+    if block.first == 1024:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return examine(self, block)
+Examination.examine = deadly
+"""
+
+
+def assert_explained(code: int, error: str, *words: str) -> None:
+    assert code == 3
+    lines = [line for line in error.splitlines() if not line.startswith("states: ")]
+    assert len(lines) == 2
+    assert lines[0].startswith("error: states 1,024 to 1,999: ")
+    assert lines[1].startswith("hint: ")
+    for word in words:
+        assert word in lines[0]
+
+
+@pytest.mark.parametrize(
+    ("accident", "words"),
+    [
+        (ZeroDivisionError("by zero"), ["internal error: ZeroDivisionError: by zero"]),
+        (MemoryError(), ["out of memory"]),
+    ],
+    ids=["defect", "memory"],
+)
+def test_a_chunk_that_fails_is_named_and_the_others_are_kept(
+    accident: Exception, words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    blocks = []
+
+    def fail(case: object, *arguments: object) -> object:
+        blocks.append(case)
+        if len(blocks) == 2:
+            raise accident
+        return judge(case, *arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(examination, "judge", fail)
+    checkpoint = ("--checkpoint", str(tmp_path / "run"))
+    run = CliRunner().invoke(main, [*VERIFY, *POSES, *checkpoint])
+    assert_explained(run.exit_code, run.stderr, *words)
+    assert [path.name for path in (tmp_path / "run").glob("units-*")] == ["units-00000000-00000001.npz"]
+    monkeypatch.setattr(examination, "judge", judge)
+    reports = [tmp_path / "resumed.json", tmp_path / "whole.json"]
+    for report, more in zip(reports, ((*checkpoint, "--resume"), ()), strict=True):
+        done = CliRunner().invoke(main, [*VERIFY, *POSES, *more, "--quiet", "--output", f"json:{report}"])
+        assert done.exit_code == 0, done.output
+    resumed, whole = (json.loads(report.read_text(encoding="utf-8")) for report in reports)
+    assert resumed | {"seconds": 0} == whole | {"seconds": 0}
+
+
+def test_a_chunk_that_kills_every_worker_is_named(tmp_path: Path) -> None:
+    """As when the system ends a process for want of memory."""
+    (tmp_path / "sitecustomize.py").write_text(DEADLY, encoding="utf-8")
+    command = [
+        sys.executable,
+        "-m",
+        "viatool",
+        *VERIFY,
+        *POSES,
+        "--workers",
+        "2",
+        "--checkpoint",
+        str(tmp_path / "run"),
+    ]
+    path = os.pathsep.join((str(tmp_path), str(ROOT)))
+    run = subprocess.run(
+        command, cwd=ROOT, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True, check=False
+    )
+    assert run.stdout == ""
+    assert_explained(run.returncode, run.stderr, "the worker process died", "want of memory")
+    kept = {path.name for path in (tmp_path / "run").glob("units-*")}
+    assert "units-00000000-00000001.npz" in kept  # though its worker died as well
+    assert "units-00000001-00000002.npz" not in kept
