@@ -6,6 +6,7 @@ import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from glob import escape
 from pathlib import Path
 
 
@@ -38,6 +39,13 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
         draft.chmod(_usual_mode(target))
         draft.replace(target)
     finally:
+        draft.unlink(missing_ok=True)
+
+
+def remove_drafts(path: str | os.PathLike[str]) -> None:
+    """Remove what killed processes left of their drafts of `path`; nobody else may be writing it."""
+    target = Path(path)
+    for draft in target.parent.glob(f".{escape(target.stem)}-????????{escape(target.suffix)}"):
         draft.unlink(missing_ok=True)
 
 

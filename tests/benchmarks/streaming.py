@@ -62,6 +62,7 @@ def make_bag(path: Path, states: int, kind: str) -> Path:
         scan(START, angles, np.full(180, 2.0), 0.2, 7.0),
         Message("/cmd_vel", "geometry_msgs/msg/Twist", START, twist(0.3, 0.1)),
     )
+    templates[1].fields["header"]["frame_id"] = "base_link"
     serialize = store.serialize_ros1 if first else store.serialize_cdr
     with Writer1(target) if first else Writer(target, version=9, storage_plugin=plugin) as writer:
         prepared = []
@@ -98,7 +99,7 @@ def measure(action: str, path: Path, states: int) -> None:
 
 def apart(action: str, path: Path, states: int) -> tuple[float, float]:
     command = [sys.executable, __file__, "--measure", action, str(path), "--states", str(states)]
-    out = subprocess.run(command, check=True, capture_output=True, text=True, cwd=ROOT).stdout.split()
+    out = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True, cwd=ROOT).stdout.split()
     return float(out[0]), float(out[1])
 
 

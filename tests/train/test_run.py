@@ -242,8 +242,10 @@ def test_a_killed_run_goes_on_as_if_it_had_never_stopped(
     with pytest.raises(Killed):
         train(tiny(tensorboard=False), tmp_path / "killed", Bomb())
     assert (tmp_path / "killed" / "state.pt").exists() == (moment > 25)
+    (tmp_path / "killed" / ".state-ab_3defg.pt").write_text("half of a state")
     finished = resume(tmp_path / "killed")
     assert weights(finished) == weights(run[0])
+    assert not list((tmp_path / "killed").glob(".*"))
     rows = [
         (directory / "metrics.csv").read_bytes() for directory in (tmp_path / "killed", run[0].run_directory)
     ]

@@ -50,7 +50,8 @@ from viatool.cli.work import worker_options
     "--batch",
     type=click.IntRange(min=1),
     metavar="N",
-    help="Seeds that train as one batch, in a run of its own, so that several workers can train; by default all.",
+    help="Seeds that train as one batch, in a run of its own, so that several workers can train; by default all. "
+    "Another N gives other policies.",
 )
 @worker_options("batches")
 @click.option(

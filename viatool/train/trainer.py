@@ -35,6 +35,7 @@ from viatool.train.records import (
 from viatool.train.run import TrainingRun, begin_run, checkpoint, resume_run, run_state, var_ceiling
 from viatool.train.scoring import score_safety
 from viatool.train.selection import Candidate, best_candidates, choose, evaluate_policy, validate
+from viatool.whole_file import remove_drafts
 from viatool.world import WorldMap
 
 Floats = NDArray[np.float64]
@@ -162,6 +163,7 @@ def resume(
         raise ConfigurationError(
             f"the run in {directory} is finished", f"use {directory / 'policy.onnx'}, or start another run"
         )
+    remove_drafts(directory / STATE)  # large ones
     with _reproducible_torch():
         if (directory / STATE).exists():
             run = resume_run(load_checkpoint(directory / STATE), directory, world_map)
