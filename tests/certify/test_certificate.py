@@ -64,7 +64,7 @@ def test_volumes_are_exact_and_add_up(certificate):
     volume = certificate.to_json()["volume"]
     examined = certificate.examined / certificate.roots * 16.0 * 2.0 * np.pi
     np.testing.assert_allclose(sum(volume.values()), examined)
-    np.testing.assert_allclose(certificate.raster.sum(axis=(1, 2, 3)), list(volume.values()))
+    np.testing.assert_allclose(certificate.raster.volumes.sum(axis=(1, 2, 3)), list(volume.values()))
     part, total = certificate.contested
     assert 0 < part < total <= certificate.free[1]
 

@@ -6,6 +6,7 @@ from viatool.certify.campaign import Budget, Campaign
 from viatool.certify.certificate import SECTOR_NAMES, Certificate
 from viatool.certify.findings import STATUSES, Findings
 from viatool.certify.job import Resolution, certify
+from viatool.certify.raster import Raster
 
 __all__ = [
     "SECTOR_NAMES",
@@ -14,6 +15,7 @@ __all__ = [
     "Campaign",
     "Certificate",
     "Findings",
+    "Raster",
     "Resolution",
     "certify",
 ]
