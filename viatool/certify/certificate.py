@@ -22,9 +22,10 @@ Integers = NDArray[np.int64]
 
 SCHEMA_VERSION = 1
 SECTORS = 8
-"""Slices by heading."""
+"""Parts of a turn that have names."""
 SECTOR_NAMES = ("W-SW", "SW-S", "S-SE", "SE-E", "E-NE", "NE-N", "N-NW", "NW-W")
 """From theta = -pi on, with north along y."""
+_SLICES = 12
 _SPACING = 0.5
 """Metres between the worst places."""
 _MOST_VOLUMES = 8_000_000
@@ -109,11 +110,16 @@ class Certificate:
     @cached_property
     def raster(self) -> Raster:
         """Return the volume of each status in each place and slice of headings."""
-        return self.raster_of(SECTORS)
+        return self.raster_within(_MOST_VOLUMES)
 
-    def raster_of(self, sectors: int, most: int = _MOST_VOLUMES) -> Raster:
-        """Return the volumes in other slices; places are cells of the grain, or larger where that were too many."""
-        return rasterise(self.lattice, self.findings, sectors, most)
+    @cached_property
+    def sectors(self) -> Raster:
+        """Return the volume of each status in each place and eighth of a turn."""
+        return self.raster.gathered(SECTORS)
+
+    def raster_within(self, most: int) -> Raster:
+        """Return the volumes in places that are cells of the grain, or larger ones where there were too many."""
+        return rasterise(self.lattice, self.findings, _SLICES, most)
 
     def nearest_of(self, groups: Integers) -> Integers:
         """Return the counterexample of each group (R,) that comes nearest to something, the nearest one first."""

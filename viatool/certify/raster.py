@@ -1,4 +1,4 @@
-"""Volumes by place and heading: what became of each square of the map, whatever the sizes of its cells."""
+"""Volumes by place and heading: what became of each square of the map, whatever the sizes of its cells are."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ Integers = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class Raster:
-    """Squares of the map, cut into sectors of headings.
+    """Squares of the map, cut into slices of headings.
 
     Parameters
     ----------
     volumes : ndarray
-        (5, S, X, Y) m^2 rad of each status; sectors begin at theta = -pi. Nothing where nothing was examined.
+        (5, S, X, Y) m^2 rad of each status; slices begin at theta = -pi. Nothing where nothing was examined.
     origin, size : ndarray
         (2,) metres: the lower corner of the first square, and the sides of a square.
     """
@@ -29,6 +29,14 @@ class Raster:
     volumes: Floats
     origin: Floats
     size: Floats
+
+    def gathered(self, sectors: int) -> Raster:
+        """Return fewer sectors; a slice counts where its middle is."""
+        kinds, slices, *squares = self.volumes.shape
+        volumes = np.zeros((kinds, sectors, *squares))
+        for at in range(slices):
+            volumes[:, int((at + 0.5) / slices * sectors)] += self.volumes[:, at]
+        return Raster(volumes, self.origin, self.size)
 
     @property
     def middles(self) -> Floats:
@@ -57,37 +65,35 @@ class Raster:
         return np.asarray(np.where(free > 0.0, safe / np.where(free > 0.0, free, 1.0), np.nan))
 
 
-def rasterise(lattice: Lattice, findings: Findings, sectors: int, most: int) -> Raster:
-    """Sum up the volumes of leaves by square and sector.
+def rasterise(lattice: Lattice, findings: Findings, slices: int, most: int) -> Raster:
+    """Sum up the volumes of leaves by square and slice of headings.
 
     Parameters
     ----------
     lattice, findings
         The cells and what became of them.
-    sectors : int
-        S; a cell counts where the middle of its headings is, so that slices are exact if no cell spans two.
+    slices : int
+        How many there are at least, if the grain is as fine; the edges of cells are edges of slices.
     most : int
-        How many squares times sectors there are at most, unless the roots are more. Squares are those of the
+        How many squares times slices there are at most, unless the roots are more. Squares are those of the
         grain, or larger ones.
     """
-    level = lattice.grain[:2].copy()
-    while level.max() > 0 and np.prod(lattice.count[:2] << level) * sectors > most:
-        level = np.maximum(level - 1, 0)
-    shape = (len(STATUSES), sectors, *(lattice.count[:2] << level))
+    level = lattice.grain[:3].copy()
+    level[2] = min(level[2], int(np.ceil(np.log2(max(slices / lattice.count[2], 1.0)))))
+    while level[:2].max() > 0 and np.prod(lattice.count[:3] << level) > most:
+        level[:2] = np.maximum(level[:2] - 1, 0)
+    count = lattice.count[:3] << level
+    shape = (len(STATUSES), int(count[2]), int(count[0]), int(count[1]))
     nodes, status = findings.nodes, findings.status.astype(np.int64)
-    heading = (nodes.index[:, 2] + 0.5) / np.exp2(nodes.level[:, 2]) / lattice.count[2]
-    sector = np.minimum((heading * sectors).astype(np.int64), sectors - 1)
-    own = np.minimum(nodes.level[:, :2], level)
-    square = nodes.index[:, :2].astype(np.int64) >> (nodes.level[:, :2] - own)
+    own = np.minimum(nodes.level[:, :3], level)
+    place = nodes.index[:, :3].astype(np.int64) >> (nodes.level[:, :3] - own)
     volume, flat = lattice.volumes(nodes), np.zeros(int(np.prod(shape)))
     for coarse in np.unique(own, axis=0):
         there = np.flatnonzero((own == coarse).all(axis=1))
         spread = level - coarse
-        share = volume[there] / np.exp2(spread.sum())
-        first = square[there] << spread
-        for x in range(1 << spread[0]):
-            for y in range(1 << spread[1]):
-                at = (status[there], sector[there], first[:, 0] + x, first[:, 1] + y)
-                np.add.at(flat, np.ravel_multi_index(at, shape), share)
-    size = lattice.size[:2] * np.exp2(-level.astype(np.float64))
+        share, first = volume[there] / np.exp2(spread.sum()), place[there] << spread
+        for offset in np.ndindex(*(1 << spread)):
+            x, y, heading = (first + offset).T
+            np.add.at(flat, np.ravel_multi_index((status[there], heading, x, y), shape), share)
+    size = lattice.size[:2] * np.exp2(-level[:2].astype(np.float64))
     return Raster(flat.reshape(shape), lattice.origin[:2], size)

@@ -8,38 +8,16 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import PurePath
-from typing import Any, Protocol
+from typing import Any
 from urllib.parse import quote
 
-from viatool.report.document import FileIdentity
+from viatool.report.document import RunDocument
 from viatool.report.gate import Check
 from viatool.report.wording import describe_eps
 
 SCHEMA = "https://docs.oasis-open.org/sarif/sarif/v2.1.0/os/schemas/sarif-schema-2.1.0.json"
 MOST_RESULTS = 25_000  # more are refused by code scanning
 GATE = {"gate": ("error", "A condition of the gate does not hold.")}
-
-
-class Document(Protocol):
-    """What every document of a report has."""
-
-    @property
-    def policy(self) -> FileIdentity: ...  # noqa: D102
-
-    @property
-    def map(self) -> FileIdentity: ...  # noqa: D102
-
-    @property
-    def eps(self) -> Any: ...  # noqa: D102
-
-    @property
-    def criterion(self) -> str: ...  # noqa: D102
-
-    @property
-    def arithmetic(self) -> str: ...  # noqa: D102
-
-    @property
-    def versions(self) -> Mapping[str, str]: ...  # noqa: D102
 
 
 @dataclass(frozen=True)
@@ -65,7 +43,7 @@ class Finding:
 
 
 def compose_log(
-    document: Document,
+    document: RunDocument,
     rules: Mapping[str, tuple[str, str]],
     checks: Sequence[Check],
     findings: Iterable[Finding],
@@ -75,7 +53,7 @@ def compose_log(
 
     Parameters
     ----------
-    document : Document
+    document : RunDocument
         What the findings rest on.
     rules : mapping
         Level and description by name; the gate's among them.

@@ -20,7 +20,7 @@ COLUMNS = ("x", "y", *STATUSES[1:], "safe", *(f"safe_{name}" for name in SECTOR_
 
 def render(certificate: Certificate, checks: Sequence[Check], suffix: str) -> Iterator[str]:
     """Yield a row for each place with free volume: its middle in m, volumes in m^2 rad, and safe shares."""
-    return table(COLUMNS, _rows(certificate.raster))
+    return table(COLUMNS, _rows(certificate.sectors))
 
 
 def _rows(raster: Raster) -> Iterator[Sequence[str]]:

@@ -44,7 +44,7 @@ def render(certificate: Certificate, checks: Sequence[Check], suffix: str) -> by
 
 def draw(certificate: Certificate) -> Figure:
     """Draw a certificate."""
-    raster = certificate.raster
+    raster = certificate.sectors
     x_min, y_min, x_max, y_max = certificate.world_map.bounds
     height = 6.0 * float(np.clip((y_max - y_min) / (x_max - x_min), 0.3, 2.0))
     figure = Figure(figsize=(13.0, height + 1.2), layout="constrained", facecolor="white")

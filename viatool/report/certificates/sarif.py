@@ -46,8 +46,8 @@ def _refuted(certificate: Certificate) -> Iterator[Finding]:
         text = (
             f"{_name(tiles[row])}: {counted(int(cells[group[row]]), 'cell')} refuted. At x {x:.3f} m, y {y:.3f} m, "
             f"heading {theta:.3f} rad, after {before:.2f} m/s and {turning:.2f} rad/s, a sensor error within eps makes "
-            f"the policy command {v:.3f} m/s and {omega:.3f} rad/s, which comes within {found.clearance[row]:.3f} m of something "
-            f"after {found.seconds[row]:.2f} s."
+            f"the policy command {v:.3f} m/s and {omega:.3f} rad/s, which comes within {found.clearance[row]:.3f} m of "
+            f"something after {found.seconds[row]:.2f} s."
         )
         yield _finding(certificate, "refuted-place", text, tiles[row])
 
