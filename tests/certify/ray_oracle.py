@@ -25,31 +25,30 @@ def ranges(
     """How far the rays at angles (R,) get from poses (B, 3): (B, R)."""
     circles, segments = shapes
     bearing = poses[:, 2, None] + angles
-    dx, dy = np.cos(bearing)[..., None], np.sin(bearing)[..., None]
-    x, y = poses[:, 0, None, None], poses[:, 1, None, None]
+    dx, dy = np.cos(bearing), np.sin(bearing)
+    x, y = poses[:, 0, None], poses[:, 1, None]
     nearest = np.full(bearing.shape, limit)
-    if len(circles):
-        cx, cy, radius = circles.T
+    for cx, cy, radius in circles:
         along = (cx - x) * dx + (cy - y) * dy
         discriminant = along**2 - ((cx - x) ** 2 + (cy - y) ** 2 - radius**2)
         met = (discriminant >= 0.0) & (along > 0.0)
-        root = np.where(met, along - np.sqrt(np.maximum(discriminant, 0.0)), limit)
-        nearest = np.minimum(nearest, root.min(axis=2))
-    x1, y1, x2, y2 = segments.T
-    ex, ey = x2 - x1, y2 - y1
-    across = dx * ey - dy * ex
-    with np.errstate(divide="ignore", invalid="ignore"):
-        far = ((x1 - x) * ey - (y1 - y) * ex) / across
-        share = ((x1 - x) * dy - (y1 - y) * dx) / across
-    met = (across != 0.0) & (far >= 0.0) & (share >= 0.0) & (share <= 1.0)
-    return np.minimum(nearest, np.where(met, far, limit).min(axis=2))
+        nearest[met] = np.minimum(nearest[met], along[met] - np.sqrt(discriminant[met]))
+    for x1, y1, x2, y2 in segments:
+        ex, ey = x2 - x1, y2 - y1
+        across = dx * ey - dy * ex
+        with np.errstate(divide="ignore", invalid="ignore"):
+            far = ((x1 - x) * ey - (y1 - y) * ex) / across
+            share = ((x1 - x) * dy - (y1 - y) * dx) / across
+        met = (across != 0.0) & (far >= 0.0) & (share >= 0.0) & (share <= 1.0)
+        nearest = np.where(met, np.minimum(nearest, far), nearest)
+    return nearest
 
 
 def scan(
-    poses: np.ndarray, lidar: Lidar, shapes: tuple[np.ndarray, np.ndarray], most: int = 2_000_000
+    poses: np.ndarray, lidar: Lidar, shapes: tuple[np.ndarray, np.ndarray], most: int = 40_000
 ) -> np.ndarray:
     """What a perfect LiDAR reports from poses (B, 3): (B, bins)."""
-    step = max(1, most // (lidar.rays * (len(shapes[0]) + len(shapes[1]))))
+    step = max(1, most // lidar.rays)
     found = [
         ranges(poses[first : first + step], lidar.angles(), shapes, lidar.maximum_range)
         for first in range(0, len(poses), step)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.benchmarks.certified import try_states
+from tests.certify.plant import Plant
 from viatool import load_map, load_policy
 from viatool.certify import STATUSES, Budget, Campaign, Resolution, campaign, certify
 from viatool.certify.refuting import observe
@@ -31,7 +31,7 @@ def test_sampled_states_of_proved_cells_keep_their_clearance(certificate):
     proved = np.isin(table["status"], ["certified", "uncontested"])
     lower, upper = table["lower"][proved], table["upper"][proved]
     generator = np.random.default_rng(0)
-    left = try_states(POLICY, ROOM, SCENARIO, lower, upper, 0.01, generator, 4000)
+    left = Plant(POLICY, ROOM, SCENARIO, 0.01).margins(lower, upper, generator, 4000)
     assert len(left) > 3000
     assert left.min() > 0.0
 
@@ -64,7 +64,7 @@ def test_volumes_are_exact_and_add_up(certificate):
     volume = certificate.to_json()["volume"]
     examined = certificate.examined / certificate.roots * 16.0 * 2.0 * np.pi
     np.testing.assert_allclose(sum(volume.values()), examined)
-    np.testing.assert_allclose(certificate.raster.sum(axis=(1, 2, 3)), list(volume.values()))
+    np.testing.assert_allclose(certificate.raster.volumes.sum(axis=(1, 2, 3)), list(volume.values()))
     part, total = certificate.contested
     assert 0 < part < total <= certificate.free[1]
 
@@ -120,3 +120,16 @@ def test_what_cannot_be_certified_is_refused(options, error, words):
     given = {"scenario": SCENARIO, "eps": 0.01} | options
     with pytest.raises(error, match=words):
         certify(POLICY, ROOM, given.pop("scenario"), **given)
+
+
+def test_the_simulator_drives_the_arcs_of_the_criterion_and_sees_refuted_cells_fail(certificate):
+    """What the attempts to break certificates rest on: the criterion's paths, and failures where there are some."""
+    robot, generator = Plant(POLICY, ROOM, SCENARIO, 0.01), np.random.default_rng(1)
+    states = generator.uniform((-1, -1, -3, 0, -1), (1, 1, 3, 0.5, 1), (50, 5))
+    commands = generator.uniform((0, -1), (0.5, 1), (50, 2))
+    ends = certificate.rules.manoeuvre.path(states[:, :3], commands, np.ones(50))
+    np.testing.assert_allclose(robot.paths(states, commands)[:, -1], ends, atol=1e-9)
+    table = certificate.cell_table()
+    refuted = table["status"] == "refuted"
+    left = robot.margins(table["lower"][refuted], table["upper"][refuted], generator, 2000)
+    assert (left < 0.0).mean() > 0.03

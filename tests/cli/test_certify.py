@@ -72,7 +72,7 @@ def test_ci_sees_the_gate_the_slices_and_the_worst_places(outputs):
     [
         (("--scenario", "7"), "has 1 scenarios"),
         (("--fail-under", "danger=0.5"), "no rate 'danger'"),
-        (("--output", "sarif:x.sarif"), "formats are json"),
+        (("--output", "states:x.npz"), "formats are json"),
     ],
 )
 def test_wrong_usage_is_exit_2(arguments, words):

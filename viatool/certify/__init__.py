@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from viatool.certify.campaign import Budget, Campaign
-from viatool.certify.certificate import SECTOR_NAMES, Certificate
+from viatool.certify.certificate import SECTOR_NAMES, SECTORS, Certificate
 from viatool.certify.findings import STATUSES, Findings
 from viatool.certify.job import Resolution, certify
+from viatool.certify.raster import Raster
 
 __all__ = [
+    "SECTORS",
     "SECTOR_NAMES",
     "STATUSES",
     "Budget",
     "Campaign",
     "Certificate",
     "Findings",
+    "Raster",
     "Resolution",
     "certify",
 ]

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viatool.certify.findings import SETTLED, STATUSES, Findings
+from viatool.certify.raster import Raster, rasterise
 from viatool.certify.tree import Lattice, Nodes
 from viatool.policy import Policy
 from viatool.safety import Layout, Rules
@@ -21,11 +22,14 @@ Integers = NDArray[np.int64]
 
 SCHEMA_VERSION = 1
 SECTORS = 8
-"""Slices by heading."""
+"""Parts of a turn that have names."""
 SECTOR_NAMES = ("W-SW", "SW-S", "S-SE", "SE-E", "E-NE", "NE-N", "N-NW", "NW-W")
 """From theta = -pi on, with north along y."""
+_SLICES = 12
 _SPACING = 0.5
 """Metres between the worst places."""
+_MOST_VOLUMES = 8_000_000
+"""Of places times slices, so that the volumes of five statuses take some 300 MB at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,29 +108,24 @@ class Certificate:
         return np.asarray(np.left_shift(np.int64(1), depth), dtype=np.int64)
 
     @cached_property
-    def raster(self) -> Floats:
-        """Return the volume of each status in each place and sector of headings, (5, SECTORS, X, Y) m^2 rad.
+    def raster(self) -> Raster:
+        """Return the volume of each status in each place and slice of headings."""
+        return self.raster_within(_MOST_VOLUMES)
 
-        Places are cells of the grain; sectors begin at theta = -pi.
-        """
-        grain, count = self.lattice.grain, self.lattice.count
-        shape = (len(STATUSES), SECTORS, *(count[:2] << grain[:2]))
-        raster, nodes = np.zeros(shape), self.findings.nodes
-        volume = self.lattice.volumes(nodes)
-        level, index = nodes.level[:, :2].astype(np.int64), nodes.index.astype(np.int64)
-        heading = (index[:, 2] + 0.5) / np.exp2(nodes.level[:, 2]) / count[2]
-        sector = np.minimum((heading * SECTORS).astype(np.int64), SECTORS - 1)
-        deeper = np.maximum(level - grain[:2], 0)
-        for levels in np.unique(np.minimum(level, grain[:2]), axis=0):
-            there = np.flatnonzero((np.minimum(level, grain[:2]) == levels).all(axis=1))
-            spread = grain[:2] - levels
-            cell = (index[there, :2] >> deeper[there]) << spread
-            share = volume[there] / np.exp2(spread.sum())
-            for x in range(1 << spread[0]):
-                for y in range(1 << spread[1]):
-                    at = (self.findings.status[there], sector[there], cell[:, 0] + x, cell[:, 1] + y)
-                    np.add.at(raster, at, share)
-        return raster
+    @cached_property
+    def sectors(self) -> Raster:
+        """Return the volume of each status in each place and eighth of a turn."""
+        return self.raster.gathered(SECTORS)
+
+    def raster_within(self, most: int) -> Raster:
+        """Return the volumes in places that are cells of the grain, or larger ones where there were too many."""
+        return rasterise(self.lattice, self.findings, _SLICES, most)
+
+    def nearest_of(self, groups: Integers) -> Integers:
+        """Return the counterexample of each group (R,) that comes nearest to something, the nearest one first."""
+        order = np.argsort(self.findings.clearance, kind="stable")
+        _, first = np.unique(groups[order], return_index=True)
+        return np.asarray(order[np.sort(first)])
 
     def worst(self, most: int = 10) -> Integers:
         """Return the counterexamples that come nearest to something, in places at least half a metre apart."""

@@ -90,8 +90,9 @@ if TYPE_CHECKING:
     "-o",
     multiple=True,
     metavar="FORMAT:PATH",
-    help="Write a report: json, figure (png, svg, pdf), cells (npz), witnesses (json, for viatool replay), "
-    "markdown, junit or github; PATH - is stdout. Repeatable.",
+    help="Write a report: json, figure (png, svg, pdf), html (a page that opens offline), csv (a row for each place), "
+    "cells (npz), witnesses (json, for viatool replay), markdown, junit, sarif or github; PATH - is stdout. "
+    "Repeatable.",
 )
 @click.option(
     "--fail-under",

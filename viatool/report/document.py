@@ -88,8 +88,8 @@ class UnsafeState(_Part):
     pose: tuple[float, float, float]
 
 
-class ReportDocument(_Part):
-    """The whole report."""
+class RunDocument(_Part):
+    """What every report says of its run: what was examined, under which assumptions, with which versions."""
 
     schema_version: Annotated[int, Field(ge=1, le=1)]
     policy: FileIdentity
@@ -97,6 +97,13 @@ class ReportDocument(_Part):
     eps: Any
     criterion: str
     arithmetic: str
+    seconds: dict[str, float]
+    versions: dict[str, str]
+
+
+class ReportDocument(RunDocument):
+    """The whole report."""
+
     engine: Any
     states: Count
     verdicts: Verdicts
@@ -106,8 +113,6 @@ class ReportDocument(_Part):
     contested_rate: RateByOutcome
     task: Task
     reachable_width: dict[str, Width]
-    seconds: dict[str, float]
-    versions: dict[str, str]
     unsafe_states: list[UnsafeState] | None = None
 
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree as Xml
 
-from viatool.report.document import ReportDocument, read_result
+from viatool.report.document import ReportDocument, RunDocument, read_result
 from viatool.report.episodes import Episode, summarise_episodes
 from viatool.report.foreign import one_line
 from viatool.report.gate import Check
@@ -38,7 +38,7 @@ def junit(document: ReportDocument, episodes: Sequence[Episode], checks: Sequenc
     return suite_of(document, cases, total_seconds(document))
 
 
-def suite_of(document: Any, cases: Sequence[Xml.Element], seconds: float) -> Xml.Element:
+def suite_of(document: RunDocument, cases: Sequence[Xml.Element], seconds: float) -> Xml.Element:
     """Return the document element around cases; the document says of which policy, map and assumptions."""
     totals = {
         "tests": str(len(cases)),

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from fractions import Fraction
 from typing import Any
 
-from viatool.report.document import RateByOutcome, ReportDocument
-from viatool.report.numbers import MISSING, counted, percent_of, significant
+from viatool.report.document import RateByOutcome, ReportDocument, RunDocument
+from viatool.report.numbers import MISSING, counted, percent_of, seconds, significant
 
 ARITHMETIC = {
     "float32": "float32: bounds cover the rounding of the deployed program, in any order of summation",
@@ -87,9 +87,22 @@ def _flat(value: Any) -> str:
     return "none" if value is None else str(value)
 
 
-def total_seconds(document: ReportDocument) -> float:
+def total_seconds(document: RunDocument) -> float:
     """Return the seconds of a run: as the report says, or the sum over its stages."""
     return document.seconds.get("total", sum(document.seconds.values()))
+
+
+def identities(document: RunDocument) -> dict[str, str]:
+    """List which files were examined, with which versions, and in which time."""
+    stages = [f"{stage} {seconds(value)}" for stage, value in document.seconds.items() if stage != "total"]
+    return {
+        "policy": document.policy.path,
+        "policy sha256": document.policy.sha256,
+        "map": document.map.path,
+        "map sha256": document.map.sha256,
+        "versions": ", ".join(f"{name} {version}" for name, version in document.versions.items()),
+        "time": ", ".join([*stages, f"total {seconds(total_seconds(document))}"]),
+    }
 
 
 def unit_of(document: ReportDocument, action: str) -> str:

@@ -4,6 +4,17 @@ from __future__ import annotations
 
 CERTIFICATE_REPORTERS = {
     name: f"viatool.report.certificates.{name}"
-    for name in ("json", "figure", "cells", "witnesses", "markdown", "junit", "github")
+    for name in (
+        "json",
+        "figure",
+        "html",
+        "csv",
+        "cells",
+        "witnesses",
+        "markdown",
+        "junit",
+        "sarif",
+        "github",
+    )
 }
 """Format name to the module that renders it; imported when it is asked for."""

@@ -59,14 +59,17 @@ def print_certificate(document: CertificateDocument, console: Console, checks: S
 
 def headline(document: CertificateDocument) -> str:
     """Say in a line what was found."""
-    rate, roots = document.contested_rate, document.roots
-    if rate.total == 0:
-        text = "no pose is contested"
-    else:
-        text = f"{percentage(rate.part, rate.total)} of the contested volume is certified"
+    rate = document.contested_rate
+    text = what_is_certified(document)
+    return text if rate.total == 0 else f"{percentage(rate.part, rate.total)} {text}"
+
+
+def what_is_certified(document: CertificateDocument) -> str:
+    """Say what the rate of the headline is of, or that nothing is contested."""
+    roots = document.roots
+    text = "of the contested volume is certified" if document.contested_rate.total else "no pose is contested"
     if roots.examined < roots.total:
-        share = percentage(roots.examined, roots.total)
-        text += f", in a random {share} of the map"
+        text += f", in a random {percentage(roots.examined, roots.total)} of the map"
     return text
 
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from viatool.report.document import FileIdentity
+from viatool.report.document import RunDocument
 
 if TYPE_CHECKING:
     from viatool.certify import Certificate
@@ -78,18 +78,12 @@ class WorstPlace(_Part):
     seconds: Amount
 
 
-class CertificateDocument(_Part):
+class CertificateDocument(RunDocument):
     """The whole certificate."""
 
-    schema_version: Annotated[int, Field(ge=1, le=1)]
-    policy: FileIdentity
-    map: FileIdentity
     scenario: ScenarioIdentity
-    eps: Any
-    criterion: str
     clearance: Amount
     deceleration: Amount | None
-    arithmetic: str
     previous_command: Commands
     smallest_cell: dict[str, float]
     roots: Roots
@@ -99,8 +93,6 @@ class CertificateDocument(_Part):
     free_rate: Share
     decided_rate: Share
     worst: list[WorstPlace]
-    seconds: dict[str, float]
-    versions: dict[str, str]
 
 
 def read_certificate(certificate: Certificate) -> CertificateDocument:

@@ -13,21 +13,18 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
 from viatool.certify import SECTOR_NAMES
 from viatool.report.certificates.console import headline
 from viatool.report.certificates.document import read_certificate
+from viatool.report.certificates.places import is_free
 from viatool.report.drawing import INK, WALL, draw_floor, draw_obstacles
 from viatool.report.foreign import one_line
 from viatool.report.palette import COLOUR
-from viatool.world import Scenes
 
 if TYPE_CHECKING:
-    from viatool.certify import Certificate
+    from viatool.certify import Certificate, Raster
     from viatool.report.gate import Check
-
-Floats = NDArray[np.float64]
 
 SUFFIXES = (".png", ".svg", ".pdf")
 DPI = 160
@@ -47,32 +44,29 @@ def render(certificate: Certificate, checks: Sequence[Check], suffix: str) -> by
 
 def draw(certificate: Certificate) -> Figure:
     """Draw a certificate."""
-    raster = certificate.raster
+    raster = certificate.sectors
     x_min, y_min, x_max, y_max = certificate.world_map.bounds
     height = 6.0 * float(np.clip((y_max - y_min) / (x_max - x_min), 0.3, 2.0))
     figure = Figure(figsize=(13.0, height + 1.2), layout="constrained", facecolor="white")
     grid = figure.add_gridspec(2, 6, width_ratios=[1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
     main = figure.add_subplot(grid[:, :2])
     _draw_places(figure, main, certificate, raster)
-    for sector in range(raster.shape[1]):
+    for sector, name in enumerate(SECTOR_NAMES):
         axes = figure.add_subplot(grid[sector // 4, 2 + sector % 4])
-        _draw_slice(axes, certificate, raster[:, sector])
-        axes.set_title(f"heading {SECTOR_NAMES[sector]}", fontsize=8, color=INK, pad=2)
-    name = one_line(certificate.scenario.name).replace("$", r"\$")
-    figure.suptitle(f"{name}: {headline(read_certificate(certificate))}", fontsize=10, color=INK)
+        _draw_slice(axes, certificate, raster, sector)
+        axes.set_title(f"heading {name}", fontsize=8, color=INK, pad=2)
+    title = one_line(certificate.scenario.name).replace("$", r"\$")
+    figure.suptitle(f"{title}: {headline(read_certificate(certificate))}", fontsize=10, color=INK)
     figure.legend(handles=_legend(), loc="outside lower center", ncols=6, fontsize=8, frameon=False)
     return figure
 
 
-def _draw_places(figure: Figure, axes: Axes, certificate: Certificate, raster: Floats) -> None:
+def _draw_places(figure: Figure, axes: Axes, certificate: Certificate, raster: Raster) -> None:
     """Draw which share of the headings and previous commands of each place is safe."""
     _draw_floor(axes, certificate)
-    volumes = raster.sum(axis=1)  # (5, X, Y)
-    free = volumes[1:].sum(axis=0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        share = np.where((free > 0.0) & _is_free(certificate), (volumes[1] + volumes[2]) / free, np.nan)
+    share = np.where(is_free(certificate, raster), raster.safe_share(), np.nan)
     image = axes.imshow(
-        share.T, origin="lower", extent=_extent(certificate), cmap=colormaps["viridis"], vmin=0.0, vmax=1.0,
+        share.T, origin="lower", extent=raster.extent, cmap=colormaps["viridis"], vmin=0.0, vmax=1.0,
         interpolation="nearest", zorder=1.5,
     )  # fmt: skip
     figure.colorbar(image, ax=axes, shrink=0.7, pad=0.01, label="share of headings and previous commands")
@@ -85,28 +79,17 @@ def _draw_places(figure: Figure, axes: Axes, certificate: Certificate, raster: F
     axes.set_title("proved safe at each place", fontsize=9, color=INK, pad=3)
 
 
-def _is_free(certificate: Certificate) -> NDArray[np.bool_]:
-    """Tell which places keep the collision distance in their middle, (X, Y)."""
-    lattice, outline = certificate.lattice, certificate.rules.footprint
-    size = lattice.size[:2] * np.exp2(-lattice.grain[:2].astype(np.float64))
-    shape = lattice.count[:2] << lattice.grain[:2]
-    axes = (lattice.origin[axis] + size[axis] * (np.arange(shape[axis]) + 0.5) for axis in (0, 1))
-    places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-    scenes = Scenes.of(certificate.world_map, [certificate.scenario])
-    left = scenes.clearance(places, np.zeros(len(places), np.int64)) - outline.radius
-    return np.asarray((left > certificate.rules.clearance.collision).reshape(shape))
-
-
-def _draw_slice(axes: Axes, certificate: Certificate, raster: Floats) -> None:
+def _draw_slice(axes: Axes, certificate: Certificate, raster: Raster, sector: int) -> None:
     """Draw one slice: each place in the mean colour of its volume."""
     _draw_floor(axes, certificate)
-    total = raster.sum(axis=0)  # (X, Y)
-    share = raster / np.where(total > 0.0, total, 1.0)
+    volumes = raster.volumes[:, sector]
+    total = volumes.sum(axis=0)  # (X, Y)
+    share = volumes / np.where(total > 0.0, total, 1.0)
     colours = np.einsum("sxy,sc->yxc", share, np.array([to_rgb(colour) for colour in _COLOURS]))
     alpha = (total.T > 0.0).astype(float)[:, :, None]
     axes.imshow(
         np.concatenate([np.clip(colours, 0.0, 1.0), alpha], axis=2), origin="lower",
-        extent=_extent(certificate), interpolation="nearest", zorder=1.5,
+        extent=raster.extent, interpolation="nearest", zorder=1.5,
     )  # fmt: skip
     axes.set(xticks=[], yticks=[])
 
@@ -115,11 +98,6 @@ def _draw_floor(axes: Axes, certificate: Certificate) -> None:
     draw_floor(axes, certificate.world_map)
     draw_obstacles(axes, certificate.scenario.obstacles, facecolor=WALL, edgecolor=INK)
     axes.plot(*certificate.scenario.goal, marker="*", ms=9, mfc="#F0E442", mec=INK, mew=0.7, ls="", zorder=6)
-
-
-def _extent(certificate: Certificate) -> tuple[float, float, float, float]:
-    x_min, y_min, x_max, y_max = certificate.world_map.bounds
-    return x_min, x_max, y_min, y_max
 
 
 def _legend() -> Sequence[Patch | Line2D]:

@@ -20,7 +20,7 @@ SUFFIXES = (".xml",)
 
 def render(certificate: Certificate, checks: Sequence[Check], suffix: str) -> bytes:
     """Return the suite: a slice with refuted volume is a failure, one with unknown volume an error."""
-    volumes = certificate.raster.sum(axis=(2, 3)).T  # (sectors, statuses)
+    volumes = certificate.sectors.volumes.sum(axis=(2, 3)).T  # (sectors, statuses)
     cases = [_slice(name, row.tolist()) for name, row in zip(SECTOR_NAMES, volumes, strict=True)]
     document = read_certificate(certificate)
     seconds = sum(document.seconds.values())

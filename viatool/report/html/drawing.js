@@ -40,7 +40,7 @@ const Drawing = (() => {
     drawEpisode(row === null ? null : States.episode[row]);
     fill("here", outline(row === null ? [] : [States.poseOf(row)]));
     drawFan(row);
-    drawRobot("map", row, 0.22);
+    Scene.drawRobot(rules, "map", row === null ? null : States.poseOf(row), 0.22);
     drawSituation(row);
     drawCommands(row);
     for (const axis of [0, 1]) {
@@ -71,26 +71,9 @@ const Drawing = (() => {
   }
 
   function drawFan(row) {
-    const fan = { x: [], y: [], radius: [], start: [], end: [] };
-    if (row !== null && data.fan) {
-      const { start, bins, view } = data.fan;
-      const [[x, y, theta], observation] = [States.poseOf(row), States.observationOf(row)];
-      for (let bin = 0; bin < bins; bin += 1) {
-        fan.x.push(x);
-        fan.y.push(y);
-        fan.radius.push(Math.max(observation[start + bin], 0));
-        fan.start.push(theta - view / 2 + (view * bin) / bins);
-        fan.end.push(theta - view / 2 + (view * (bin + 1)) / bins);
-      }
-    }
-    fill("fan", fan);
-  }
-
-  function drawRobot(figure, row, size) {
-    const arrow = [[1, 0], [-0.6, 0.55], [-0.3, 0], [-0.6, -0.55]].map(([a, b]) => [size * a, size * b]);
-    fill(`${figure}-robot`, outline(row === null ? [] : Geometry.outline(States.poseOf(row), arrow)));
-    const body = row === null || (!rules.radius && !rules.polygon.length) ? [] : Geometry.outline(States.poseOf(row), rules.polygon);
-    fill(`${figure}-footprint`, outline(body.length ? Geometry.widened(body, rules.radius) : []));
+    const { start, bins, view } = data.fan ?? {};
+    const pose = row === null || !data.fan ? null : States.poseOf(row);
+    Scene.drawFan(pose, view, pose === null ? [] : States.observationOf(row).slice(start, start + bins));
   }
 
   // Lower, middle and upper value of both commands.
@@ -102,35 +85,7 @@ const Drawing = (() => {
   function drawSituation(row) {
     const box = row === null ? null : States.boxOf(row);
     const found = row === null ? null : States.witnessAt(row);
-    const before = row === null ? [] : States.waiting(row);
-    const arcs = box ? nine(box).map((command) => Geometry.path(before.at(-1), command, rules)) : [];
-    const swept = [...before, ...arcs.flat()].flatMap((pose) => Geometry.outline(pose, rules.polygon));
-    const tube = (distance) => (box ? Geometry.widened(swept, rules.radius + distance) : []);
-    fill("danger-tube", outline(tube(rules.danger)));
-    fill("collision-tube", outline(tube(rules.collision)));
-    fill("swept", outline(tube(0)));
-    fill("arcs", outlines(arcs));
-    fill("arc-ends", outline(arcs.map((arc) => arc.at(-1))));
-    fill("witness-path", outline(found ? [...before, ...Geometry.path(before.at(-1), found.command, rules)] : []));
-    fill("witness-pose", outline(found ? [found.pose] : []));
-    if (row === null) return;
-    const reach = Math.max(0.05, ...swept.map(([x, y]) => Math.hypot(x - swept[0][0], y - swept[0][1])));
-    drawRobot("situation", row, Math.min(0.16 * reach, 0.1));
-    look(States.poseOf(row), reach);
-  }
-
-  // The near view shows the arcs, the wide one the tubes and the obstacles around them.
-  function look([x, y, theta], reach) {
-    const near = document.getElementById("near").checked;
-    const ahead = near ? 0.4 * reach : 0;
-    const half = near ? 0.8 * reach : 1.15 * (rules.danger + rules.radius + reach);
-    const [a, b] = [x + ahead * Math.cos(theta), y + ahead * Math.sin(theta)];
-    Figures.frame("situation", [a, b], half);
-    const length = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5].findLast((size) => size <= 0.7 * half);
-    const [left, low] = [a - 0.9 * half, b - 0.92 * half];
-    fill("scale-bar", { x: [left, left + length], y: [low, low] });
-    const text = length < 0.01 ? `${length * 1000} mm` : length < 1 ? `${Math.round(length * 100)} cm` : `${length} m`;
-    fill("scale-text", { x: [left + length / 2], y: [low + 0.02 * half], text: [text] });
+    Scene.drawSituation(rules, row === null ? [] : States.waiting(row), box ? nine(box) : [], found);
   }
 
   function drawCommands(row) {

@@ -23,6 +23,12 @@ const Geometry = {
     return Array.from({ length: steps + 1 }, (_, i) => Geometry.advance(pose, command, (whole * i) / steps));
   },
 
+  // Where the robot is until a new command begins to act: its pose, and its way under the one before.
+  waiting(pose, previous, rules) {
+    if (previous === null || !rules.delay) return [pose];
+    return [0, 0.25, 0.5, 0.75, 1].map((share) => Geometry.advance(pose, previous, share * rules.delay));
+  },
+
   // The corners of a footprint at a pose, or its one point.
   outline([x, y, theta], polygon) {
     if (!polygon.length) return [[x, y]];

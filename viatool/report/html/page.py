@@ -1,40 +1,39 @@
-"""The page: one self-contained file, filled in one place, that runs its own scripts and reaches no network."""
+"""The page of a result: what its template speaks of, filled in one place."""
 
 from __future__ import annotations
 
-import json
-from base64 import b64encode
 from collections.abc import Iterator, Sequence
-from hashlib import sha256
-from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
-import bokeh
-from bokeh.embed import json_item
-from bokeh.resources import Resources
-from jinja2 import Environment, StrictUndefined
+from bokeh.plotting import figure
 
 from viatool.report.document import RateByOutcome, ReportDocument, read_result
 from viatool.report.episodes import Episode, summarise_episodes
 from viatool.report.foreign import one_line
 from viatool.report.gate import Check
-from viatool.report.html.figures import (
-    commands_figure,
-    histograms,
-    map_figure,
-    situation_figure,
-    width_figure,
-)
+from viatool.report.html.canvas import situation_figure
+from viatool.report.html.figures import commands_figure, histograms, map_figure, width_figure
+from viatool.report.html.shell import assemble
 from viatool.report.html.states import keep_states, page_data
-from viatool.report.numbers import count, percentage, seconds, significant
-from viatool.report.palette import COLOUR, MEANING, VERDICTS
-from viatool.report.wording import assumptions, describe_eps, describe_task, rate_rows, total_seconds, unit_of
+from viatool.report.numbers import count, percentage, significant
+from viatool.report.palette import MEANING, VERDICTS
+from viatool.report.wording import assumptions, describe_eps, describe_task, identities, rate_rows, unit_of
 
 if TYPE_CHECKING:
     from viatool.report.html.states import Indices
     from viatool.safety import Result
 
-SCRIPTS = ("geometry.js", "states.js", "figures.js", "drawing.js", "words.js", "report.js")
+SCRIPTS = (
+    "geometry.js",
+    "arrays.js",
+    "states.js",
+    "figures.js",
+    "theme.js",
+    "scene.js",
+    "drawing.js",
+    "words.js",
+    "report.js",
+)
 MOST_EPISODES = 500  # rows of the table of episodes
 OUTCOMES = ("overall", "success", "collision", "timeout")
 
@@ -53,20 +52,15 @@ def render_page(result: Result, checks: Sequence[Check], most: int | None = None
     """
     document = read_result(result)
     kept = keep_states(result) if most is None else keep_states(result, most)
-    scripts = [*_library(), *map(_asset, SCRIPTS)]
-    page = _environment().from_string(_asset("page.html"))
-    return page.render(
-        policy=content_security_policy(scripts),
-        title=one_line(f"{document.policy.path} on {document.map.path}: viatool"),
-        colours=COLOUR,
-        style=_asset("style.css"),
-        scripts=scripts,
-        data=as_script(page_data(result, kept)),
-        figures=as_script(_figures(result)),
-        document=document,
-        bokeh_version=bokeh.__version__,
+    return assemble(
+        __package__,
+        "page.html",
+        SCRIPTS,
+        title=f"{document.policy.path} on {document.map.path}: viatool",
+        version=document.versions.get("viatool", ""),
+        data=page_data(result, kept),
+        figures=_figures(result),
         checks=checks,
-        gate_passed=all(check.passed for check in checks),
         connected=result.trajectory.connected,
         thinned=_thinned(result, kept),
         shown_outcomes=[name for name in (*OUTCOMES[1:], "unknown") if name in result.outcomes],
@@ -75,46 +69,15 @@ def render_page(result: Result, checks: Sequence[Check], most: int | None = None
     )
 
 
-def content_security_policy(scripts: Sequence[str]) -> str:
-    """Return a policy that runs these very scripts, and loads nothing from anywhere."""
-    hashes = " ".join(f"'sha256-{b64encode(sha256(s.encode()).digest()).decode()}'" for s in scripts)
-    # Bokeh styles its elements inline, and its pictures are data.
-    return f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:"
-
-
-def as_script(content: Any) -> str:
-    """Return JSON that no string in it can end: it stands in a script element."""
-    text = json.dumps(content, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
-    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
-
-
-def _environment() -> Environment:
-    """Return the environment of the template: everything is escaped, and nothing may be missing."""
-    environment = Environment(autoescape=True, undefined=StrictUndefined, keep_trailing_newline=True)
-    environment.filters["line"] = lambda text: one_line(str(text))
-    return environment
-
-
-def _asset(name: str) -> str:
-    return files(__package__).joinpath(name).read_text(encoding="utf-8")
-
-
-def _library() -> list[str]:
-    """Return the scripts of the plotting library, without what would end their element."""
-    resources = Resources(mode="inline", components=["bokeh"], log_level="error")
-    return [script.replace("</script", "<\\/script") for script in resources.js_raw]
-
-
-def _figures(result: Result) -> list[Any]:
-    plots = [
+def _figures(result: Result) -> list[figure]:
+    return [
         map_figure(result),
-        situation_figure(result),
+        situation_figure(result.world_map),
         commands_figure(result),
         width_figure(result, 0),
         width_figure(result, 1),
         *histograms(result),
     ]
-    return [json_item(plot, f"plot-{plot.name}") for plot in plots]
 
 
 def _thinned(result: Result, kept: Indices) -> str:
@@ -154,7 +117,7 @@ def _tables(document: ReportDocument) -> dict[str, Any]:
             (name, *map(significant, (width.mean, width.std, width.max)), unit_of(document, name))
             for name, width in document.reachable_width.items()
         ],
-        "assumptions": [*assumptions(document).items(), *_identities(document)],
+        "assumptions": {**assumptions(document), **identities(document)},
     }
 
 
@@ -174,15 +137,6 @@ def _cells(rates: RateByOutcome) -> Iterator[dict[str, str]]:
         rate = getattr(rates, outcome)
         figures = f"{count(rate.safe)} of {count(rate.total)}" if rate.total else "no states"
         yield {"rate": percentage(rate.safe, rate.total), "figures": figures}
-
-
-def _identities(document: ReportDocument) -> Iterator[tuple[str, str]]:
-    for name, identity in (("policy", document.policy), ("map", document.map)):
-        yield name, identity.path
-        yield f"{name} sha256", identity.sha256
-    yield "versions", ", ".join(f"{name} {version}" for name, version in document.versions.items())
-    stages = [f"{stage} {seconds(value)}" for stage, value in document.seconds.items() if stage != "total"]
-    yield "time", ", ".join([*stages, f"total {seconds(total_seconds(document))}"])
 
 
 def _episodes(result: Result, kept: Indices) -> dict[str, Any]:

@@ -76,12 +76,6 @@
     element("play").textContent = timer === null ? "Play" : "Pause";
   }
 
-  function setTheme(name) {
-    document.documentElement.dataset.theme = name;
-    element("theme").textContent = name === "dark" ? "Light" : "Dark";
-    Figures.paint(current === null ? "quiet" : States.verdictOf(current));
-  }
-
   function wire() {
     const episodes = element("episode");
     episodes.append(...data.episodes.map(({ number, name, outcome }, i) => new Option(`${number}: ${name} (${outcome})`, i)));
@@ -97,16 +91,6 @@
     Figures.model("situation").properties.inner_width.change.connect(() => Drawing.drawSituation(current));
   }
 
-  function wireTheme() {
-    const dark = matchMedia("(prefers-color-scheme: dark)");
-    const follow = () => setTheme(dark.matches ? "dark" : "light");
-    dark.addEventListener("change", follow);
-    element("theme").addEventListener("click", () => setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark"));
-    addEventListener("beforeprint", Figures.addPictures);
-    addEventListener("afterprint", () => document.querySelectorAll(".snapshot").forEach((picture) => picture.remove()));
-    follow();
-  }
-
   // The explorer first, and the figures below it when the page can already be used.
   async function open() {
     const items = JSON.parse(element("figures").textContent);
@@ -114,12 +98,12 @@
     wire();
     current = data.first;
     applyFilters();
-    wireTheme();
+    Theme.wire(() => Figures.paint(current === null ? "quiet" : States.verdictOf(current)));
     document.documentElement.dataset.usable = performance.now();
     await new Promise((resolve) => { setTimeout(resolve, 50); });
     await Figures.embed(items.slice(3));
     Drawing.redraw(current);
-    setTheme(document.documentElement.dataset.theme);
+    Theme.again();
     document.documentElement.dataset.whole = performance.now();
   }
 

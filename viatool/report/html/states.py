@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from base64 import b64encode
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from viatool.report.palette import VERDICTS
 
 if TYPE_CHECKING:
     from viatool.policy import ObservationChannel
-    from viatool.safety import Result
+    from viatool.safety import Result, Rules
     from viatool.world import Lidar, Obstacles
 
 Indices = NDArray[np.int64]
@@ -82,9 +83,9 @@ def page_data(result: Result, kept: Indices) -> dict[str, Any]:
         "states": _states(result, kept, episode.reshape(-1)),
         "witnesses": _witnesses(result, kept),
         "episodes": [_episode(result, int(index)) for index in episodes],
-        "channels": _channels(result),
-        "fan": _fan(result),
-        "rules": _rules(result),
+        "channels": channel_list(result.channels, result.radii),
+        "fan": fan_of(result.channels, result.world_map.robot.lidar),
+        "rules": rules_of(result.rules),
         "actions": [
             {"name": one_line(result.actions[c].name), "unit": one_line(result.actions[c].unit)}
             for c in result.columns
@@ -159,10 +160,10 @@ def shapes(obstacles: Obstacles) -> dict[str, Any]:
     }
 
 
-def _channels(result: Result) -> list[dict[str, Any]]:
-    """Return the channels of the observation, with the column at which each one starts."""
+def channel_list(channels: Sequence[ObservationChannel], radii: NDArray[np.float64]) -> list[dict[str, Any]]:
+    """Return the channels of an observation, with the column at which each one starts."""
     listed, start = [], 0
-    for channel in result.channels:
+    for channel in channels:
         listed.append(
             {
                 "name": one_line(channel.name)[:LONGEST_NAME],
@@ -170,19 +171,19 @@ def _channels(result: Result) -> list[dict[str, Any]]:
                 "kind": channel.kind,
                 "start": start,
                 "size": channel.size,
-                "eps": result.radii[start : start + channel.size].tolist(),
+                "eps": radii[start : start + channel.size].tolist(),
             }
         )
         start += channel.size
     return listed
 
 
-def _fan(result: Result) -> dict[str, Any] | None:
+def fan_of(channels: Sequence[ObservationChannel], robot: Lidar) -> dict[str, Any] | None:
     """Return where the bins of the LiDAR channel look; None for a policy without one."""
     start = 0
-    for channel in result.channels:
+    for channel in channels:
         if channel.kind == "lidar":
-            lidar = _lidar_of(channel, result)
+            lidar = channel.lidar or (robot if robot.bins == channel.size else None)
             if lidar is None:
                 return None
             return {"start": start, "bins": channel.size, "view": lidar.field_of_view}
@@ -190,16 +191,9 @@ def _fan(result: Result) -> dict[str, Any] | None:
     return None
 
 
-def _lidar_of(channel: ObservationChannel, result: Result) -> Any:
-    robot: Lidar = result.world_map.robot.lidar
-    if channel.lidar is not None:
-        return channel.lidar
-    return robot if robot.bins == channel.size else None
-
-
-def _rules(result: Result) -> dict[str, Any]:
-    rules, footprint = result.rules, result.rules.footprint
-    manoeuvre = rules.manoeuvre
+def rules_of(rules: Rules) -> dict[str, Any]:
+    """Return what the script needs to draw paths and distances."""
+    manoeuvre, footprint = rules.manoeuvre, rules.footprint
     return {
         "collision": rules.clearance.collision,
         "danger": rules.clearance.danger,

@@ -1,0 +1,61 @@
+// What is drawn of one state wherever it comes from: the robot, its LiDAR, and what its commands sweep.
+"use strict";
+
+const Scene = (() => {
+  const { fill, outline, outlines } = Figures;
+
+  // What a scan of `view` radians reads from a pose; nothing without a pose.
+  function drawFan(pose, view, ranges) {
+    const fan = { x: [], y: [], radius: [], start: [], end: [] };
+    const bins = pose === null ? 0 : ranges.length;
+    for (let bin = 0; bin < bins; bin += 1) {
+      fan.x.push(pose[0]);
+      fan.y.push(pose[1]);
+      fan.radius.push(Math.max(ranges[bin], 0));
+      fan.start.push(pose[2] - view / 2 + (view * bin) / bins);
+      fan.end.push(pose[2] - view / 2 + (view * (bin + 1)) / bins);
+    }
+    fill("fan", fan);
+  }
+
+  function drawRobot(rules, figure, pose, size) {
+    const arrow = [[1, 0], [-0.6, 0.55], [-0.3, 0], [-0.6, -0.55]].map(([a, b]) => [size * a, size * b]);
+    fill(`${figure}-robot`, outline(pose === null ? [] : Geometry.outline(pose, arrow)));
+    const body = pose === null || (!rules.radius && !rules.polygon.length) ? [] : Geometry.outline(pose, rules.polygon);
+    fill(`${figure}-footprint`, outline(body.length ? Geometry.widened(body, rules.radius) : []));
+  }
+
+  // The way before the command acts (at least the pose), the paths of its commands, and a counterexample or null.
+  function drawSituation(rules, before, commands, found) {
+    const arcs = commands.map((command) => Geometry.path(before.at(-1), command, rules));
+    const swept = [...before, ...arcs.flat()].flatMap((pose) => Geometry.outline(pose, rules.polygon));
+    const tube = (distance) => (arcs.length ? Geometry.widened(swept, rules.radius + distance) : []);
+    fill("danger-tube", outline(tube(rules.danger)));
+    fill("collision-tube", outline(tube(rules.collision)));
+    fill("swept", outline(tube(0)));
+    fill("arcs", outlines(arcs));
+    fill("arc-ends", outline(arcs.map((arc) => arc.at(-1))));
+    fill("witness-path", outline(found ? [...before, ...Geometry.path(before.at(-1), found.command, rules)] : []));
+    fill("witness-pose", outline(found ? [found.pose] : []));
+    if (!before.length) return;
+    const reach = Math.max(0.05, ...swept.map(([x, y]) => Math.hypot(x - swept[0][0], y - swept[0][1])));
+    drawRobot(rules, "situation", before[0], Math.min(0.16 * reach, 0.1));
+    look(rules, before[0], reach);
+  }
+
+  // The near view shows the arcs, the wide one the tubes and the obstacles around them.
+  function look(rules, [x, y, theta], reach) {
+    const near = document.getElementById("near").checked;
+    const ahead = near ? 0.4 * reach : 0;
+    const half = near ? 0.8 * reach : 1.15 * (rules.danger + rules.radius + reach);
+    const [a, b] = [x + ahead * Math.cos(theta), y + ahead * Math.sin(theta)];
+    Figures.frame("situation", [a, b], half);
+    const length = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5].findLast((size) => size <= 0.7 * half);
+    const [left, low] = [a - 0.9 * half, b - 0.92 * half];
+    fill("scale-bar", { x: [left, left + length], y: [low, low] });
+    const text = length < 0.01 ? `${length * 1000} mm` : length < 1 ? `${Math.round(length * 100)} cm` : `${length} m`;
+    fill("scale-text", { x: [left + length / 2], y: [low + 0.02 * half], text: [text] });
+  }
+
+  return { drawFan, drawRobot, drawSituation };
+})();

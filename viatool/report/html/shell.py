@@ -1,0 +1,100 @@
+"""What every page is built in: one self-contained file that runs its own scripts and reaches no network."""
+
+from __future__ import annotations
+
+import json
+from base64 import b64encode
+from collections.abc import Sequence
+from hashlib import sha256
+from importlib.resources import files
+from typing import Any
+
+import bokeh
+from bokeh.embed import json_item
+from bokeh.plotting import figure
+from bokeh.resources import Resources
+from jinja2 import Environment, FunctionLoader, StrictUndefined
+
+from viatool.report.foreign import one_line
+from viatool.report.gate import Check
+from viatool.report.palette import COLOUR
+
+_SHARED = "viatool.report.html"
+
+
+def assemble(
+    package: str,
+    template: str,
+    scripts: Sequence[str],
+    *,
+    title: str,
+    version: str,
+    data: Any,
+    figures: Sequence[figure],
+    checks: Sequence[Check],
+    **context: Any,
+) -> str:
+    """Return a page.
+
+    Parameters
+    ----------
+    package : str
+        Where its template and scripts are, unless they are those of every page.
+    template : str
+        Name of the template, which extends ``base.html``.
+    scripts : sequence of str
+        Names of its scripts, in the order in which they run.
+    title, version : str
+        Of the page, and of the program that made it.
+    data : Any
+        Plain data that the scripts read.
+    figures : sequence of figure
+        Each is embedded in the element ``plot-NAME``.
+    checks : sequence of Check
+        The decided conditions of the gate.
+    **context : Any
+        What else the template speaks of.
+    """
+
+    def asset(name: str) -> str:
+        own = files(package).joinpath(name)
+        return (own if own.is_file() else files(_SHARED).joinpath(name)).read_text(encoding="utf-8")
+
+    sources = [*_library(), *map(asset, scripts)]
+    environment = Environment(
+        loader=FunctionLoader(asset), autoescape=True, undefined=StrictUndefined, keep_trailing_newline=True
+    )
+    environment.filters["line"] = lambda text: one_line(str(text))
+    return environment.get_template(template).render(
+        content_policy=content_security_policy(sources),
+        title=one_line(title),
+        version=version,
+        colours=COLOUR,
+        style=asset("style.css"),
+        scripts=sources,
+        data=as_script(data),
+        figures=as_script([json_item(plot, f"plot-{plot.name}") for plot in figures]),
+        bokeh_version=bokeh.__version__,
+        checks=checks,
+        gate_passed=all(check.passed for check in checks),
+        **context,
+    )
+
+
+def content_security_policy(scripts: Sequence[str]) -> str:
+    """Return a policy that runs these very scripts, and loads nothing from anywhere."""
+    hashes = " ".join(f"'sha256-{b64encode(sha256(s.encode()).digest()).decode()}'" for s in scripts)
+    # Bokeh styles its elements inline, and its pictures are data.
+    return f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:"
+
+
+def as_script(content: Any) -> str:
+    """Return JSON that no string in it can end: it stands in a script element."""
+    text = json.dumps(content, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def _library() -> list[str]:
+    """Return the scripts of the plotting library, without what would end their element."""
+    resources = Resources(mode="inline", components=["bokeh"], log_level="error")
+    return [script.replace("</script", "<\\/script") for script in resources.js_raw]
