@@ -53,7 +53,8 @@ def setting(seed, count=3000):
 def least(seed=0):
     """The least clearance, less the collision distance, on paths from free poses that are said to keep away."""
     boxes, lower, upper, generator = setting(seed)
-    holds = np.flatnonzero(keep_away(boxes, Shapes.of(WORLD, None), Rules.of(WORLD, "braking"), lower, upper))
+    rules = Rules.of(WORLD, "braking")
+    holds = np.flatnonzero(keep_away(boxes, Shapes.of(WORLD, None), rules, rules.manoeuvre, lower, upper))
     z = generator.choice([-1.0, 1.0], (len(holds), 12, 3)) * generator.choice([1.0, 0.5], (len(holds), 12, 1))
     poses = boxes.centre[holds][:, None] + z * boxes.radius[holds][:, None]
     share = generator.choice([0.0, 1.0], (len(holds), 12, 2))
@@ -77,7 +78,11 @@ def test_driving_catches_the_argument_without_one_of_its_rules(monkeypatch, rule
     mutants = {
         "cone": (retreat, "cone", lambda reach, distance: 0.0 * distance),
         "headings": (PoseBoxes, "turn", property(lambda boxes: 0.0 * boxes.radius[:, 2])),
-        "commands that turn": (retreat, "turns", lambda rules, low, high: (0.0 * low[:, 0], 0.0 * low[:, 0])),
+        "commands that turn": (
+            retreat,
+            "turns",
+            lambda manoeuvre, low, high: (0.0 * low[:, 0], 0.0 * low[:, 0]),
+        ),
         "shapes behind": (retreat, "vectors_from_shapes", lambda *a: (right(*a)[0][:, 1:], right(*a)[1][1:])),
     }
     monkeypatch.setattr(*mutants[rule])
@@ -90,4 +95,4 @@ def test_a_wall_behind_settles_a_cell_that_straddles_the_rim():
     behind, ahead = [4.6, 0.0, math.pi], [4.6, 0.0, 0.0]  # the wall is at x = 5
     boxes = PoseBoxes(np.array([behind, ahead]), np.full((2, 3), 0.02))
     full = np.tile(rules.lower, (2, 1)), np.tile(rules.upper, (2, 1))
-    assert keep_away(boxes, shapes, rules, *full).tolist() == [True, False]
+    assert keep_away(boxes, shapes, rules, rules.manoeuvre, *full).tolist() == [True, False]

@@ -155,6 +155,7 @@ class Certificate:
             "criterion": self.rules.criterion,
             "clearance": self.rules.clearance.collision,
             "deceleration": self.rules.deceleration if self.rules.criterion == "braking" else None,
+            "delay": self.rules.delay,
             "arithmetic": self.arithmetic,
             "previous_command": {"lower": lower.tolist(), "upper": upper.tolist()},
             "smallest_cell": dict(zip(("x", "y", "theta", "v", "omega"), size.tolist(), strict=True)),

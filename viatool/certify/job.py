@@ -55,6 +55,7 @@ def certify(
     clearance: float | None = None,
     deceleration: float | None = None,
     interval: float | None = None,
+    delay: float = 0.0,
     footprint: Footprint | str | float | None = None,
     arithmetic: Arithmetic = "float32",
     resolution: Resolution | None = None,
@@ -77,6 +78,8 @@ def certify(
         "swept" or "braking".
     clearance, deceleration, interval, footprint
         Instead of the map's and the robot's.
+    delay : float
+        Dead time in seconds, for which the command before goes on.
     arithmetic : str
         As in `viatool.reach`.
     resolution : Resolution, optional
@@ -116,7 +119,7 @@ def certify(
     world_map = world_map.with_clearance(clearance, None)
     if deceleration is not None:
         world_map = world_map.with_robot(replace(world_map.robot, deceleration=deceleration))
-    rules = Rules.of(world_map, criterion, interval=interval, footprint=footprint)
+    rules = Rules.of(world_map, criterion, interval=interval, footprint=footprint, delay=delay)
     layout = Layout.of(policy, eps)
     if Scenes.of(world_map, [scenario]).blocked(np.array([scenario.goal]), np.zeros(1, np.int64))[0]:
         x, y = scenario.goal

@@ -13,8 +13,9 @@ from viatool.certify.observation import Cells, Sensors
 from viatool.certify.poses import ROUNDING, PoseBoxes
 from viatool.certify.retreat import keep_away
 from viatool.certify.shapes import Shapes
+from viatool.certify.waiting import after_waiting
 from viatool.policy import ObservationChannel, Policy
-from viatool.safety import Layout, Rules, Situations
+from viatool.safety import Layout, Manoeuvre, Rules, Situations
 from viatool.safety.proof import Effort, prove_clearance
 from viatool.simulate.observation import Observer
 from viatool.taylor.correlated import input_model, reach_correlated
@@ -111,26 +112,35 @@ class Question:
         return np.asarray(distance + moved + slack <= self.rules.clearance.collision)
 
     def settled(self, boxes: PoseBoxes) -> Booleans:
-        """Tell in which boxes no admissible command endangers a free pose, (C,). **Sound:** yes."""
-        ends = (np.broadcast_to(end, (len(boxes), 2)) for end in (self.rules.lower, self.rules.upper))
-        return self.holds(boxes, *ends)
+        """Tell in which boxes no admissible commands, before and next, endanger a free pose, (C,). **Sound:** yes."""
+        lower, upper = (np.broadcast_to(end, (len(boxes), 2)) for end in (self.rules.lower, self.rules.upper))
+        return self.holds(Cells(boxes, lower, upper), lower, upper)
 
-    def holds(self, boxes: PoseBoxes, lower: Floats, upper: Floats) -> Booleans:
-        """Tell in which boxes every command of a box (C, 2) keeps every free pose clear, (C,). **Sound:** yes."""
-        shapes = self.sensors.shapes
+    def holds(self, cells: Cells, lower: Floats, upper: Floats) -> Booleans:
+        """Tell in which cells every command of a box (C, 2) keeps every free pose clear, (C,). **Sound:** yes.
+
+        With a dead time the command before goes on from the pose, and the next one acts where that has led.
+        """
+        rules = self.rules
+        if not rules.delay:
+            return self._keep_clear(cells.poses, rules.manoeuvre, lower, upper)
+        held = cells.previous_lower, cells.previous_upper
+        kept = self._keep_clear(cells.poses, rules.waiting, *held)
+        some = np.flatnonzero(kept)
+        acting = after_waiting(cells.poses, rules.waiting, *held).select(some)
+        kept[some] = self._keep_clear(acting, rules.manoeuvre, lower[some], upper[some])
+        return kept
+
+    def _keep_clear(self, boxes: PoseBoxes, manoeuvre: Manoeuvre, lower: Floats, upper: Floats) -> Booleans:
+        """Tell in which boxes every command of a box keeps every free pose clear on its path, (C,)."""
+        shapes, rules = self.sensors.shapes, self.rules
         kept = np.zeros(len(boxes), dtype=bool)
         for some in self._chunks(len(boxes), 16 * _CHUNK):
-            kept[some] = keep_away(boxes.select(some), shapes, self.rules, lower[some], upper[some])
+            kept[some] = keep_away(boxes.select(some), shapes, rules, manoeuvre, lower[some], upper[some])
         rest = np.flatnonzero(~kept)
-        here, rules = self.at(boxes.select(rest)), self.rules
+        here, least = self.at(boxes.select(rest)), rules.clearance.collision
         kept[rest] = prove_clearance(
-            here,
-            lower[rest],
-            upper[rest],
-            rules.clearance.collision,
-            rules.manoeuvre,
-            rules.footprint,
-            _EFFORT,
+            here, lower[rest], upper[rest], least, manoeuvre, rules.footprint, _EFFORT
         ).proved
         return kept
 

@@ -81,8 +81,9 @@ def refute(question: Question, cells: Cells, commands: Commands, *, seed: int = 
     observations = observe(question, poses, previous[row]).astype(layout.number).astype(np.float64)
     radii = np.maximum(layout.radii - _AS_RECEIVED * (1.0 + np.abs(observations).max(axis=0)), 0.0)
     situations = replace(question.situation, poses=poses, scene=np.zeros(len(row), np.int64), radii=None)
+    case = Case(rules, situations, previous[row])
     found = search_witnesses(
-        question.policy, layout.columns, Case(rules, situations), np.arange(len(row)), observations, radii,
+        question.policy, layout.columns, case, np.arange(len(row)), observations, radii,
         commands.lower[row], commands.upper[row], seed=seed,
     )  # fmt: skip
     return Refutations(poses[found.state], previous[row][found.state], replace(found, state=row[found.state]))
@@ -105,7 +106,7 @@ def observe(question: Question, poses: Floats, previous: Floats) -> Floats:
 
 
 def _worst_poses(question: Question, boxes: PoseBoxes, place: Floats, previous: Floats) -> Floats:
-    """Return the pose at a place (W, 2) of each box whose nominal command comes nearest, (W, 3)."""
+    """Return the free pose at a place (W, 2) of each box whose nominal command comes nearest, (W, 3)."""
     if not len(boxes):
         return np.zeros((0, 3))
     rules, count = question.rules, len(boxes)
@@ -113,10 +114,15 @@ def _worst_poses(question: Question, boxes: PoseBoxes, place: Floats, previous: 
     heading = boxes.centre[:, 2, None] + _INSIDE * _TURNS * boxes.radius[:, 2, None]
     poses = np.concatenate([places, heading[:, :, None]], axis=2)  # (W, 3, 3)
     flat = poses.reshape(-1, 3)
-    seen = observe(question, flat, np.repeat(previous, len(_TURNS), axis=0))
-    actions = rules.clip(question.policy.network(seen)[:, question.layout.columns])
-    paths = rules.manoeuvre.path(flat[:, None], actions[:, None], _FRACTIONS)
-    least = _clearance(question, paths).reshape(count, len(_TURNS), -1).min(axis=2)
+    before = np.repeat(previous, len(_TURNS), axis=0)
+    actions = rules.clip(question.policy.network(observe(question, flat, before))[:, question.layout.columns])
+    situations = replace(question.situation, poses=flat, scene=np.zeros(len(flat), np.int64), radii=None)
+    case = Case(rules, situations, before)
+    left = case.clearance(case.paths(actions[:, None], _FRACTIONS)).reshape(count, len(_TURNS), -1)
+    free = (
+        _clearance(question, poses) > rules.clearance.collision + _FREE
+    )  # corners may be nearer when turned
+    least = np.where(free, left.min(axis=2), np.inf)
     return np.asarray(poses[np.arange(count), least.argmin(axis=1)])
 
 

@@ -16,16 +16,19 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from viatool.certify.outline_retreat import keep_outline_away
 from viatool.certify.poses import ROUNDING, PoseBoxes
 from viatool.certify.shapes import Shapes
-from viatool.safety import Rules
+from viatool.safety import Manoeuvre, Rules
 
 Floats = NDArray[np.float64]
 Plane = NDArray[np.complex128]
 Booleans = NDArray[np.bool_]
 
 
-def keep_away(boxes: PoseBoxes, shapes: Shapes, rules: Rules, lower: Floats, upper: Floats) -> Booleans:
+def keep_away(
+    boxes: PoseBoxes, shapes: Shapes, rules: Rules, manoeuvre: Manoeuvre, lower: Floats, upper: Floats
+) -> Booleans:
     """Tell in which boxes no free pose comes too near to anything, whatever command of a box it is given.
 
     Parameters
@@ -35,7 +38,9 @@ def keep_away(boxes: PoseBoxes, shapes: Shapes, rules: Rules, lower: Floats, upp
     shapes : Shapes
         What is around.
     rules : Rules
-        Distance, footprint and manoeuvre.
+        Distance and footprint.
+    manoeuvre : Manoeuvre
+        How a command becomes a path.
     lower, upper : ndarray
         (C, 2) commands as the robot carries them out.
 
@@ -46,16 +51,17 @@ def keep_away(boxes: PoseBoxes, shapes: Shapes, rules: Rules, lower: Floats, upp
 
     Notes
     -----
-    Sound: yes. Nothing is claimed of polygonal footprints that are near, as they turn.
+    Sound: yes. Footprints with corners turn, and drive backwards: `outline_retreat` has their argument.
     """
     away, radii = vectors_from_shapes(boxes, shapes)
     slack = ROUNDING * (shapes.scale + np.abs(boxes.centre).sum(axis=1))[:, None]
     distance, reach = np.abs(away), boxes.extent[:, None]
-    way = rules.manoeuvre.longest(lower, upper)[:, None] + rules.footprint.reach
+    way = manoeuvre.longest(lower, upper)[:, None] + rules.footprint.reach
     far = distance - radii - reach - way > rules.clearance.collision + slack
     if rules.footprint.kind == "polygon":
-        return np.asarray(far.all(axis=1))
-    right, left = turns(rules, lower, upper)
+        outline, least = rules.footprint.polygon, rules.clearance.collision
+        return keep_outline_away(boxes, shapes, ~far, manoeuvre, outline, least, lower, upper)
+    right, left = turns(manoeuvre, lower, upper)
     towards = boxes.centre[:, 2] + 0.5 * (left + right)
     off = np.angle(np.exp(1j * towards)[:, None] * np.conj(away))
     opening = (0.5 * (left - right) + boxes.turn)[:, None] + cone(reach, distance)
@@ -64,10 +70,10 @@ def keep_away(boxes: PoseBoxes, shapes: Shapes, rules: Rules, lower: Floats, upp
     return np.asarray((far | retreats).all(axis=1))
 
 
-def turns(rules: Rules, lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
+def turns(manoeuvre: Manoeuvre, lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
     """Bound the direction of every displacement relative to the heading, to the right (at most 0) and to the left."""
     speed = np.maximum(np.abs(lower), np.abs(upper))
-    half = 0.5 * rules.manoeuvre.seconds(speed[:, 0], speed[:, 1])
+    half = 0.5 * manoeuvre.seconds(speed[:, 0], speed[:, 1])
     return half * np.minimum(lower[:, 1], 0.0), half * np.maximum(upper[:, 1], 0.0)
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from viatool.certify.findings import BLOCKED, CERTIFIED, REFUTED, SETTLED, UNKNOWN, Findings
 from viatool.certify.judging import Commands, Question
+from viatool.certify.observation import Cells
 from viatool.certify.refuting import refute
 from viatool.certify.tree import Lattice, Nodes
 
@@ -99,7 +100,7 @@ def _judge(question: Question, lattice: Lattice, nodes: Nodes, frontier: Frontie
     """Return the nodes that are certified, refuted or smallest; the others are halved."""
     cells = lattice.cells(nodes)
     commands = question.commands(cells)
-    certified = question.holds(cells.poses, commands.lower, commands.upper)
+    certified = question.holds(cells, commands.lower, commands.upper)
     smallest = (nodes.level >= lattice.deepest).all(axis=1)
     open_ = np.flatnonzero(~certified & ~smallest)
     if len(open_):
@@ -127,11 +128,12 @@ def _loosest_axis(question: Question, lattice: Lattice, nodes: Nodes, commands: 
     seconds = rules.manoeuvre.seconds(speed[:, 0], speed[:, 1])
     width = commands.upper - commands.lower
     loss = width[:, 0] * seconds + 0.5 * speed[:, 0] * width[:, 1] * np.square(seconds)
-    places = lattice.cells(nodes).poses.extent
+    cells = lattice.cells(nodes)
+    places = cells.poses.extent
     score = np.column_stack(
         [
             commands.influence[:, :1] * loss[:, None] + places[:, None],
-            commands.influence[:, 1:] * loss[:, None],
+            commands.influence[:, 1:] * loss[:, None] + _spread_while_waiting(question, cells),
         ]
     )
     may = np.column_stack(
@@ -139,3 +141,11 @@ def _loosest_axis(question: Question, lattice: Lattice, nodes: Nodes, commands: 
     )
     choice = np.where(may, score, -np.inf).argmax(axis=1)
     return np.where(choice == 0, _largest_axis(nodes, lattice.deepest), _POSE - 1 + choice)
+
+
+def _spread_while_waiting(question: Question, cells: Cells) -> Floats:
+    """Return how far v and omega of the step before spread the places at which the next command acts, (C, 2)."""
+    delay = question.rules.delay
+    width = cells.previous_upper - cells.previous_lower
+    speed = np.maximum(np.abs(cells.previous_lower), np.abs(cells.previous_upper))[:, 0]
+    return np.asarray(delay * np.stack([width[:, 0], 0.5 * delay * speed * width[:, 1]], axis=1))

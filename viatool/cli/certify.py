@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     "--clearance", type=options.QuantityType("m"), help="Collision distance d_col instead of the map's."
 )
 @click.option("--interval", type=options.QuantityType("s"), help="Control interval instead of the robot's.")
+@options.delay_option
 @click.option(
     "--footprint",
     type=FootprintType(),
@@ -152,7 +153,16 @@ def command(ctx: click.Context, /, **given: Any) -> None:
     leave_by_gate(ctx, checks, exit_zero=given["exit_zero"])
 
 
-_PASSED_ON = ("criterion", "clearance", "deceleration", "interval", "footprint", "arithmetic", "seed")
+_PASSED_ON = (
+    "criterion",
+    "clearance",
+    "deceleration",
+    "interval",
+    "delay",
+    "footprint",
+    "arithmetic",
+    "seed",
+)
 
 
 def choose_scenario(given: Mapping[str, Any], world_map: WorldMap) -> Scenario:

@@ -294,6 +294,15 @@ def bounds_options(command: Command) -> Command:
     return command
 
 
+delay_option = click.option(
+    "--delay",
+    type=QuantityType("s", zero=True),
+    default=0.0,
+    show_default=True,
+    help="Dead time for which the previous command goes on.",
+)
+
+
 def clearance_options(command: Command) -> Command:
     """Add the options that override the map's clearances and robot."""
     for option in reversed(
@@ -304,13 +313,7 @@ def clearance_options(command: Command) -> Command:
                 "--interval", type=QuantityType("s"), help="Control interval instead of the robot's."
             ),
             footprint_option,
-            click.option(
-                "--delay",
-                type=QuantityType("s", zero=True),
-                default=0.0,
-                show_default=True,
-                help="Dead time for which the previous command goes on.",
-            ),
+            delay_option,
         )
     ):
         command = option(command)

@@ -84,6 +84,7 @@ class CertificateDocument(RunDocument):
     scenario: ScenarioIdentity
     clearance: Amount
     deceleration: Amount | None
+    delay: Amount = 0.0
     previous_command: Commands
     smallest_cell: dict[str, float]
     roots: Roots
