@@ -1,11 +1,12 @@
 """Time and memory of long runs, beside the targets: growth with the states, workers, a Dask cluster.
 
     python tests/benchmarks/scale.py [--most 1000000] [--compared 100000] [--plot docs/images/scale.svg]
-                                     [--json docs/results/data/scale.json]
+                                     [--json docs/results/data/scale.json] [--memory]
 
 Runs `viatool verify` as a user does, on random poses of the lab with the swept criterion, and prints for each run
-the seconds on the wall, the seconds of CPU of all processes, and the largest memory of any process. Takes about ten
-minutes on two quiet cores.
+the seconds on the wall, the seconds of CPU of all processes, and the largest memory of every process, the one that was
+started first. Takes about ten minutes on two quiet cores; with --memory only the largest run is done, which may be on a
+busy machine.
 """
 
 from __future__ import annotations
@@ -43,12 +44,13 @@ class Run:
     wall: float
     cpu: float
     megabytes: float
+    processes: tuple[float, ...]
 
     def __str__(self) -> str:
         each = 1e3 * self.cpu / self.states
         return (
             f"{self.states:>9,} states {self.options:<22} {self.wall:8.1f} s wall {self.cpu:8.1f} s CPU "
-            f"({each:.3f} ms each) {self.megabytes:7.0f} MB"
+            f"({each:.3f} ms each) {self.megabytes:7.0f} MB of {', '.join(f'{each:.0f}' for each in self.processes)}"
         )
 
 
@@ -59,7 +61,7 @@ class Watch:
         self.process, self.others = process, [psutil.Process(pid) for pid in others]
         self.before = sum(_cpu(other) for other in self.others)
         self.seconds: dict[int, float] = {}
-        self.bytes = 0
+        self.bytes: dict[int, int] = {}
         self.over = threading.Event()
         self.thread = threading.Thread(target=self._look, daemon=True)
         self.thread.start()
@@ -70,13 +72,15 @@ class Watch:
                 for seen in [self.process, *self.process.children(recursive=True), *self.others]:
                     with suppress(psutil.Error):
                         self.seconds[seen.pid] = _cpu(seen)
-                        self.bytes = max(self.bytes, seen.memory_info().rss)
+                        self.bytes[seen.pid] = max(self.bytes.get(seen.pid, 0), seen.memory_info().rss)
 
-    def end(self) -> tuple[float, float]:
-        """Return the seconds of CPU and the largest memory of any process in MB."""
+    def end(self) -> tuple[float, float, tuple[float, ...]]:
+        """Return the seconds of CPU, the largest memory of any process in MB, and that of each that took 50 MB."""
         self.over.set()
         self.thread.join()
-        return sum(self.seconds.values()) - self.before, self.bytes / 1e6
+        peaks = [value / 1e6 for value in self.bytes.values()]
+        cpu = sum(self.seconds.values()) - self.before
+        return cpu, max(peaks), tuple(round(peak, 1) for peak in peaks if peak > 50.0)
 
 
 def _cpu(process: psutil.Process) -> float:
@@ -142,7 +146,12 @@ def main() -> None:
     parser.add_argument("--compared", type=int, default=100_000, help="states of the comparisons")
     parser.add_argument("--plot", type=Path)
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--memory", action="store_true", help="do the largest run alone, for its memory")
     given = parser.parse_args()
+    if given.memory:
+        largest = verify(given.policy, given.most, "--workers", "2")
+        judge(f"{given.most:,} states, memory of any process", largest.megabytes, 1500.0, "MB")
+        return
 
     print(f"{platform.machine()}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} at the start")
     verify(given.policy, 1_000, "--workers", "2")  # warm the file cache

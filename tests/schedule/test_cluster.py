@@ -88,6 +88,12 @@ def test_a_cluster_that_is_not_there_is_refused(monkeypatch):
         open_scheduler(address="tcp://127.0.0.1:9")
 
 
+def test_a_scheduler_file_that_does_not_come_is_named(tmp_path, monkeypatch):
+    monkeypatch.setattr("viatool.schedule.cluster._FILE_SECONDS", 0.3)
+    with pytest.raises(ConfigurationError, match=r"no scheduler file '.*none\.json' has come within 0\.3 s"):
+        open_scheduler(address=str(tmp_path / "none.json"))
+
+
 def test_a_cluster_without_workers_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("viatool.schedule.cluster._WORKER_SECONDS", 0.3)
     with (

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from tests.schedule.local_cluster import LocalCluster, wait_for
-from viatool.errors import ConfigurationError
+from viatool.errors import ConfigurationError, WorkError
 from viatool.policy import load_policy
 from viatool.schedule import Serial
 from viatool.simulate import roll_out
@@ -81,7 +81,9 @@ def test_workers_change_nothing_with_braking_and_a_delay(policy, driven, results
     assert_same(verify(policy, LAB, trajectory=driven, **BRAKING, workers=2, chunk=1), results["braking"])
 
 
-def test_a_cluster_that_loses_a_worker_changes_nothing(policy, driven, results, tmp_path):
+def test_a_cluster_that_loses_a_worker_and_then_its_scheduler_changes_nothing(
+    policy, driven, results, tmp_path
+):
     with LocalCluster(tmp_path, workers=2) as cluster:
         work = {"scheduler": cluster.address, "chunk": 1}
         assert_same(verify(policy, LAB, trajectory=driven, **BRAKING, **work), results["braking"])
@@ -95,6 +97,15 @@ def test_a_cluster_that_loses_a_worker_changes_nothing(policy, driven, results, 
         result = verify(policy, LAB, trajectory=driven, **SWEPT, **work, progress=kill)
         assert killed
         assert_same(result, results["swept"])
+
+        def kill_scheduler(stage, done, total):
+            cluster.scheduler.kill()
+
+        kept = {"checkpoint": tmp_path / "run"}
+        with pytest.raises(WorkError, match=r"the connection to the scheduler .* was lost"):
+            verify(policy, LAB, trajectory=driven, **SWEPT, **work, **kept, progress=kill_scheduler)
+    assert 1 <= len(list((tmp_path / "run").glob("units-*"))) < 3
+    assert_same(verify(policy, LAB, trajectory=driven, **SWEPT, **kept, resume=True), results["swept"])
 
 
 def test_what_is_found_in_a_block_depends_on_that_block_alone(policy, driven, results):

@@ -9,6 +9,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from viatool.errors import ConfigurationError, WorkError
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from distributed import Client, Future
 
 _CONNECT_SECONDS = 10.0
+_FILE_SECONDS = 30.0  # for a scheduler that was started a moment ago
 _WORKER_SECONDS = 60.0
 _CLOSE_SECONDS = 1.0
 _RETRIES = 2
@@ -131,8 +133,10 @@ class Cluster:
         quiet.setLevel(
             logging.CRITICAL
         )  # what goes wrong is said once, by an error; a lost client goes on trying
+        kind = "scheduler_file" if self.address.endswith(".json") else "address"
+        if kind == "scheduler_file":
+            _await_file(Path(self.address))
         try:
-            kind = "scheduler_file" if self.address.endswith(".json") else "address"
             client = Client(**{kind: self.address}, timeout=_CONNECT_SECONDS, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:
             raise ConfigurationError(
@@ -169,6 +173,18 @@ class Cluster:
                     f"{process} of the cluster has {differing}", "install the same versions there as here"
                 )
         self._threads = max(1, sum(client.nthreads().values()))
+
+
+def _await_file(path: Path) -> None:
+    """Wait for a scheduler to write its file; Dask's client would wait for ever."""
+    end = time.monotonic() + _FILE_SECONDS
+    while not path.exists():
+        if time.monotonic() >= end:
+            raise ConfigurationError(
+                f"no scheduler file '{path}' has come within {_FILE_SECONDS:g} s",
+                f"check the path, or start one with 'dask scheduler --scheduler-file {path}'",
+            )
+        time.sleep(0.1)
 
 
 def _not_importable(error: BaseException, process: str = "worker") -> ConfigurationError:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from viatool.errors import ConfigurationError, EmptyEvaluationError, PolicyError, TrajectoryError
 from viatool.trajectory.assembly import assemble, polar_goals
 from viatool.trajectory.bag import Bag, Topics, open_bag
+from viatool.trajectory.rows import Rows
 from viatool.trajectory.scans import Readings, Scans, bin_scans
 from viatool.trajectory.trajectory import Trajectory
 from viatool.trajectory.transforms import compose, interpolate
@@ -87,14 +88,17 @@ def load_bag(path: Path, specification: PolicySpecification | None, settings: Ba
     assert specification is not None  # `_needs` refuses None
     with open_bag(path, settings.topics, commands=bool(needed & _PREVIOUS)) as bag:
         gathered = _Gathered(bag, lidar, settings)
-        parts = [gathered.states(scans, specification.observation) for scans in bag.scans]
-    if not parts or not len(bag.odometry.stamps):
-        empty = "odometry" if parts else "scans"
+        columns = Rows(1, np.int64), Rows(3), Rows(specification.observation_size)
+        for scans in bag.scans:
+            for column, part in zip(columns, gathered.states(scans, specification.observation), strict=True):
+                column.add(part)
+    if not gathered.scans or not len(bag.odometry.stamps):
+        empty = "odometry" if gathered.scans else "scans"
         raise EmptyEvaluationError(
             f"{path}: the bag holds no {empty}", "record at least one scan and its pose"
         )
     notes = gathered.notes()
-    stamps, poses, observations = (np.concatenate(part) for part in zip(*parts, strict=True))
+    stamps, poses, observations = (column.table() for column in columns)
     if not len(stamps):
         raise EmptyEvaluationError(
             f"{path}: no scan is left ({'; '.join(notes)})",
@@ -105,7 +109,7 @@ def load_bag(path: Path, specification: PolicySpecification | None, settings: Ba
         observations=observations,
         actions=np.zeros((len(poses), 0)),
         episode=np.zeros(len(poses), dtype=np.int64),
-        time=(stamps - gathered.first) * 1e-9,
+        time=(stamps[:, 0] - gathered.first) * 1e-9,
         outcomes=np.array(["unknown"]),
         costs=np.array([np.nan]),
         scenarios=(_scenario(path, poses[0], settings.goal),),
@@ -164,16 +168,16 @@ class _Gathered:
         self, scans: Scans, channels: Sequence[ObservationChannel]
     ) -> tuple[NDArray[np.int64], Floats, Floats]:
         """Return stamps (K,), poses (K, 3) and observations (K, n) of those scans of which all is known."""
-        if not len(self.bag.odometry.stamps):
-            return scans.stamps[:0], np.zeros((0, 3)), np.zeros((0, 0))
         if not self.scans:
             self.first = int(scans.stamps[0])
+        self.scans += len(scans)
+        if not len(self.bag.odometry.stamps):
+            return scans.stamps[:0], np.zeros((0, 3)), np.zeros((0, 0))
         poses, located = self._locate(scans.stamps)
         bins = self._see(scans)
         previous, commanded = self._previous(scans)
         known = dict(zip(_REASONS, (located, np.isfinite(bins).all(axis=1), commanded), strict=True))
         keep = np.logical_and.reduce(list(known.values()))
-        self.scans += len(keep)
         self.kept += int(keep.sum())
         for reason, which in known.items():
             self.lost[reason] += int((~which).sum())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from viatool.errors import TrajectoryError
 from viatool.trajectory.columns import action_columns, numbered, observation_columns
+from viatool.trajectory.rows import Rows
 from viatool.trajectory.scenario_text import read_scenario, write_scenario
 from viatool.trajectory.trajectory import Trajectory
 
@@ -23,7 +24,8 @@ if TYPE_CHECKING:
 
 Cells = NDArray[np.object_]
 
-_BASE = ("episode", "time", "x", "y", "theta")
+_POSE = ("x", "y", "theta")
+_BASE = ("episode", "time", *_POSE)
 _EPISODE = ("outcome", "cost", "scenario")
 _ROWS = 8192  # that are text at the same time
 
@@ -52,10 +54,12 @@ def load_table(path: Path, specification: PolicySpecification | None) -> Traject
         header = _header(lines)
         observed, commanded = _find_columns(header, specification)
         _require(header, (*_BASE, *observed))
-        table = _Table(header, [*_BASE[1:], *observed, *commanded])
+        table = _Table(
+            header, {"time": ["time"], "pose": _POSE, "observation": observed, "action": commanded}
+        )
         while batch := list(islice(lines, _ROWS)):
             table.add(batch)
-    return table.trajectory(len(observed))
+    return table.trajectory()
 
 
 class _Table:
@@ -65,16 +69,16 @@ class _Table:
     ----------
     header : list of str
         Names of the columns.
-    names : list of str
-        The columns of numbers: time, pose, observation, action.
+    groups : mapping
+        The columns of numbers by what they are: time, pose, observation, action.
     """
 
-    def __init__(self, header: list[str], names: list[str]) -> None:
-        self.header, self.names = header, names
+    def __init__(self, header: list[str], groups: Mapping[str, Sequence[str]]) -> None:
+        self.header, self.groups = header, groups
         self.column = {name: index for index, name in enumerate(header)}
         self.rows = 0
-        self.numbers: list[NDArray[np.float64]] = [np.zeros((0, len(names)))]
-        self.episode: list[NDArray[np.int64]] = [np.zeros(0, dtype=np.int64)]
+        self.numbers = {group: Rows(len(names)) for group, names in groups.items()}
+        self.episode = Rows(1, np.int64)
         self.labels: dict[str, int] = {}
         self.outcomes: list[str] = []
         self.costs: list[float] = []
@@ -89,11 +93,12 @@ class _Table:
                     "check that the file is complete",
                 )
         cells = np.array(lines, dtype=object)
-        self.numbers.append(
-            _numbers(cells[:, [self.column[name] for name in self.names]], self.names, self.rows)
-        )
-        self.episode.append(self._number_episodes(cells))
-        self._compare_outcomes(cells)
+        for group, names in self.groups.items():
+            own = cells[:, [self.column[name] for name in names]]
+            self.numbers[group].add(_numbers(own, names, self.rows))
+        episode = self._number_episodes(cells)
+        self.episode.add(episode)
+        self._compare_outcomes(cells, episode)
         self.rows += len(lines)
 
     def _number_episodes(self, cells: Cells) -> NDArray[np.int64]:
@@ -116,14 +121,11 @@ class _Table:
         self.costs.append(_number(told.get("cost") or "nan", "cost", number))
         self.scenarios.append(read_scenario(told.get("scenario", "")))
 
-    def _compare_outcomes(self, cells: Cells) -> None:
+    def _compare_outcomes(self, cells: Cells, episode: NDArray[np.int64]) -> None:
         """Refuse an episode that tells two outcomes."""
         if "outcome" not in self.column:
             return
-        told, known = (
-            cells[:, self.column["outcome"]],
-            np.array(self.outcomes, dtype=object)[self.episode[-1]],
-        )
+        told, known = cells[:, self.column["outcome"]], np.array(self.outcomes, dtype=object)[episode]
         told = np.where(told == "", "unknown", told)
         differs = np.flatnonzero(told != known)
         if differs.size:
@@ -134,16 +136,15 @@ class _Table:
                 "write one outcome in all rows of an episode",
             )
 
-    def trajectory(self, observed: int) -> Trajectory:
-        """Return all rows, of which `observed` columns are the observation."""
-        numbers = np.concatenate(self.numbers)
-        self.numbers.clear()
+    def trajectory(self) -> Trajectory:
+        """Return all rows."""
+        numbers = {group: rows.table() for group, rows in self.numbers.items()}
         return Trajectory(
-            poses=numbers[:, 1:4].copy(),  # views would keep all numbers alive
-            observations=numbers[:, 4 : 4 + observed],
-            actions=numbers[:, 4 + observed :].copy(),
-            episode=np.concatenate(self.episode),
-            time=numbers[:, 0].copy(),
+            poses=numbers["pose"],
+            observations=numbers["observation"],
+            actions=numbers["action"] if self.groups["action"] else np.zeros((self.rows, 0)),
+            episode=self.episode.table()[:, 0],
+            time=numbers["time"][:, 0],
             outcomes=np.array(self.outcomes, dtype=np.str_),
             costs=np.array(self.costs),
             scenarios=tuple(self.scenarios),

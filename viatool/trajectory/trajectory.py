@@ -133,8 +133,8 @@ def _check_finite(trajectory: Trajectory) -> None:
     """Refuse numbers that are not finite, naming the first one."""
     for name in ("poses", "observations", "actions", "time"):
         values = getattr(trajectory, name)
-        bad = np.argwhere(~np.isfinite(values))
-        if bad.size:
+        if not np.isfinite(values).all():
+            bad = np.argwhere(~np.isfinite(values))
             row, *column = bad[0].tolist()
             place = f"row {row}" + (f", column {column[0]}" if column else "")
             raise TrajectoryError(
