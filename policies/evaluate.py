@@ -26,7 +26,16 @@ HERE = Path(__file__).parent
 MAP = HERE.parent / "maps" / "lab.yaml"
 EPS = 0.01
 # What older policies were trained with before these options existed.
-FORMERLY = {"mirror": False, "steering_penalty": 0.0, "shaping_form": "potential", "shaping_path": "straight"}
+FORMERLY = {
+    "mirror": False,
+    "steering_penalty": 0.0,
+    "standing_penalty": 0.0,
+    "shaping_form": "potential",
+    "shaping_path": "straight",
+    "shaping_narrow": 0.0,
+    "shaping_capped": False,
+    "budget_rule": "recursive",
+}
 HEAD = (
     "| file | actor | success | collisions | timeouts | cost | fixed scenarios | proved safe | sampled | "
     "width of v | width of omega |\n|---|---|---|---|---|---|---|---|---|---|---|\n"

@@ -57,6 +57,43 @@ def test_going_downhill_leads_to_the_goal_clear_of_obstacles(index: int) -> None
     assert least > LAB.clearance.collision
 
 
+def gap(half: float) -> Scenes:
+    """Return two columns of half a metre's radius, between which the middle keeps so many metres."""
+    columns = Obstacles(np.array([[0.0, 0.5 + half, 0.5], [0.0, -0.5 - half, 0.5]]))
+    return Scenes(LAB.arena, columns, np.zeros((1, 0, 3)), np.zeros((1, 0, 4)))
+
+
+def ways(scenes: Scenes, narrow: float, *places: float) -> list[float]:
+    """Return the distances to (2, 0) from places on the x-axis, along which the gap is passed at 0."""
+    zero = np.zeros(1, dtype=np.int64)
+    guide = Guide(LAB, 1, narrow)
+    guide.aim(zero, scenes, zero, np.array([[2.0, 0.0]]))
+    return [float(guide.distance(np.array([[x, 0.0]]))[0]) for x in places]
+
+
+def test_a_narrow_gap_is_gone_around() -> None:
+    # The middle keeps 0.55 m. Around, past the columns' far sides at y = 1.55 m and 0.65 m more, it is
+    # hypot(1, 2.2) + hypot(2, 2.2) = 5.4 m; the way beside the columns costs up to 0.8 m more where it is near.
+    mouth, inside = ways(gap(0.55), 4.0, -1.0, -0.5)
+    assert 5.4 < mouth < 7.5
+    assert inside > mouth + 0.5  # downhill leads out of the gap
+    # Through it, straight on, where the lattice's lines at y = -0.1 and 0.15 keep 0.45 and 0.4 m: n up to 9.8.
+    assert ways(gap(0.55), 0.0, -0.5)[0] < inside
+
+
+def test_a_wide_gap_stays_open() -> None:
+    for narrow in (0.0, 4.0):
+        far, near = ways(gap(0.9), narrow, -2.0, -0.5)
+        assert (far, near) == (pytest.approx(4.0, abs=0.35), pytest.approx(2.5, abs=0.35))
+
+
+def test_a_start_in_a_narrow_place_finds_its_way() -> None:
+    lengths = ways(gap(0.45), 4.0, 0.0, 0.25, 0.5, 1.0)
+    assert (np.diff(lengths) < 0.0).all()
+    assert lengths[-1] == pytest.approx(1.0, abs=0.1)
+    assert lengths[0] < 11.0 * 2.0  # n is at most 1 + 6 + 4
+
+
 def test_robots_have_ways_of_their_own() -> None:
     scenes = Scenes.of(LAB, LAB.scenarios)
     guide = Guide(LAB, 3)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,6 +24,8 @@ from viatool.world import WorldMap
 
 Floats = NDArray[np.float64]
 Booleans = NDArray[np.bool_]
+
+STANDING_SPEED = 0.1  # m/s, below which a robot about stands
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +119,7 @@ class Collector:
         epoch: int,
     ) -> None:
         self.configuration = configuration
-        self.budgeted = method.budgeted
+        self.budgeted = method.budgeted and configuration.budget_rule == "recursive"
         self.world_map = world_map
         self.scaling = scaling
         count = configuration.seeds * configuration.robots
@@ -136,7 +139,8 @@ class Collector:
         self.seed_of_robot = np.repeat(np.arange(configuration.seeds), configuration.robots)
         self.budget = var[self.seed_of_robot]
         self.distance = np.zeros(count)
-        self.guide = Guide(world_map, count) if configuration.shaping_path == "around" else None
+        around = configuration.shaping_path == "around"
+        self.guide = Guide(world_map, count, configuration.shaping_narrow) if around else None
         self.cost, self.reward = np.zeros(count), np.zeros(count)
         self.length = np.zeros(count, dtype=np.int64)
         self._observe(self.simulator.reset())
@@ -192,13 +196,15 @@ class Collector:
         """Return the reward of a step, from how far the robots had to go and how they turned before it."""
         options = self.configuration
         if options.shaping_form == "progress":
-            shaping = options.shaping * (distance - self.distance)
+            most = self._most_in_the_open() if options.shaping_capped else math.inf
+            shaping = options.shaping * np.minimum(distance - self.distance, most)
         else:
             shaping = shaping_reward(
                 options.shaping, options.discount, distance, self.distance, step.terminated
             )
         steering = options.steering_penalty * np.abs(self.simulator.previous[:, 1] - turning)
-        return step.reward + shaping - steering
+        standing = np.maximum(1.0 - self.simulator.previous[:, 0] / STANDING_SPEED, 0.0)
+        return step.reward + shaping - steering - options.standing_penalty * standing
 
     def _distance_to_go(self) -> Floats:
         """Return the potential of every robot, in metres; see `Guide`."""
@@ -207,6 +213,12 @@ class Collector:
             return np.asarray(np.hypot(*(goals - poses[:, :2]).T))
         heading = np.stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])], axis=1)
         return self.guide.distance(poses[:, :2] + self.configuration.shaping_lookahead * heading)
+
+    def _most_in_the_open(self) -> float:
+        """Return by how much the distance to go can fall in one step away from obstacles, in metres."""
+        robot = self.world_map.robot
+        turning = 0.0 if self.guide is None else self.configuration.shaping_lookahead * robot.max_angular
+        return robot.control_interval * math.hypot(robot.max_linear, turning)
 
     def _aim(self, which: Booleans) -> None:
         """Measure the distance to go of robots that have a new goal."""

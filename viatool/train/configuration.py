@@ -26,6 +26,7 @@ NonNegative = Annotated[FiniteFloat, Field(ge=0)]
 Fraction = Annotated[FiniteFloat, Field(ge=0, le=1)]
 Discount = Annotated[FiniteFloat, Field(gt=0, lt=1)]
 ShapingForm = Literal["potential", "progress"]
+BudgetRule = Literal["recursive", "fixed"]
 ShapingPath = Literal["straight", "around"]
 Selection = Literal["success", "safety"]
 Engine = Literal["kinematic", "bullet"]
@@ -103,6 +104,11 @@ class TrainingConfiguration(BaseModel):
     budget_limit: Positive = _option(
         10.0, "budget e is clipped to this size and divided by it for the networks"
     )
+    budget_rule: BudgetRule = _option(
+        "fixed",
+        "within an episode the budget is 'recursive' (the paper: e <- (e - c) / gamma), or 'fixed' at u, as it is "
+        "for the exported policy",
+    )
     var_step: NonNegative = _option(2.0, "beta_u")
     var_rule: VarRule = _option("adaptive", "'adaptive' (the paper) or 'empirical' (quantile of the epoch)")
     var_ceiling: Fraction = _option(0.9, "u is kept below this fraction of b")
@@ -127,6 +133,10 @@ class TrainingConfiguration(BaseModel):
     )
     proximity_range: NonNegative = _option(1.35, "metres")
     steering_penalty: NonNegative = _option(0.2, "per rad/s of change from one command to the next")
+    standing_penalty: NonNegative = _option(
+        0.5,
+        "per step at a standstill, falling to 0 at 0.1 m/s: a robot that waits in a pocket never gets out",
+    )
     shaping: NonNegative = _option(15.0, "potential-based shaping, per metre towards the goal; 0 is off")
     shaping_form: ShapingForm = _option(
         "progress",
@@ -137,6 +147,14 @@ class TrainingConfiguration(BaseModel):
     )
     shaping_lookahead: NonNegative = _option(
         0.5, "metres; with 'around', the distance to go is that of a point so far ahead of the robot"
+    )
+    shaping_narrow: NonNegative = _option(
+        4.0,
+        "with 'around', so many times longer is a metre where obstacles are nearer than the danger clearance: "
+        "narrow gaps are gone around",
+    )
+    shaping_capped: bool = _option(
+        True, "'progress' pays in no step more than a step in the open, so that long metres are no bait"
     )
     curriculum_start: Positive = _option(
         20.0, "metres, largest distance of the goal at the start of the training"
@@ -235,6 +253,10 @@ _PAPER: dict[str, Any] = {
     "turn_penalty": 0.5,
     "proximity_penalty": 0.5,
     "steering_penalty": 0.0,
+    "standing_penalty": 0.0,
+    "budget_rule": "recursive",
+    "shaping_narrow": 0.0,
+    "shaping_capped": False,
     "shaping": 0.0,
     "shaping_form": "potential",
     "shaping_path": "straight",
@@ -250,7 +272,12 @@ _STUDY: dict[str, Any] = {
     "validation_scenarios": 1000,
 }
 
+# As it was when policies/via-64.onnx was trained; the wider actor passes narrow gaps.
 _BEST: dict[str, Any] = {
+    "budget_rule": "recursive",
+    "standing_penalty": 0.0,
+    "shaping_narrow": 0.0,
+    "shaping_capped": False,
     "seeds": 4,
     "epochs": 80,
     "actor_hidden": (64, 64),

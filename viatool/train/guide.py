@@ -30,16 +30,21 @@ class Guide:
         Arena, clearances, footprint.
     robots : int
         E.
+    narrow : float
+        So many times longer, besides what `DETOUR` says, is a metre where obstacles are nearer than the danger
+        clearance: a way through a gap that just keeps it is then longer than one around it.
 
     Notes
     -----
     Sound: no, and it need not be. The distance is the potential of the reward's shaping, which leaves the best
     policy as it is whatever the potential (Ng, Harada and Russell, 1999); a good one only makes the right way
     pay at once. The policy does not see it. The distance U solves the eikonal equation ``|grad U| = n`` on a
-    lattice by upwind differences, n being 1 in the open and up to 1 + `DETOUR` near obstacles.
+    lattice by upwind differences, n being 1 in the open and up to 1 + `DETOUR` + `narrow` near obstacles. n is
+    finite everywhere: a start or a goal in a narrow place has its way as well. The lattice may miss the middle
+    of a gap by half its spacing, over which `narrow` fades out.
     """
 
-    def __init__(self, world_map: WorldMap, robots: int) -> None:
+    def __init__(self, world_map: WorldMap, robots: int, narrow: float = 0.0) -> None:
         x_min, y_min, x_max, y_max = world_map.bounds
         self.spacing = max(FINEST, math.sqrt((x_max - x_min) * (y_max - y_min) / MOST_POINTS))
         x = np.arange(x_min, x_max + self.spacing, self.spacing)
@@ -49,7 +54,9 @@ class Guide:
         self.fields: Grid = np.zeros((robots, len(y), len(x)), dtype=np.float32)
         reach = world_map.robot.footprint.reach
         self._blocked = world_map.clearance.collision + reach
-        self._open = world_map.clearance.danger + reach + MARGIN
+        self._danger = world_map.clearance.danger + reach
+        self._open = self._danger + MARGIN
+        self.narrow = narrow
 
     def aim(self, which: NDArray[np.int64], scenes: Scenes, scene: NDArray[np.int64], goals: Floats) -> None:
         """Find the ways of some robots to their new goals.
@@ -68,10 +75,15 @@ class Guide:
         shape = self.fields.shape[1:]
         flat = self.points.reshape(-1, 2)
         clearance = scenes.clearance(np.tile(flat, (len(which), 1)), np.repeat(scene, len(flat)))
-        near = np.clip((self._open - clearance) / (self._open - self._blocked), 0.0, 1.0)
-        step = (self.spacing * (1.0 + DETOUR * near)).astype(np.float32).reshape(-1, *shape)
+        step = (self.spacing * self._slowness(clearance)).astype(np.float32).reshape(-1, *shape)
         away = np.hypot(*(self.points - goals[:, None, None]).transpose(3, 0, 1, 2)).astype(np.float32)
         self.fields[which] = solve_eikonal(np.where(away < 1.5 * self.spacing, away, FAR), step)
+
+    def _slowness(self, clearance: Floats) -> Floats:
+        """Return n, how many times longer a metre is at places with these clearances."""
+        near = np.clip((self._open - clearance) / (self._open - self._blocked), 0.0, 1.0)
+        narrow = np.clip(1.0 - (clearance - self._danger) / (0.5 * self.spacing), 0.0, 1.0)
+        return np.asarray(1.0 + DETOUR * near + self.narrow * narrow)
 
     def distance(self, points: Floats) -> Floats:
         """Return the distance to go from points (E, 2), one for each robot, interpolated; metres."""
