@@ -31,7 +31,9 @@ def run(scheduler, folder):
 
 
 @pytest.mark.parametrize(
-    ("scheduler", "seen"), [(Serial(), True), (Elsewhere(), True), (Elsewhere(), False)], ids=str
+    ("scheduler", "seen"),
+    [(Serial(), True), (Elsewhere(), True), (Elsewhere(), False)],
+    ids=["here", "elsewhere and seen", "elsewhere and unseen"],
 )
 def test_the_folder_ends_the_same_whether_workers_see_it_or_not(folder, scheduler, seen, monkeypatch):
     if not seen:
