@@ -13,6 +13,7 @@ from click.testing import CliRunner
 
 from viatool.cli import main
 from viatool.safety import judge
+from viatool.schedule import Processes
 from viatool.verification import examination
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -49,6 +50,35 @@ def assert_explained(code: int, error: str, *words: str) -> None:
     assert lines[1].startswith("hint: ")
     for word in words:
         assert word in lines[0]
+
+
+@pytest.mark.parametrize(
+    ("command", "job", "words"),
+    [
+        (
+            ["train", "--workers", "2"],
+            "viatool.train.train_seeds",
+            "what is trained is kept in '{0}'; continue with --resume {0}",
+        ),
+        (
+            ["reproduce", "table2", "--workers", "2"],
+            "viatool.studies.reproduction.reproduce",
+            "finished tasks and begun trainings are kept in '{0}'; continue with the same command",
+        ),
+    ],
+    ids=["train", "reproduce"],
+)
+def test_who_interrupts_is_told_how_to_go_on(
+    command: list[str], job: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object, scheduler: object, **__: object) -> None:
+        assert isinstance(scheduler, Processes)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(job, interrupted)
+    run = CliRunner().invoke(main, [*command, "--output", str(tmp_path)])
+    assert (run.exit_code, run.stdout) == (130, "")
+    assert words.format(tmp_path) in run.stderr.splitlines()
 
 
 @pytest.mark.parametrize(

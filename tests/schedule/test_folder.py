@@ -50,7 +50,7 @@ def test_a_folder_of_the_same_name_elsewhere_is_not_mistaken_for_it(folder, monk
     run(Serial(), folder)
     assert not _sees(folder, "another mark")
     errand = type("Errand", (), {"content": ["b"], "files": {"b": b"5"}})()
-    done = _InFolder(add_up, folder, "another mark")(errand)
+    done = _InFolder(add_up, str(folder), "another mark")(errand)
     assert (done.answer, done.files, done.gone) == (5, {"deep/total": b"5"}, ("b",))
     assert _pack(folder, ["deep", "missing"]) == {"deep/total": b"42"}
 

@@ -9,7 +9,7 @@ import click
 
 from viatool.cli import options
 from viatool.cli.terminal import open_console
-from viatool.cli.work import worker_options
+from viatool.cli.work import keeping, worker_options
 from viatool.studies import STUDIES
 
 
@@ -113,7 +113,8 @@ def command(
             scenarios=scenarios,
         )
         who = open_scheduler(workers, scheduler)
-        with open_board(open_console(stderr=True), quiet=quiet) as board:
+        kept = keeping(output, "finished tasks and begun trainings are", "the same command")
+        with kept, open_board(open_console(stderr=True), quiet=quiet) as board:
             pages = reproduce(names, chosen, output, target, board, scheduler=who)
     if not quiet:
         for page in pages:

@@ -10,7 +10,7 @@ import click
 
 from viatool.cli import options
 from viatool.cli.terminal import open_console
-from viatool.cli.work import worker_options
+from viatool.cli.work import keeping, worker_options
 
 
 @click.command()
@@ -110,11 +110,13 @@ def command(
         who = open_scheduler(workers, scheduler)
         return train_seeds(configuration, directory, batch=batch, scheduler=who, progress=progress)
 
-    if quiet:
-        run(Silence())
-        return
-    with console_progress() as progress:
-        result = run(progress)
+    kept = interrupted or directory
+    with keeping(kept, "what is trained is", f"--resume {kept}"):
+        if quiet:
+            run(Silence())
+            return
+        with console_progress() as progress:
+            result = run(progress)
     console = open_console()
     for line in result.lines():
         console.print(line, markup=False, soft_wrap=True)

@@ -68,11 +68,11 @@ def work_options(command: Command) -> Command:
 
 
 @contextmanager
-def keeping(checkpoint: Path | None) -> Iterator[None]:
-    """Say where finished work is kept when the user interrupts it."""
+def keeping(folder: Path | None, what: str = "finished states are", how: str = "--resume") -> Iterator[None]:
+    """Say where finished work is kept, and how to go on with it, when the user interrupts it."""
     try:
         yield
     except KeyboardInterrupt:
-        if checkpoint is not None:
-            click.echo(f"finished states are kept in '{checkpoint}'; continue with --resume", err=True)
+        if folder is not None and folder.is_dir():
+            click.echo(f"{what} kept in '{folder}'; continue with {how}", err=True)
         raise

@@ -121,21 +121,20 @@ class Cluster:
     def _lost(self) -> WorkError:
         return WorkError(
             f"the connection to the scheduler {self.address} was lost",
-            "start the cluster again; a run with --checkpoint continues with --resume",
+            "start the cluster again; what is finished is kept in --checkpoint, for --resume, or in --output",
         )
 
     @contextmanager
     def _client(self) -> Iterator[Client]:
         from distributed import Client
 
-        quiet = logging.getLogger("distributed")
-        level = quiet.level
-        quiet.setLevel(
-            logging.CRITICAL
-        )  # what goes wrong is said once, by an error; a lost client goes on trying
         kind = "scheduler_file" if self.address.endswith(".json") else "address"
         if kind == "scheduler_file":
             _await_file(Path(self.address))
+        quiet = logging.getLogger("distributed")
+        level = quiet.level
+        # What goes wrong is said once, by an error; a lost client goes on trying, so then it stays quiet.
+        quiet.setLevel(logging.CRITICAL)
         try:
             client = Client(**{kind: self.address}, timeout=_CONNECT_SECONDS, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:

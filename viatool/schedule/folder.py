@@ -59,8 +59,8 @@ def run_in_folder(
         return Piece(piece.span, piece.name, piece.content.content)
 
     errands = (None if piece is None else errand(piece) for piece in pieces)
-    work_here = _InFolder(work, folder, _mark(folder))
-    for piece, done in scheduler.run(work_here, errands, lambda piece, message: told(back(piece), message)):
+    there = _InFolder(work, str(folder), _mark(folder))
+    for piece, done in scheduler.run(there, errands, lambda piece, message: told(back(piece), message)):
         _unpack(folder, done.files, done.gone, piece.name)
         yield back(piece), done.answer
 
@@ -84,15 +84,15 @@ class _Done(Generic[Answer]):
 
 @dataclass(frozen=True)
 class _InFolder(Generic[Content, Answer]):
-    """The work as workers carry it out."""
+    """The work as workers carry it out; the folder as a text, for one system's paths are not another's."""
 
     work: Callable[[Path, Content], Answer]
-    folder: Path
+    folder: str
     mark: str
 
     def __call__(self, errand: _Errand[Content]) -> _Done[Answer]:
-        if _sees(self.folder, self.mark):
-            return _Done(self.work(self.folder, errand.content), {})
+        if _sees(Path(self.folder), self.mark):
+            return _Done(self.work(Path(self.folder), errand.content), {})
         with tempfile.TemporaryDirectory(prefix="viatool-") as name:
             copy = Path(name)
             _unpack(copy, errand.files, (), "the files of a piece")
@@ -103,12 +103,12 @@ class _InFolder(Generic[Content, Answer]):
 
 
 def _pack(folder: Path, paths: Iterable[Path]) -> dict[str, bytes]:
-    """Return the content of files, and of all files below folders, by their names with slashes."""
+    """Return the content of files, and of all files below folders that are not hidden, by their names with slashes."""
     found = {}
     for path in paths:
         place = folder / path
         for file in sorted(place.rglob("*")) if place.is_dir() else [place]:
-            if file.is_file():
+            if file.is_file() and not file.name.startswith("."):
                 found[file.relative_to(folder).as_posix()] = file.read_bytes()
     return found
 

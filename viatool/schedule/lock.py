@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,11 +11,14 @@ from pathlib import Path
 from viatool.errors import ConfigurationError
 
 LOCK = ".lock"
+_TAKEN = (errno.EWOULDBLOCK, errno.EAGAIN, errno.EACCES, errno.EDEADLK)
 
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
     """Make a folder and keep other processes out of it; the lock ends with the process, however it ends.
+
+    On a file system without locks nobody is kept out.
 
     Raises
     ------
@@ -26,9 +30,10 @@ def locked(folder: Path) -> Iterator[None]:
         try:
             _lock(stream.fileno())
         except OSError as error:
-            raise ConfigurationError(
-                f"another viatool works in {folder}", "wait for it, or choose another --output"
-            ) from error
+            if error.errno in _TAKEN:
+                raise ConfigurationError(
+                    f"another viatool works in {folder}", "wait for it, or choose another --output"
+                ) from error
         yield
 
 

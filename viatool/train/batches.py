@@ -167,7 +167,7 @@ class _Batch:
     """One run of several seeds: its number, its folder below the whole run's, what is trained, and where."""
 
     number: int
-    folder: Path
+    folder: str
     configuration: TrainingConfiguration
     world_map: WorldMap
 
@@ -189,7 +189,7 @@ def _carry_out(
 ) -> TrainingResult:
     started, scheduler = time.perf_counter(), scheduler or Serial()
     parts = split_seeds(configuration, together)
-    folders = [Path()] if len(parts) == 1 else [Path(f"batch-{number}") for number in range(len(parts))]
+    folders = ["."] if len(parts) == 1 else [f"batch-{number}" for number in range(len(parts))]
     batches = [
         _Batch(number, folder, part, world_map)
         for number, (folder, part) in enumerate(zip(folders, parts, strict=True))
@@ -202,7 +202,12 @@ def _carry_out(
         found = {
             piece.content.number: answer
             for piece, answer in run_in_folder(
-                scheduler, directory, _train_batch, pieces, reads=lambda batch: [batch.folder], told=show.told
+                scheduler,
+                directory,
+                _train_batch,
+                pieces,
+                reads=lambda batch: [Path(batch.folder)],
+                told=show.told,
             )
         }
         return _keep_best(configuration, batches, found, directory, time.perf_counter() - started)
