@@ -12,7 +12,7 @@ from viatool.certify import retreat
 from viatool.certify.poses import PoseBoxes
 from viatool.certify.retreat import keep_away
 from viatool.certify.shapes import Shapes
-from viatool.safety import Rules
+from viatool.safety import Manoeuvre, Rules
 from viatool.world import Obstacles, Scenes, WorldMap, box_polygon
 
 DISTANCE = 0.4
@@ -72,7 +72,9 @@ def test_free_poses_that_keep_away_stay_clear():
     assert worst > -1e-9
 
 
-@pytest.mark.parametrize("rule", ["cone", "headings", "commands that turn", "shapes behind"])
+@pytest.mark.parametrize(
+    "rule", ["cone", "headings", "commands that turn", "shapes behind", "the way", "places", "radii"]
+)
 def test_driving_catches_the_argument_without_one_of_its_rules(monkeypatch, rule):
     right = retreat.vectors_from_shapes
     mutants = {
@@ -83,6 +85,9 @@ def test_driving_catches_the_argument_without_one_of_its_rules(monkeypatch, rule
             "turns",
             lambda manoeuvre, low, high: (0.0 * low[:, 0], 0.0 * low[:, 0]),
         ),
+        "the way": (Manoeuvre, "longest", lambda manoeuvre, low, high: 0.0 * low[:, 0]),
+        "places": (PoseBoxes, "extent", property(lambda boxes: 0.0 * boxes.radius[:, 2])),
+        "radii": (retreat, "vectors_from_shapes", lambda *a: (right(*a)[0], 0.0 * right(*a)[1])),
         "shapes behind": (retreat, "vectors_from_shapes", lambda *a: (right(*a)[0][:, 1:], right(*a)[1][1:])),
     }
     monkeypatch.setattr(*mutants[rule])

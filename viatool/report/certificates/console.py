@@ -75,10 +75,11 @@ def what_is_certified(document: CertificateDocument) -> str:
 
 def _setting(document: CertificateDocument) -> str:
     stop = "" if document.deceleration is None else f" at {document.deceleration:g} m/s²"
+    late = f"delay {document.delay:g} s, " if document.delay else ""
     goal = ", ".join(f"{number:g}" for number in document.scenario.goal)
     return (
         f"{document.policy.path} on {document.map.path}, {document.scenario.name}, goal ({goal}), "
-        f"eps {describe_eps(document.eps)}, {document.criterion}{stop}, {document.arithmetic}, "
+        f"eps {describe_eps(document.eps)}, {document.criterion}{stop}, {late}{document.arithmetic}, "
         f"{seconds(sum(document.seconds.values()))}"
     )
 

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 SUFFIXES = (".png", ".svg", ".pdf")
 DPI = 160
+_WIDTH = 13.0  # inches
 _COLOURS = (WALL, "#E4E9EE", COLOUR["safe"], COLOUR["unsafe"], COLOUR["unknown"])
 """In the order of the statuses."""
 
@@ -46,9 +47,9 @@ def draw(certificate: Certificate) -> Figure:
     """Draw a certificate."""
     raster = certificate.sectors
     x_min, y_min, x_max, y_max = certificate.world_map.bounds
-    height = 6.0 * float(np.clip((y_max - y_min) / (x_max - x_min), 0.3, 2.0))
-    figure = Figure(figsize=(13.0, height + 1.2), layout="constrained", facecolor="white")
-    grid = figure.add_gridspec(2, 6, width_ratios=[1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
+    height = _WIDTH / 3.0 * float(np.clip((y_max - y_min) / (x_max - x_min), 0.3, 2.0))
+    figure = Figure(figsize=(_WIDTH, height + 1.3), layout="constrained", facecolor="white")
+    grid = figure.add_gridspec(2, 6)
     main = figure.add_subplot(grid[:, :2])
     _draw_places(figure, main, certificate, raster)
     for sector, name in enumerate(SECTOR_NAMES):
@@ -69,7 +70,15 @@ def _draw_places(figure: Figure, axes: Axes, certificate: Certificate, raster: R
         share.T, origin="lower", extent=raster.extent, cmap=colormaps["viridis"], vmin=0.0, vmax=1.0,
         interpolation="nearest", zorder=1.5,
     )  # fmt: skip
-    figure.colorbar(image, ax=axes, shrink=0.7, pad=0.01, label="share of headings and previous commands")
+    figure.colorbar(
+        image,
+        ax=axes,
+        location="bottom",
+        shrink=0.8,
+        pad=0.01,
+        aspect=40,
+        label="share of headings and previous commands",
+    )
     worst = certificate.findings.pose[certificate.worst()]
     if len(worst):
         axes.quiver(

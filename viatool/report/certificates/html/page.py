@@ -80,7 +80,8 @@ def _assumptions(document: CertificateDocument) -> dict[str, str]:
         "distance": f"the footprint keeps more than {document.clearance:g} m",
         "map": "right, and nothing on it moves",
         "sensors": f"read what is there, each number within eps {describe_eps(document.eps)}",
-        "motion": "exact arcs without slip; commands are reached at once",
+        "motion": "exact arcs without slip",
+        "timing": f"commands act after {document.delay:g} s, until then the one before goes on",
         "command before": f"any from {before.lower[0]:g} to {before.upper[0]:g} m/s and "
         f"{before.lower[1]:g} to {before.upper[1]:g} rad/s",
         "scope": "the next command from every pose, not those after it",
