@@ -14,6 +14,10 @@ component, at most
 
 as the second derivatives of F are bounded by ``T`` and ``T^2 / 2`` (v with theta and omega) and ``|v|`` times ``T``,
 ``T^2 / 2`` and ``T^3 / 3``. The heading ``theta + omega T`` is linear.
+
+Beside the forms there are the plain bounds of the displacement ``v T sinc(omega T / 2)`` in a direction between
+``theta`` and ``theta + omega T``. They know what forms do not: that a robot without speed stays exactly where it is,
+and that none moves backwards.
 """
 
 from __future__ import annotations
@@ -48,6 +52,8 @@ class Step:
         Boxes around the sets; poses and previous commands.
     lower, upper : ndarray
         (C, 2) commands, as the robot carries them out.
+    least, most : ndarray
+        (C, 3) bounds of what is added to x, y and theta.
     states : Forms
         (C, 5) x, y, theta, v, omega afterwards, in the symbols of the start and two for the command. Headings are not
         wrapped: they lie within a turn of those before.
@@ -56,15 +62,18 @@ class Step:
     start: Cells
     lower: Floats
     upper: Floats
+    least: Floats
+    most: Floats
     states: Forms
 
-    @property
-    def bounds(self) -> tuple[Floats, Floats]:
-        """Return lower and upper ends of the states afterwards, (C, 5)."""
-        lower, upper = self.states.lower, self.states.upper
-        lower[:, _COMMAND] = np.maximum(lower[:, _COMMAND], self.lower)
-        upper[:, _COMMAND] = np.minimum(upper[:, _COMMAND], self.upper)
-        return lower, upper
+    def bounds(self, lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
+        """Return lower and upper ends of the states afterwards, (C, 5), from those of the poses before, (C, 3)."""
+        forms = self.states.lower, self.states.upper
+        first = np.where(self.least == 0.0, lower, np.nextafter(lower + self.least, -np.inf))
+        last = np.where(self.most == 0.0, upper, np.nextafter(upper + self.most, np.inf))
+        low = np.maximum(forms[0], np.concatenate([first, self.lower], axis=1))
+        high = np.minimum(forms[1], np.concatenate([last, self.upper], axis=1))
+        return low, high
 
 
 def states_of(cells: Cells) -> Forms:
@@ -163,6 +172,39 @@ def advance_forms(states: Forms, seconds: float, slack: Floats) -> Forms:
     return Forms(centre, slope, rest + slack[:, None])
 
 
+def displacement(boxes: PoseBoxes, lower: Floats, upper: Floats, seconds: float) -> tuple[Floats, Floats]:
+    """Bound what commands of boxes (C, 2) add to x, y and theta of poses of boxes, (C, 3) each. **Sound:** yes.
+
+    What is 0 in exact arithmetic is 0; everything else is rounded outward.
+    """
+    half = 0.5 * seconds
+    first = boxes.centre[:, 2] - boxes.radius[:, 2] + half * lower[:, 1]
+    last = boxes.centre[:, 2] + boxes.radius[:, 2] + half * upper[:, 1]
+    fastest = half * np.maximum(np.abs(lower[:, 1]), np.abs(upper[:, 1]))
+    chord = np.stack([lower[:, 0], upper[:, 0]]) * seconds  # (2, C)
+    shares = np.stack([np.maximum(_sinc(fastest), 0.0), np.ones_like(fastest)])
+    lengths = (chord[:, None] * shares).reshape(4, -1)
+    ends = [_cosine_range(first - quarter, last - quarter) for quarter in (0.0, 0.5 * np.pi)]
+    products = [np.concatenate([lengths * low, lengths * high]) for low, high in ends]
+    turned = np.stack([lower[:, 1], upper[:, 1]]) * seconds
+    least = np.stack([*(product.min(axis=0) for product in products), turned[0]], axis=1)
+    most = np.stack([*(product.max(axis=0) for product in products), turned[1]], axis=1)
+    outward = 2.0**-40
+    return least - outward * np.abs(least), most + outward * np.abs(most)
+
+
+def _cosine_range(first: Floats, last: Floats) -> tuple[Floats, Floats]:
+    """Return bounds of the cosine between two angles."""
+    rounding = 2.0**-44 * (1.0 + np.abs(first) + np.abs(last))
+    first, last = first - rounding, last + rounding
+    ends = np.cos(first), np.cos(last)
+    top = np.floor(last / (2.0 * np.pi)) * 2.0 * np.pi >= first
+    bottom = np.floor((last - np.pi) / (2.0 * np.pi)) * 2.0 * np.pi + np.pi >= first
+    low = np.where(bottom, -1.0, np.maximum(np.minimum(*ends) - 2.0**-44, -1.0))
+    high = np.where(top, 1.0, np.minimum(np.maximum(*ends) + 2.0**-44, 1.0))
+    return low, high
+
+
 def name_rests(forms: Forms) -> Forms:
     """Turn the rest of every quantity into a symbol of its own, unless there is none."""
     if not forms.rest.any():
@@ -225,7 +267,9 @@ def _step(question: Question, states: Forms) -> Step:
         np.concatenate([moved.slope, command], axis=2),
         np.concatenate([moved.rest, np.zeros_like(centre)], axis=1),
     )
-    return Step(start, rules.clip(bounds[0]), rules.clip(bounds[1]), after)
+    lower, upper = rules.clip(bounds[0]), rules.clip(bounds[1])
+    least, most = displacement(start.poses, lower, upper, rules.interval)
+    return Step(start, lower, upper, least, most, after)
 
 
 def _observe(question: Question, states: Forms, start: Cells) -> Forms:
@@ -277,7 +321,7 @@ def _join(parts: list[Step]) -> Step:
             np.concatenate([start.previous_upper for start in starts]),
         ),
         np.concatenate([part.lower for part in parts]),
-        np.concatenate([part.upper for part in parts]),
+        *(np.concatenate([getattr(part, name) for part in parts]) for name in ("upper", "least", "most")),
         Forms(
             np.concatenate([part.centre for part in states]),
             np.concatenate([part.slope for part in states]),
