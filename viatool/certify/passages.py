@@ -122,9 +122,7 @@ def join(passages: Sequence[Passages]) -> Passages:
     """Return all passages as one; ranges beyond `kept` say nothing."""
     ranges = []
     for index in range(max((each.intervals for each in passages), default=0)):
-        known = [
-            each.ranges[index] if index < each.intervals else _nowhere(len(each)) for each in passages
-        ]
+        known = [each.ranges[index] if index < each.intervals else _nowhere(len(each)) for each in passages]
         ranges.append(
             Ranges(
                 np.concatenate([each.first for each in known]), np.concatenate([each.last for each in known])

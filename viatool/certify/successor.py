@@ -22,6 +22,7 @@ and that none moves backwards.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -109,9 +110,7 @@ def step(question: Question, states: Forms) -> Step:
     states = name_rests(states)
     count, symbols = states.slope.shape[:2]
     chunk = max(1, _MOST_NUMBERS // ((symbols + len(question.layout.radii)) * 64))
-    parts = [
-        _step(question, select(states, slice(first, first + chunk))) for first in range(0, count, chunk)
-    ]
+    parts = [_step(question, select(states, slice(first, first + chunk))) for first in range(0, count, chunk)]
     if not parts:
         return _step(question, states)
     return parts[0] if len(parts) == 1 else _join(parts)
@@ -147,9 +146,10 @@ def advance_forms(states: Forms, seconds: float, slack: Floats) -> Forms:
     left_out += 0.5 * fastest * (seconds * b**2 + seconds**2 * b * c + seconds**3 / 3.0 * c**2)
     gradient = np.stack([1j * moved, chord, swung], axis=1)  # (C, 3) for theta, v, omega
     shift = np.einsum("csk,ck->cs", states.slope[:, :, 2:], gradient)
-    own = (states.rest[:, 2:] * np.abs(gradient.real)).sum(axis=1), (
-        states.rest[:, 2:] * np.abs(gradient.imag)
-    ).sum(axis=1)
+    own = (
+        (states.rest[:, 2:] * np.abs(gradient.real)).sum(axis=1),
+        (states.rest[:, 2:] * np.abs(gradient.imag)).sum(axis=1),
+    )
     centre = np.stack(
         [states.centre[:, 0] + moved.real, states.centre[:, 1] + moved.imag, theta + turn * seconds], axis=1
     )
@@ -309,22 +309,21 @@ def _swing(half: Floats) -> Floats:
 
 def _join(parts: list[Step]) -> Step:
     """Return all parts as one."""
-    starts = [part.start for part in parts]
-    states = [part.states for part in parts]
-    return Step(
-        Cells(
-            PoseBoxes(
-                np.concatenate([start.poses.centre for start in starts]),
-                np.concatenate([start.poses.radius for start in starts]),
-            ),
-            np.concatenate([start.previous_lower for start in starts]),
-            np.concatenate([start.previous_upper for start in starts]),
-        ),
-        np.concatenate([part.lower for part in parts]),
-        *(np.concatenate([getattr(part, name) for part in parts]) for name in ("upper", "least", "most")),
-        Forms(
-            np.concatenate([part.centre for part in states]),
-            np.concatenate([part.slope for part in states]),
-            np.concatenate([part.rest for part in states]),
-        ),
+    poses, starts, states = (
+        [part.start.poses for part in parts],
+        [part.start for part in parts],
+        [part.states for part in parts],
     )
+    boxes = PoseBoxes(_stack(poses, "centre"), _stack(poses, "radius"))
+    return Step(
+        start=Cells(boxes, _stack(starts, "previous_lower"), _stack(starts, "previous_upper")),
+        lower=_stack(parts, "lower"),
+        upper=_stack(parts, "upper"),
+        least=_stack(parts, "least"),
+        most=_stack(parts, "most"),
+        states=Forms(_stack(states, "centre"), _stack(states, "slope"), _stack(states, "rest")),
+    )
+
+
+def _stack(parts: Sequence[object], name: str) -> Floats:
+    return np.concatenate([getattr(part, name) for part in parts])
