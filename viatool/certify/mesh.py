@@ -130,28 +130,27 @@ class CellSet:
     """
 
     def __init__(self, mesh: Mesh, mask: Booleans) -> None:
-        members = mask.reshape(tuple(mesh.count))
-        turned = np.concatenate([members, members], axis=_THETA)  # a range of headings may go on past a turn
+        self._axes = [axis for axis in range(len(AXES)) if mesh.count[axis] > 1 or axis == _THETA]
+        members = mask.reshape(tuple(mesh.count[self._axes]))
+        place = self._axes.index(_THETA)
+        turned = np.concatenate([members, members], axis=place)  # a range of headings may go on past a turn
         sums = np.zeros(tuple(np.array(turned.shape) + 1), np.int64 if len(mesh) > 2**30 else np.int32)
-        sums[1:, 1:, 1:, 1:, 1:] = turned
-        for axis in range(len(AXES)):
+        sums[(slice(1, None),) * len(self._axes)] = turned
+        for axis in range(len(self._axes)):
             np.cumsum(sums, axis=axis, out=sums)
         self._strides = np.array(sums.strides, np.int64) // sums.itemsize
         self._sums = sums.ravel()
-        self._whole = [axis for axis in range(len(AXES)) if mesh.count[axis] == 1]
 
     def covers(self, ranges: Ranges) -> Booleans:
         """Tell which ranges lie in the set, (P,)."""
-        below = ranges.first.astype(np.int64) * self._strides
-        above = (ranges.last.astype(np.int64) + 1) * self._strides
+        first, last = (end[:, self._axes].astype(np.int64) for end in (ranges.first, ranges.last))
+        below, above = first * self._strides, (last + 1) * self._strides
         held = np.zeros(len(ranges), np.int64)
-        for corner in itertools.product((False, True), repeat=len(AXES)):
-            if not all(corner[axis] for axis in self._whole):
-                continue  # the sum up to the lower end of the only cell is 0
-            place = np.where(corner, above, below).sum(axis=1)
-            held += (-1) ** (len(AXES) - sum(corner)) * self._sums[place].astype(np.int64)
-        cells = np.prod(ranges.last.astype(np.int64) - ranges.first + 1, axis=1)
-        return np.asarray(held == cells)
+        for corner in itertools.product((False, True), repeat=len(self._axes)):
+            place = sum((above if up else below)[:, axis] for axis, up in enumerate(corner))
+            sign = (-1) ** (len(corner) - sum(corner))
+            held += sign * self._sums[place].astype(np.int64)
+        return np.asarray(held == np.prod(last - first + 1, axis=1))
 
 
 def boxes_between(lower: Floats, upper: Floats) -> Cells:

@@ -76,7 +76,7 @@ def follow(
     mesh : Mesh
         The cells.
     cells : ndarray
-        (C,) numbers of cells.
+        (C,) numbers of cells that are certified or uncontested: the next interval keeps its clearance.
     intervals : int
         M, for how many control intervals at most.
     parts : tuple
@@ -102,9 +102,11 @@ def follow(
     going = np.arange(len(owner))
     kept = np.zeros(len(owner), np.int16)
     ranges = []
-    for _ in range(intervals):
+    for number in range(intervals):
         found = step(question, states)
-        holds = question.holds(found.start.poses, found.lower, found.upper)
+        holds = np.ones(len(going), bool)
+        if number > 0:
+            holds = question.holds(found.start.poses, found.lower, found.upper)
         after = found.bounds(*ends)
         there = mesh.ranges(*after)
         kept[going[holds]] += 1
