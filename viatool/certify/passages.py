@@ -106,7 +106,7 @@ def follow(
         found = step(question, states)
         holds = np.ones(len(going), bool)
         if number > 0:
-            holds = question.holds(found.start.poses, found.lower, found.upper)
+            holds = question.holds(found.start, found.lower, found.upper)
         after = found.bounds(*ends)
         there = mesh.ranges(*after)
         kept[going[holds]] += 1
