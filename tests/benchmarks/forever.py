@@ -6,7 +6,7 @@ Takes the cells of ``viatool certify ... --forever --output cells:cells.npz``, s
 that hold for ever, and in every step picks, among random errors of the sensors at their limits, the one after which the
 robot comes nearest to an obstacle (half of the robots) or is least surrounded by cells of the set (the others). A
 robot that reaches the goal is replaced. Shares no code with the enclosures: rays by school formulas, motion by
-integrating, distances from shapely, commands from onnxruntime. Prints the violations.
+quadrature, distances from points to segments and circles, commands from onnxruntime. Prints the violations.
 """
 
 from __future__ import annotations
@@ -17,11 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.benchmarks.certified import away, solid_of
-from tests.certify.ray_oracle import outlines, scan
+from tests.certify.plant import Plant
 from viatool import load_map, load_policy
-
-SUBSTEPS = 50
 
 
 def main() -> None:
@@ -40,10 +37,12 @@ def main() -> None:
     given = options.parse_args()
     policy, world = load_policy(given.policy), load_map(given.map)
     start = time.process_time()
-    plant = Plant(policy, world, world.scenarios[given.scenario], given.eps, given.goal_radius)
+    plant = Robots(policy, world, world.scenarios[given.scenario], given.eps, steps=5)
     cells = CellList(np.load(given.cells))
     generator = np.random.default_rng(given.seed)
-    told = attack(plant, cells, given.steps, given.robots, given.tries, given.lookahead, generator)
+    told = attack(
+        plant, cells, given.steps, given.robots, given.tries, given.lookahead, given.goal_radius, generator
+    )
     print(f"{len(cells):,} cells of the set, {cells.volume:.4g} m2 rad")
     print(
         f"{told['steps']:,} steps of {given.robots} robots, worst of {given.tries} errors of up to {given.eps:g}: "
@@ -97,68 +96,32 @@ class CellList:
         return held
 
 
-class Plant:
-    """The robot, its sensors and the deployed program."""
+class Robots(Plant):
+    """Robots that hold each command for an interval and do not brake."""
 
-    def __init__(self, policy, world, scenario, eps, goal_radius) -> None:
-        self.policy, self.robot, self.goal_radius = policy, world.robot, goal_radius
-        self.goal, self.solid = np.array(scenario.goal), solid_of(world, scenario)
-        self.shapes, self.least = outlines(world, scenario), world.clearance.collision
-        channels = policy.spec.observation
-        self.channels = [(channel.kind, channel.size, channel.value) for channel in channels]
-        self.radii = np.concatenate([np.full(c.size, 0.0 if c.value is not None else eps) for c in channels])
-        kinds = [channel.kind for channel in policy.spec.action]
-        self.columns = [kinds.index("linear"), kinds.index("angular")]
+    def ends(self, states, commands, intervals=1):
+        """States afterwards, headings in [-pi, pi), and all poses on the way."""
+        way = self.drive(
+            states[:, :3], commands, intervals * self.world.robot.control_interval, np.zeros(len(states))
+        )
+        after = np.hstack([way[:, -1], commands])
+        after[:, 2] = (after[:, 2] + np.pi) % (2 * np.pi) - np.pi
+        return after, way
 
-    def see(self, states):
-        dx, dy = self.goal[:, None] - states[:, :2].T
-        bearing = np.arctan2(dy, dx) - states[:, 2]
-        values = {
-            "lidar": scan(states[:, :3], self.robot.lidar, self.shapes), "goal_distance": np.hypot(dx, dy),
-            "goal_cosine": np.cos(bearing), "goal_sine": np.sin(bearing),
-            "previous_linear": states[:, 3], "previous_angular": states[:, 4],
-        }  # fmt: skip
-        columns = [
-            (np.full((len(states), size), value) if value is not None else values[kind]).reshape(
-                len(states), -1
-            )
-            for kind, size, value in self.channels
-        ]
-        return np.hstack(columns)
-
-    def command(self, observations):
-        raw = self.policy.run(observations.astype(np.float32))[:, self.columns].astype(float)
-        lower = [self.robot.min_linear, -self.robot.max_angular]
-        return np.clip(raw, lower, [self.robot.max_linear, self.robot.max_angular])
-
-    def drive(self, states, commands, seconds):
-        """States afterwards and the places on the way, by the midpoint rule."""
-        x, y, theta = states[:, :3].T.copy()
-        v, w = commands.T
-        step = seconds / SUBSTEPS
-        places = []
-        for _ in range(SUBSTEPS):
-            half = theta + 0.5 * w * step
-            x, y, theta = x + v * step * np.cos(half), y + v * step * np.sin(half), theta + w * step
-            places.append(np.stack([x, y], axis=1))
-        theta = (theta + np.pi) % (2 * np.pi) - np.pi
-        return np.column_stack([x, y, theta, v, w]), np.stack(places, axis=1)
-
-    def reached(self, states):
-        return np.hypot(*(states[:, :2] - self.goal).T) < self.goal_radius
+    def reached(self, states, radius):
+        return np.hypot(*(states[:, :2] - np.array(self.scenario.goal)).T) < radius
 
 
-def attack(plant, cells, steps, robots, tries, lookahead, generator):
+def attack(plant, cells, steps, robots, tries, lookahead, goal_radius, generator):
     """Drive robots for so many steps in all, and count what must not happen."""
     told = {"steps": 0, "violations": 0, "escapes": 0, "goals": 0, "least": np.inf}
-    states, outside = fresh(plant, cells, robots, generator), np.zeros(robots, int)
+    states, outside = fresh(plant, cells, robots, goal_radius, generator), np.zeros(robots, int)
     while told["steps"] < steps:
         commands = harm(plant, cells, states, tries, generator)
-        states, places = plant.drive(states, commands, plant.robot.control_interval)
-        left = away(places.reshape(-1, 2), plant.solid).reshape(robots, -1).min(axis=1) - plant.least
-        # Where a robot stands still at the rim, it has what it had; the integration errs by less than this.
-        broken = left < -1e-7
-        done = plant.reached(states)
+        states, way = plant.ends(states, commands)
+        left = plant.away(way).min(axis=1) - plant.distance
+        broken = left < 0.0
+        done = plant.reached(states, goal_radius)
         outside = np.where(cells.holds(states) | done, 0, outside + 1)
         escaped = outside >= lookahead
         told["steps"] += robots
@@ -167,38 +130,35 @@ def attack(plant, cells, steps, robots, tries, lookahead, generator):
         told["goals"] += int(done.sum())
         told["least"] = min(told["least"], float(left.min()))
         renewed = done | broken | escaped | (generator.random(robots) < 0.002)
-        states[renewed] = fresh(plant, cells, int(renewed.sum()), generator)
+        states[renewed] = fresh(plant, cells, int(renewed.sum()), goal_radius, generator)
         outside[renewed] = 0
     return told
 
 
-def fresh(plant, cells, count, generator):
+def fresh(plant, cells, count, goal_radius, generator):
     """Free states of the set that have not reached the goal."""
     drawn = np.zeros((0, 5))
     while len(drawn) < count:
         more = cells.draw(2 * count + 10, generator)
-        drawn = np.concatenate(
-            [drawn, more[(away(more[:, :2], plant.solid) > plant.least) & ~plant.reached(more)]]
-        )
+        drawn = np.concatenate([drawn, more[plant.free(more[:, :3]) & ~plant.reached(more, goal_radius)]])
     return drawn[:count]
 
 
 def harm(plant, cells, states, tries, generator):
     """The command, among those that some errors of the sensors cause, that does most harm."""
     count = len(states)
-    seen = np.repeat(plant.see(states), tries, axis=0)
-    error = generator.choice([-1.0, 1.0], seen.shape) * (1.0 - 1e-4)
-    commands = plant.command(seen + error * plant.radii)
+    seen = np.repeat(plant.readings(states), tries, axis=0)
+    error = generator.choice([-1.0, 1.0], seen.shape) * (1.0 - 1e-4)  # room for the rounding to float32
+    commands = plant.command(seen + error * plant.radii())
     before = np.repeat(states, tries, axis=0)
-    ends, _ = plant.drive(before, commands, 3 * plant.robot.control_interval)
-    near = away(ends[:, :2], plant.solid).reshape(count, tries)
-    after, _ = plant.drive(before, commands, plant.robot.control_interval)
-    around = sum(
-        cells.holds(after + generator.uniform(-1, 1, after.shape) * cells.size * [1, 1, 1, 0, 0])
-        for _ in range(4)
+    ahead, _ = plant.ends(before, commands, 3)
+    near = plant.away(ahead[:, :3]).reshape(count, tries)
+    after, _ = plant.ends(before, commands)
+    nudges = [generator.uniform(-1, 1, after.shape) * cells.size * [1, 1, 1, 0, 0] for _ in range(4)]
+    inside = (
+        sum(cells.holds(after + nudge).astype(int) for nudge in nudges).reshape(count, tries) + 1e-3 * near
     )
-    inside = around.reshape(count, tries) + 1e-3 * near
-    worst = np.where((np.arange(count) % 2 == 0), near.argmin(axis=1), inside.argmin(axis=1))
+    worst = np.where(np.arange(count) % 2 == 0, near.argmin(axis=1), inside.argmin(axis=1))
     return commands.reshape(count, tries, 2)[np.arange(count), worst]
 
 

@@ -5,13 +5,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.benchmarks.forever import CellList, Robots, attack
+from tests.certify.plant import Plant
 from viatool import load_map, load_policy
 from viatool.certify import Campaign, Outlook, Resolution, certify
 from viatool.certify.forever import FOR_EVER, Loop
 from viatool.certify.mesh import CellSet, Mesh, Ranges
 from viatool.certify.passages import Passages
 from viatool.errors import ConfigurationError
-from viatool.policy.network import Affine, Input, Network
+from viatool.policy.activations import activation
+from viatool.policy.network import Activation, Affine, Input, Network
 from viatool.policy.writer import write_onnx
 from viatool.schedule import Processes
 
@@ -45,15 +48,13 @@ def test_a_robot_that_turns_on_the_spot_is_safe_for_ever_wherever_it_is_free(tmp
 
 def true_intervals(states, speed, most):
     """After how many steps straight ahead a robot comes too near to something or to the goal; `most` if to none."""
-    from tests.benchmarks.certified import away, solid_of
-
-    solid, goal = solid_of(ROOM, SCENARIO), np.array(SCENARIO.goal)
+    robot, goal = Plant(VIA, ROOM, SCENARIO, 0.01), np.array(SCENARIO.goal)
     found, done = np.full(len(states), most), np.zeros(len(states), bool)
     for number in range(most):
         for share in (0.25, 0.5, 0.75, 1.0):
             ahead = 0.1 * speed * (number + share)
             places = states[:, :2] + ahead * np.stack([np.cos(states[:, 2]), np.sin(states[:, 2])], axis=1)
-            bad = (away(places, solid) <= 0.4) & ~done
+            bad = (robot.away(np.column_stack([places, states[:, 2]])) <= 0.4) & ~done
             found[bad], done[bad] = number, True
         done |= np.hypot(*(places - goal).T) < 0.8
     return found
@@ -71,12 +72,12 @@ def test_a_robot_that_drives_straight_lasts_as_long_as_its_way_is_free(straight)
     rows = generator.choice(np.flatnonzero(straight.free), 1000, replace=False)
     rows = np.concatenate([rows, np.flatnonzero(straight.for_ever)])
     lower, upper = straight.mesh.bounds(rows)
-    lasts = np.full(len(rows), 60)
+    robot, lasts = Plant(VIA, ROOM, SCENARIO, 0.01), np.full(len(rows), 60)
     for _ in range(24):
         states = lower + generator.choice([0.0, 0.5, 1.0], lower.shape) * (upper - lower)
         true = true_intervals(states, 0.5, 60)
-        started = true > 0  # a state that is free to begin with
-        lasts = np.where(started, np.minimum(lasts, true), lasts)
+        free = robot.free(states[:, :3])
+        lasts = np.where(free, np.minimum(lasts, true), lasts)
     claimed = np.minimum(straight.intervals[rows], 60)
     assert (claimed <= lasts).all()
     assert (straight.intervals[rows] == FOR_EVER).sum() >= 4
@@ -165,6 +166,18 @@ def test_cells_of_leaves_are_as_the_leaves_say():
     assert not found.intervals[found.free & ~safe].any()
 
 
+def test_a_coarser_cell_is_as_bad_as_the_worst_leaf_in_it():
+    certificate = certify(
+        VIA, ROOM, SCENARIO, eps=0.01, criterion="swept", resolution=Resolution(0.25, 0), outlook=Outlook(),
+    )  # fmt: skip
+    fine, coarse = Mesh.of(certificate.lattice), Mesh.of(certificate.lattice, 1)
+    status = fine.statuses(certificate.lattice, certificate.findings).reshape(8, 2, 8, 2, 16, 2)
+    np.testing.assert_array_equal(
+        coarse.statuses(certificate.lattice, certificate.findings), status.max(axis=(1, 3, 5)).ravel()
+    )
+    assert len(np.unique(status)) > 2
+
+
 def test_workers_change_nothing(tmp_path, straight):
     again = prospect(
         load_policy(constant(tmp_path / "straight.onnx", 0.5, 0.0).path), steps=8, for_ever=True, lookahead=4,
@@ -180,3 +193,29 @@ def test_workers_change_nothing(tmp_path, straight):
 def test_what_cannot_be_asked_is_refused(asked, words):
     with pytest.raises(ConfigurationError, match=words):
         Outlook(**asked)
+
+
+def test_robots_do_not_leave_the_set_under_errors_chosen_to_do_harm(tmp_path):
+    """A policy that stands still where something is near: 3,000 steps by a simulator that shares no code."""
+    size = VIA.input_size
+    slower = np.zeros((20, size))
+    slower[np.arange(20), np.arange(20)] = -1.0
+    network = Network(
+        (
+            Input(size),
+            Affine((0,), (slower,), np.full(20, 1.0)),
+            Activation(1, activation("Relu"), 20),
+            Affine((2,), (np.array([[-1.0] * 20, [0.0] * 20]),), np.array([0.5, 0.5])),
+        )
+    )
+    write_onnx(network, VIA.spec, tmp_path / "careful.onnx")
+    policy = load_policy(tmp_path / "careful.onnx")
+    found = prospect(policy, side=0.125, for_ever=True, lookahead=1)
+    assert found.for_ever.sum() > 1000
+    robots, cells = Robots(policy, ROOM, SCENARIO, 0.01, steps=5), CellList(found.cell_table())
+    assert len(cells) == found.for_ever.sum()
+    told = attack(robots, cells, 3000, 150, 8, 1, 0.5, np.random.default_rng(0))
+    assert told["violations"] == told["escapes"] == 0
+    half = found.cell_table()
+    half["steps"] = np.where(np.arange(len(half["steps"])) % 2, half["steps"], 0)
+    assert attack(robots, CellList(half), 300, 150, 8, 1, 0.5, np.random.default_rng(0))["escapes"] > 0

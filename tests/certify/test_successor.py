@@ -6,7 +6,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from tests.benchmarks.certified import command
+from tests.certify.plant import Plant
 from viatool import load_map, load_policy
 from viatool.certify import passages, successor
 from viatool.certify.judging import Question
@@ -17,6 +17,7 @@ from viatool.safety import Layout, Rules
 
 ROOM, POLICY = load_map(Path("maps/room.yaml")), load_policy(Path("policies/via.onnx"))
 SCENARIO = ROOM.scenarios[0]
+ROBOT = Plant(POLICY, ROOM, SCENARIO, 0.01)
 QUESTION = Question.of(POLICY, ROOM, SCENARIO, Layout.of(POLICY, 0.01), Rules.of(ROOM, "swept"))
 
 
@@ -60,7 +61,7 @@ def beyond(generator, some, rounds):
     worst = np.full(2, -np.inf)
     for _ in range(rounds):
         z, states = sampled(generator, some)
-        after = arc(states, command(POLICY, ROOM, SCENARIO, states, 0.01, generator))
+        after = arc(states, ROBOT.noisy_command(states, generator))
         linear = found.states.centre + np.einsum("cs,csk->ck", z, found.states.slope[:, :5])
         outside = np.maximum(lower - after, after - upper).max()
         worst = np.maximum(worst, [outside, (np.abs(after - linear) - own).max()])
@@ -173,6 +174,6 @@ def test_two_steps_follow_what_was_commanded_before():
     for _ in range(15):
         _, states = sampled(generator, some)
         for _ in range(2):
-            states = arc(states, command(POLICY, ROOM, SCENARIO, states, 0.01, generator))
+            states = arc(states, ROBOT.noisy_command(states, generator))
         assert (states >= lower - 1e-13).all()
         assert (states <= upper + 1e-13).all()

@@ -169,7 +169,7 @@ class Certificate:
             "contested_rate": _rate(certified, contested),
             "free_rate": _rate(safe, free),
             "decided_rate": _rate(decided, contested),
-            "over_time": None if self.prospect is None else self.prospect.to_json(unit),
+            "over_time": None if self.prospect is None else self.prospect.to_json(),
             "worst": [self._witness(int(row)) for row in self.worst()],
             "seconds": dict(self.seconds),
             "versions": dict(self.versions),

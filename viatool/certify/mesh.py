@@ -1,4 +1,4 @@
-"""The smallest cells of a lattice, all of one size and numbered: ranges of them, and sets that cover ranges.
+"""Cells of a lattice, all of one size and numbered: ranges of them, and sets that cover ranges.
 
 A set of cells is a mask. Whether a range of cells, a box of up to five axes, lies in the set is read from sums over
 the mask up to each corner (a summed-area table), at a cost that does not depend on the size of the range. Headings go
@@ -66,10 +66,10 @@ class Mesh:
     count: Integers
 
     @classmethod
-    def of(cls, lattice: Lattice) -> Mesh:
-        """Return the smallest cells of a lattice."""
-        size = lattice.size * np.exp2(-lattice.deepest.astype(np.float64))
-        return cls(lattice.origin, size, lattice.count << lattice.deepest)
+    def of(cls, lattice: Lattice, coarser: int = 0) -> Mesh:
+        """Return the cells of a lattice that are `coarser` times halved less along x, y and theta than the smallest."""
+        level = lattice.deepest - np.array([coarser, coarser, coarser, 0, 0])
+        return cls(lattice.origin, lattice.size * np.exp2(-level.astype(np.float64)), lattice.count << level)
 
     def __len__(self) -> int:
         """Return the number of cells."""
@@ -103,18 +103,20 @@ class Mesh:
         return Ranges(ends[0].astype(np.int16), ends[1].astype(np.int16))
 
     def statuses(self, lattice: Lattice, findings: Findings) -> NDArray[np.int8]:
-        """Return the status of the leaf in which each cell lies, (N,); -1 where nothing was examined."""
+        """Return the status of each cell, (N,): the last one of all leaves that it shares; -1 where none is."""
         status = np.full(len(self), -1, np.int8)
-        spread = lattice.deepest - findings.level.astype(np.int64)
+        level = np.log2(self.count // lattice.count).astype(np.int64)
+        spread = level - findings.level
         for each in np.unique(spread, axis=0):
             members = np.flatnonzero((spread == each).all(axis=1))
-            offsets = np.indices(1 << each).reshape(len(AXES), -1).T
+            offsets = np.indices(1 << np.maximum(each, 0)).reshape(len(AXES), -1).T
             for some in _pieces(members, max(1, _AT_ONCE // len(offsets))):
-                corner = findings.index[some].astype(np.int64) << each
-                index = (corner[:, None] + offsets).reshape(-1, len(AXES))
-                status[np.ravel_multi_index(tuple(index.T), tuple(self.count))] = np.repeat(
-                    findings.status[some], len(offsets)
+                corner = (findings.index[some].astype(np.int64) >> np.maximum(-each, 0)) << np.maximum(
+                    each, 0
                 )
+                index = (corner[:, None] + offsets).reshape(-1, len(AXES))
+                number = np.ravel_multi_index(tuple(index.T), tuple(self.count))
+                np.maximum.at(status, number, np.repeat(findings.status[some], len(offsets)))
         return status
 
 

@@ -17,7 +17,7 @@ from viatool.certify.forever import FOR_EVER, Loop
 from viatool.certify.judging import Question
 from viatool.certify.mesh import CellSet, Mesh
 from viatool.certify.passages import Passages, follow, join
-from viatool.certify.tree import Lattice
+from viatool.certify.tree import AXES, Lattice
 from viatool.errors import ConfigurationError
 from viatool.schedule import Piece, Scheduler, Span
 from viatool.simulate.task import NavigationTask
@@ -46,6 +46,9 @@ class Outlook:
         For how many intervals a cell is followed as it is before it has to lie in other cells.
     goal_radius : float
         Metres within which the goal is reached, and the run over.
+    coarser : int
+        How often less than the smallest cells those are halved of which the sets consist: a cell is safe if all the
+        leaves in it are, so that what is undecided may be cut further than where the loop leads.
     seconds : float
         After which no cell is followed further.
     """
@@ -54,6 +57,7 @@ class Outlook:
     for_ever: bool = False
     lookahead: int = 4
     goal_radius: float = NavigationTask.goal_radius
+    coarser: int = 0
     seconds: float = math.inf
 
     def __post_init__(self) -> None:
@@ -64,6 +68,10 @@ class Outlook:
         if not 1 <= self.lookahead <= 64:
             raise ConfigurationError(
                 f"cells cannot be followed for {self.lookahead} intervals", "give a number from 1 to 64"
+            )
+        if not 0 <= self.coarser <= 3:
+            raise ConfigurationError(
+                f"cells cannot be {self.coarser} times coarser than the smallest", "give a number from 0 to 3"
             )
         if not 0.0 <= self.goal_radius < math.inf:
             raise ConfigurationError(
@@ -109,7 +117,7 @@ class Prospect:
     Parameters
     ----------
     mesh : Mesh
-        N cells, the smallest ones of the lattice.
+        N cells.
     status : ndarray
         (N,) of the next action; -1 where nothing was examined.
     goal : ndarray
@@ -150,8 +158,14 @@ class Prospect:
         free, held = (part.reshape(shape).sum(axis=(2, 3, 4)) for part in (self.free, self.for_ever))
         return np.asarray(np.where(free > 0, held / np.maximum(free, 1), np.nan))
 
-    def to_json(self, unit: float) -> dict[str, Any]:
-        """Return the prospect as plain data; `unit` is the volume of a cell in m^2 rad."""
+    @property
+    def unit(self) -> float:
+        """Return the volume of a cell in m^2 rad, times its share of the commands' range."""
+        return float(np.prod(self.mesh.size[:3]) / np.prod(self.mesh.count[3:]))
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the prospect as plain data."""
+        unit = self.unit
         total = int(self.free.sum())
         held = int(self.for_ever.sum())
 
@@ -161,6 +175,7 @@ class Prospect:
         return {
             "goal_radius": self.outlook.goal_radius,
             "lookahead": self.outlook.lookahead,
+            "cell": dict(zip(AXES, self.mesh.size.tolist(), strict=True)),
             "forever": share(held) if self.outlook.for_ever else None,
             "volume": {
                 "free": total * unit,
@@ -230,7 +245,7 @@ def look_ahead(
             "with a delay it is not known for how long cells stay certified",
             "leave out --delay, --steps and --forever",
         )
-    mesh = Mesh.of(lattice)
+    mesh = Mesh.of(lattice, outlook.coarser)
     if len(mesh) > _MOST_CELLS:
         raise ConfigurationError(
             f"{len(mesh):,} smallest cells are too many to look ahead", "make the smallest cells larger"

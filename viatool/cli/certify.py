@@ -106,6 +106,14 @@ if TYPE_CHECKING:
     help="With --steps or --forever: intervals for which a cell is followed before it has to lie in other cells.",
 )
 @click.option(
+    "--coarser",
+    type=click.IntRange(0, 3),
+    default=0,
+    show_default=True,
+    metavar="N",
+    help="With --steps or --forever: how often less the cells of these sets are halved than the smallest.",
+)
+@click.option(
     "--goal-radius",
     type=options.QuantityType("m"),
     default=0.5,
@@ -165,7 +173,9 @@ def command(ctx: click.Context, /, **given: Any) -> None:
             budget=Budget(
                 given["budget_seconds"] or math.inf, given["budget_cells"] or 2**62, given["sample"]
             ),
-            outlook=Outlook(given["steps"], given["forever"], given["lookahead"], given["goal_radius"]),
+            outlook=Outlook(
+                given["steps"], given["forever"], given["lookahead"], given["goal_radius"], given["coarser"]
+            ),
             campaign=Campaign(
                 open_scheduler(given["workers"], given["scheduler"]), given["checkpoint"], given["resume"]
             ),

@@ -102,10 +102,11 @@ class LastingVolume(_Part):
 
 
 class OverTime(_Part):
-    """What holds beyond the next action; shares of the free volume outside of the goal, in smallest cells."""
+    """What holds beyond the next action; shares of the free volume outside of the goal, in its cells."""
 
     goal_radius: Amount
     lookahead: Count
+    cell: dict[str, float]
     forever: Share | None
     volume: LastingVolume
     steps: list[StepShare]
