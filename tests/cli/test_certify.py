@@ -67,6 +67,41 @@ def test_ci_sees_the_gate_the_slices_and_the_worst_places(outputs):
     assert any(line.startswith("::warning") and "comes within" in line for line in lines)
 
 
+def test_what_holds_over_time_is_printed_drawn_and_written(tmp_path):
+    files = {
+        name: tmp_path / file
+        for name, file in {"json": "c.json", "figure": "c.svg", "cells": "c.npz"}.items()
+    }
+    outputs = [part for name, file in files.items() for part in ("-o", f"{name}:{file}")]
+    arguments = [
+        "certify",
+        "via",
+        "--map",
+        "room",
+        "--criterion",
+        "swept",
+        "--eps",
+        "0.01",
+        "--smallest",
+        "0.25",
+    ]
+    over_time = ["--halvings", "0", "--steps", "2", "--forever", "--lookahead", "1", "--coarser", "1"]
+    done = CliRunner().invoke(main, [*arguments, *over_time, *outputs])
+    assert done.exit_code == 0, done.output
+    assert "certified for 2 steps" in done.stdout
+    assert "for ever, or until the goal is reached" in done.stdout
+    document = json.loads(files["json"].read_text())
+    jsonschema.validate(document, json.loads(SCHEMA.read_text()))
+    later = document["over_time"]
+    assert [step["steps"] for step in later["steps"]] == [1, 2]
+    assert later["steps"][0]["part"] >= later["steps"][1]["part"] >= later["forever"]["part"]
+    assert later["cell"]["x"] == 2 * document["smallest_cell"]["x"]
+    table = np.load(files["cells"])
+    certified = later["steps"][0]["part"]
+    assert table["steps_lower"].shape == table["steps_upper"].shape == (certified, 5)
+    assert "left only towards the goal" in files["figure"].read_text()
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

@@ -396,3 +396,29 @@ def test_an_interrupt_leaves_no_file_and_exits_130(hall: Path, tmp_path: Path) -
     assert "Traceback" not in stderr
     assert stdout == ""
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_horizon_is_reported_gated_and_replayed(run: Run, tmp_path: Path) -> None:
+    kinds = ("json", "states", "witnesses", "markdown", "figure", "html", "csv")
+    outputs = {kind: tmp_path / f"{kind}.{SUFFIX.get(kind, kind)}" for kind in kinds}
+    asked = [part for kind, path in outputs.items() for part in ("--output", f"{kind}:{path}")]
+    done = run(*VERIFY, "--horizon", "3", "--pose-error", "0.01,0.02", "--fail-under", "horizon=0", *asked)
+    assert done.exit_code == 0, done.output
+    assert "Horizon" in done.output
+    assert "passed  safety rate over the horizon >= 0" in done.output
+    report = json.loads(outputs["json"].read_text(encoding="utf-8"))
+    schema = json.loads((ROOT / "docs" / "report.schema.json").read_text(encoding="utf-8"))
+    jsonschema.validate(report, schema)
+    assert report["horizon"]["pose_error"] == {"position": 0.01, "heading": 0.02}
+    assert len(report["horizon"]["safety_rate"]) == report["horizon"]["steps"] == 3
+    assert arrays_of(outputs["states"])["tube_lower"].shape == (report["states"], 3, 3)
+    assert "Horizon: 3 intervals" in outputs["markdown"].read_text(encoding="utf-8")
+    again = run("replay", outputs["witnesses"])
+    assert again.exit_code == 0, again.output
+
+
+def test_options_about_a_horizon_ask_for_one(run: Run) -> None:
+    for options in (("--pose-error", "0.01,0.01"), ("--fail-under", "horizon=0.9")):
+        done = run(*VERIFY, *options)
+        assert done.exit_code == 2
+        assert "add --horizon" in done.output

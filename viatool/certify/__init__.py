@@ -6,6 +6,7 @@ from viatool.certify.campaign import Budget, Campaign
 from viatool.certify.certificate import SECTOR_NAMES, SECTORS, Certificate
 from viatool.certify.findings import STATUSES, Findings
 from viatool.certify.job import Resolution, certify
+from viatool.certify.over_time import Outlook, Prospect
 from viatool.certify.raster import Raster
 
 __all__ = [
@@ -16,6 +17,8 @@ __all__ = [
     "Campaign",
     "Certificate",
     "Findings",
+    "Outlook",
+    "Prospect",
     "Raster",
     "Resolution",
     "certify",

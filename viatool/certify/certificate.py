@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viatool.certify.findings import SETTLED, STATUSES, Findings
+from viatool.certify.over_time import Prospect
 from viatool.certify.raster import Raster, rasterise
 from viatool.certify.tree import Lattice, Nodes
 from viatool.policy import Policy
@@ -58,6 +59,8 @@ class Certificate:
         Roots of the tree that were examined, and all.
     seconds, versions : dict
         Time by stage, and what a repetition would need.
+    prospect : Prospect, optional
+        What holds beyond the next action, if it was asked.
     """
 
     policy: Policy
@@ -73,6 +76,7 @@ class Certificate:
     roots: int
     seconds: Mapping[str, float]
     versions: Mapping[str, str]
+    prospect: Prospect | None = None
 
     @cached_property
     def units(self) -> dict[str, int]:
@@ -165,6 +169,7 @@ class Certificate:
             "contested_rate": _rate(certified, contested),
             "free_rate": _rate(safe, free),
             "decided_rate": _rate(decided, contested),
+            "over_time": None if self.prospect is None else self.prospect.to_json(),
             "worst": [self._witness(int(row)) for row in self.worst()],
             "seconds": dict(self.seconds),
             "versions": dict(self.versions),
@@ -185,7 +190,9 @@ class Certificate:
         keep = self.findings.status >= SETTLED
         lower, upper = self.lattice.bounds(self.findings.nodes.select(keep))
         names = np.array(STATUSES)
+        later = {} if self.prospect is None else self.prospect.cell_table()
         return {
+            **later,
             "lower": lower,
             "upper": upper,
             "status": names[self.findings.status[keep]],

@@ -12,6 +12,7 @@ import numpy as np
 from viatool.certify.campaign import Budget, Campaign, Inspection, Tell, describe
 from viatool.certify.certificate import Certificate
 from viatool.certify.judging import Question
+from viatool.certify.over_time import Outlook, look_ahead
 from viatool.certify.tree import Lattice
 from viatool.errors import ConfigurationError, EmptyEvaluationError
 from viatool.policy import Policy
@@ -60,6 +61,7 @@ def certify(
     arithmetic: Arithmetic = "float32",
     resolution: Resolution | None = None,
     budget: Budget | None = None,
+    outlook: Outlook | None = None,
     seed: int = 0,
     campaign: Campaign | None = None,
     tell: Tell | None = None,
@@ -86,6 +88,8 @@ def certify(
         Of the smallest cells.
     budget : Budget, optional
         When to stop.
+    outlook : Outlook, optional
+        What is asked beyond the next action.
     seed : int
         Of the order of the roots, and of the search for counterexamples.
     campaign : Campaign, optional
@@ -111,7 +115,7 @@ def certify(
     -----
     Sound: yes. From every pose of a certified or uncontested cell that keeps the collision distance, for every
     observation within eps of what perfect sensors read there and every command before it within the cell, the
-    criterion holds.
+    criterion holds. What the outlook adds is as sound: see `viatool.certify.over_time`.
     """
     resolution, budget = resolution or Resolution(), budget or Budget()
     if criterion not in ("swept", "braking"):
@@ -126,15 +130,23 @@ def certify(
         raise ConfigurationError(f"the goal ({x:g}, {y:g}) lies in an obstacle or off the map", "move it")
     question = Question.of(policy, world_map, scenario, layout, rules, arithmetic)
     smallest = (resolution.side, resolution.side, resolution.halvings)
-    lattice = Lattice.over(world_map.bounds, (rules.lower, rules.upper), smallest)
+    outlook = outlook or Outlook()
+    grain = max(1, outlook.coarser)
+    lattice = Lattice.over(world_map.bounds, (rules.lower, rules.upper), smallest, grain)
     start = time.perf_counter()
     inspection = Inspection(question, lattice, seed)
     about = describe(inspection, world_map, scenario)
-    findings, examined = (campaign or Campaign()).carry_out(inspection, budget, about, tell)
+    campaign = campaign or Campaign()
+    findings, examined = campaign.carry_out(inspection, budget, about, tell)
     if not (findings.status > 0).any():
         raise EmptyEvaluationError("no free place was examined", "lower the clearance or raise the budget")
     seconds = {"search": time.perf_counter() - start}
+    prospect = None
+    if outlook.asked:
+        start = time.perf_counter()
+        prospect = look_ahead(question, lattice, findings, scenario.goal, outlook, campaign.scheduler, tell)
+        seconds["over_time"] = time.perf_counter() - start
     return Certificate(
         policy, world_map, scenario, rules, layout, eps, arithmetic, lattice, findings, examined,
-        int(np.prod(lattice.count)), seconds, result_versions(),
+        int(np.prod(lattice.count)), seconds, result_versions(), prospect,
     )  # fmt: skip

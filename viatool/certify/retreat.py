@@ -9,6 +9,8 @@ direction between theta and theta + phi / 2, for phi up to the turn of the whole
 are within a right angle of n, for all poses of the box, the distance from K never falls below what it is at the
 pose. The way to the nearest point of a convex set is 1-Lipschitz, so for the places within rho of p_0, n turns by
 at most ``arcsin(rho / |p_0 - nearest point|)``; for a circle take its centre as the nearest point.
+
+A robot whose outline looks the same in every heading and that does not drive stays where it is clear.
 """
 
 from __future__ import annotations
@@ -67,7 +69,8 @@ def keep_away(
     opening = (0.5 * (left - right) + boxes.turn)[:, None] + cone(reach, distance)
     retreats = np.abs(off) + opening + slack < 0.5 * np.pi
     retreats &= ((lower[:, 0] >= 0.0) & (left - right < np.pi))[:, None]
-    return np.asarray((far | retreats).all(axis=1))
+    stays = (lower[:, 0] == 0.0) & (upper[:, 0] == 0.0)
+    return np.asarray(stays | (far | retreats).all(axis=1))
 
 
 def turns(manoeuvre: Manoeuvre, lower: Floats, upper: Floats) -> tuple[Floats, Floats]:

@@ -85,6 +85,41 @@ if TYPE_CHECKING:
     metavar="SHARE",
     help="Examine a random share of the map only: an unbiased estimate in less time.",
 )
+@click.option(
+    "--steps",
+    type=click.IntRange(1, 10_000),
+    default=0,
+    metavar="K",
+    help="Also count the cells from which the closed loop stays certified for 1, 2, ... K control intervals.",
+)
+@click.option(
+    "--forever",
+    is_flag=True,
+    help="Also find the cells that the closed loop leaves only towards the goal: safe for ever.",
+)
+@click.option(
+    "--lookahead",
+    type=click.IntRange(1, 64),
+    default=4,
+    show_default=True,
+    metavar="N",
+    help="With --steps or --forever: intervals for which a cell is followed before it has to lie in other cells.",
+)
+@click.option(
+    "--coarser",
+    type=click.IntRange(0, 3),
+    default=0,
+    show_default=True,
+    metavar="N",
+    help="With --steps or --forever: how often less the cells of these sets are halved than the smallest.",
+)
+@click.option(
+    "--goal-radius",
+    type=options.QuantityType("m"),
+    default=0.5,
+    show_default=True,
+    help="With --steps or --forever: nearer than this the goal is reached, and the run over.",
+)
 @options.seed_option
 @click.option(
     "--output",
@@ -113,7 +148,7 @@ def command(ctx: click.Context, /, **given: Any) -> None:
     The free space is cut into cells of x, y, heading and previous command. Each becomes uncontested (no command
     could endanger it), certified (proved for all of it), refuted (with a replayable counterexample) or unknown.
     """
-    from viatool.certify import Budget, Campaign, Resolution, certify
+    from viatool.certify import Budget, Campaign, Outlook, Resolution, certify
     from viatool.policy import load_policy
     from viatool.report import STDOUT, check_outputs, parse_output, write_outputs
     from viatool.report.certificates import CERTIFICATE_REPORTERS
@@ -137,6 +172,9 @@ def command(ctx: click.Context, /, **given: Any) -> None:
             resolution=Resolution(given["smallest"], given["halvings"]),
             budget=Budget(
                 given["budget_seconds"] or math.inf, given["budget_cells"] or 2**62, given["sample"]
+            ),
+            outlook=Outlook(
+                given["steps"], given["forever"], given["lookahead"], given["goal_radius"], given["coarser"]
             ),
             campaign=Campaign(
                 open_scheduler(given["workers"], given["scheduler"]), given["checkpoint"], given["resume"]

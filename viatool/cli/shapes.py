@@ -1,4 +1,4 @@
-"""Types of options that are shapes: a footprint, and a point on the map."""
+"""Types of options that are shapes: a footprint, a point on the map, and how far a pose may be off."""
 
 from __future__ import annotations
 
@@ -77,3 +77,25 @@ class PointType(click.ParamType):  # type: ignore[type-arg]  # generic only in n
         if len(numbers) != 2 or numbers[0] is None or numbers[1] is None:
             self.fail(f"'{value}' is not x,y in metres", param, ctx)
         return numbers[0], numbers[1]
+
+
+class PoseErrorType(click.ParamType):  # type: ignore[type-arg]  # generic only in newer click
+    """``METRES,RADIANS``, neither of them negative."""
+
+    name = "pose error"
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
+        """Show what may be written."""
+        return "M,RAD"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, float]:
+        """Read two finite numbers of at least 0."""
+        if isinstance(value, tuple):
+            return value
+        numbers = [finite(text) for text in str(value).split(",")]
+        if len(numbers) != 2 or any(number is None or number < 0.0 for number in numbers):
+            self.fail(f"'{value}' is not metres,radians of at least 0, such as 0.01,0.01", param, ctx)
+        position, heading = (number or 0.0 for number in numbers)
+        return position, heading

@@ -9,12 +9,13 @@ import click
 
 from viatool.cli import options
 from viatool.cli.gating import build_gate, gate_options, leave_by_gate
+from viatool.cli.shapes import PoseErrorType
 from viatool.cli.states import bag_settings, choose_scenarios, sampled_places, state_options
 from viatool.cli.terminal import Progress, open_console, show_progress
 from viatool.cli.work import keeping, work_options
 
 if TYPE_CHECKING:
-    from viatool.safety import Result
+    from viatool.safety import Horizon, Result
 
 _PASSED_ON = (
     "trajectory",
@@ -57,6 +58,19 @@ _PASSED_ON = (
 @options.noise_option
 @options.bounds_options
 @options.clearance_options
+@click.option(
+    "--horizon",
+    type=click.IntRange(min=1, max=1000),
+    metavar="K",
+    help="Also follow the closed loop from every state over K control intervals, LiDAR in the loop: where it may be, "
+    "and from how many states it stays safe.",
+)
+@click.option(
+    "--pose-error",
+    type=PoseErrorType(),
+    default=(0.0, 0.0),
+    help="With --horizon: how far x and y, and the heading, of a recorded pose may be off, such as 0.01,0.01.",
+)
 @click.option(
     "--only-contested",
     is_flag=True,
@@ -105,6 +119,26 @@ def command(ctx: click.Context, /, **given: Any) -> None:
     leave_by_gate(ctx, checks, exit_zero=given["exit_zero"])
 
 
+def _horizon(given: Mapping[str, Any]) -> Horizon | None:
+    """Return what is asked of the intervals after each state.
+
+    Raises
+    ------
+    ConfigurationError
+        If an option makes sense with a horizon alone.
+    """
+    from viatool.errors import ConfigurationError
+    from viatool.safety import Horizon
+
+    if given["horizon"] is not None:
+        return Horizon(given["horizon"], *given["pose_error"])
+    about_it = ["--pose-error"] if any(given["pose_error"]) else []
+    about_it += [f"--fail-under {text}" for text in given["fail_under"] if text.startswith("horizon=")]
+    if about_it:
+        raise ConfigurationError(f"{about_it[0]} is about a horizon", "add --horizon K, such as --horizon 10")
+    return None
+
+
 def _verify(given: Mapping[str, Any], progress: Progress) -> Result:
     from viatool.verification import verify
 
@@ -118,6 +152,7 @@ def _verify(given: Mapping[str, Any], progress: Progress) -> Result:
         scenarios=choose_scenarios(given, world_map),
         bag=bag,
         places=places,
+        horizon=_horizon(given),
         progress=progress,
         **{name: given[name] for name in _PASSED_ON},
     )

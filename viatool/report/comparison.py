@@ -63,6 +63,8 @@ def _verdicts(before: ReportDocument, after: ReportDocument) -> Iterator[Row]:
 def _rates(before: ReportDocument, after: ReportDocument) -> Iterator[Row]:
     for name, title in RATES.items():
         old, new = rate_named(before, name), rate_named(after, name)
+        if name == "horizon" and old.total == new.total == 0:  # neither of them has one
+            continue
         yield title, _rate(old), _rate(new), _rate_change(old, new)
 
 

@@ -11,15 +11,18 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from viatool.report.document import FileIdentity, RateByOutcome, ReportDocument
+from viatool.report.document import FileIdentity, HorizonDocument, RateByOutcome, ReportDocument
 from viatool.report.foreign import shown
 from viatool.report.gate import Check
 from viatool.report.numbers import MISSING, count, percentage, seconds, significant
 from viatool.report.palette import MEANING, STYLE, VERDICTS
 from viatool.report.wording import (
+    HORIZON_COLUMNS,
     assumptions,
     describe_eps,
+    describe_horizon,
     describe_task,
+    horizon_rows,
     rate_rows,
     total_seconds,
     unit_of,
@@ -64,6 +67,7 @@ def _parts(document: ReportDocument) -> list[RenderableType]:
         _headline(document),
         _verdicts(document),
         _rates(document),
+        *([] if document.horizon is None else [_horizon(document.horizon)]),
         _task(document),
         _widths(document),
         _time(document),
@@ -125,6 +129,19 @@ def _rate(rates: RateByOutcome, outcome: str) -> Text:
     text = Text(percentage(rate.safe, rate.total))
     text.append(f"\n{count(rate.safe)}/{count(rate.total)}", style="dim")
     return text
+
+
+def _horizon(horizon: HorizonDocument) -> RenderableType:
+    """Show the closed loop over several intervals."""
+    counts = {verdict: int(getattr(horizon.verdicts, verdict)) for verdict in VERDICTS}
+    told = ", ".join(f"{count(number)} {verdict}" for verdict, number in counts.items())
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), show_edge=False)
+    for name in HORIZON_COLUMNS:
+        table.add_column(name, justify="right")
+    for row in horizon_rows(horizon):
+        table.add_row(*row)
+    head = Text(f"{told} over {shown(describe_horizon(horizon))}; widths of the tubes:")
+    return _titled("Horizon", Group(head, table))
 
 
 def _task(document: ReportDocument) -> RenderableType:

@@ -88,6 +88,36 @@ class UnsafeState(_Part):
     pose: tuple[float, float, float]
 
 
+class PoseError(_Part):
+    """Half-widths of the box around every recorded pose: of x and y in metres, of the heading in radians."""
+
+    position: float
+    heading: float
+
+
+class TubeWidth(_Part):
+    """Median and 90th percentile of the width of the tubes at the end of each interval; None where all have ended."""
+
+    median: list[float | None]
+    p90: list[float | None]
+    unit: str
+
+
+class HorizonDocument(_Part):
+    """The closed loop over several intervals: from how many states every run keeps the collision distance.
+
+    `safety_rate` has one rate for each interval: of the states that are proved safe up to its end.
+    """
+
+    steps: Annotated[int, Field(ge=1)]
+    pose_error: PoseError
+    states: Count
+    verdicts: Verdicts
+    safety_rate: list[Rate]
+    width: dict[str, TubeWidth]
+    least_clearance: list[float | None]
+
+
 class RunDocument(_Part):
     """What every report says of its run: what was examined, under which assumptions, with which versions."""
 
@@ -114,6 +144,7 @@ class ReportDocument(RunDocument):
     task: Task
     reachable_width: dict[str, Width]
     unsafe_states: list[UnsafeState] | None = None
+    horizon: HorizonDocument | None = None
 
 
 def read_result(result: Result) -> ReportDocument:

@@ -33,6 +33,7 @@ from viatool.report.foreign import one_line
 from viatool.report.numbers import count, percentage
 from viatool.report.palette import COLOUR, VERDICTS
 from viatool.report.places_figure import draw_places
+from viatool.report.tube_drawing import ALPHA, draw_tubes
 from viatool.report.wording import describe_eps
 
 if TYPE_CHECKING:
@@ -75,7 +76,10 @@ def draw_result(result: Result) -> Figure:
     for place, episode in enumerate(episodes):
         _panel(right.add_subplot(grid[divmod(place, COLUMNS)]), result, episode)
     draw_closest_call(right.add_subplot(grid[-1, -2:]), result)
-    figure.legend(handles=_legend(result), loc="outside lower center", ncols=8, fontsize=9, frameon=False)
+    columns = 8 if result.horizon is None else 6
+    figure.legend(
+        handles=_legend(result), loc="outside lower center", ncols=columns, fontsize=9, frameon=False
+    )
     return figure
 
 
@@ -128,6 +132,7 @@ def _panel(axes: Axes, result: Result, episode: int) -> None:
     states = trajectory.episode == episode
     if states.any():
         _tube(axes, result, states)
+        draw_tubes(axes, result, states)
         poses, episodes = trajectory.poses[states], trajectory.episode[states]
         draw_halo(axes, poses, episodes, ~result.judgement.danger[states])
         draw_path(axes, poses, episodes, result.verdict[states], width=1.2)
@@ -169,7 +174,24 @@ def _legend(result: Result) -> Sequence[Line2D | Patch]:
         *paths,
         Line2D([], [], color=HALO, lw=6.0, alpha=0.5, label=f"danger distance not proved ({count(danger)})"),
         Patch(facecolor=COLOUR["safe"], alpha=0.22, label="reachable tube + d_col"),
+        *_tube_legend(result),
         Line2D([], [], marker="^", mfc="white", mec=INK, ls="", label="start"),
         Line2D([], [], marker="*", ms=9, mfc="#F0E442", mec=INK, ls="", label="goal"),
         Patch(facecolor=WALL, edgecolor=INK, label="obstacle or outside"),
+    ]
+
+
+def _tube_legend(result: Result) -> Sequence[Patch]:
+    """Name what the tubes are, if there are any."""
+    if result.horizon is None:
+        return []
+    steps, verdicts = result.horizon.horizon.steps, result.horizon.verdict
+    return [
+        Patch(
+            facecolor=COLOUR[verdict],
+            alpha=ALPHA,
+            label=f"tube of {steps} intervals, {verdict} ({count(int((verdicts == verdict).sum()))})",
+        )
+        for verdict in VERDICTS
+        if (verdicts == verdict).any()
     ]

@@ -20,6 +20,7 @@ RATES = {
     "success": "safety rate in successful episodes",
     "collision": "safety rate in colliding episodes",
     "timeout": "safety rate in episodes that ran out of time",
+    "horizon": "safety rate over the horizon",
 }
 
 
@@ -152,7 +153,9 @@ def _threshold(threshold: Threshold, document: ReportDocument) -> Check:
 
 
 def rate_named(document: ReportDocument, name: str) -> Rate:
-    """Look up one of `RATES` in a report."""
+    """Look up one of `RATES` in a report; that of a horizon which was not asked for has no states."""
+    if name == "horizon":
+        return document.horizon.safety_rate[-1] if document.horizon else Rate(safe=0, total=0, rate=None)
     by_outcome = {
         "danger": document.danger_rate,
         "contested": document.contested_rate,

@@ -11,7 +11,16 @@ from viatool.report.foreign import shown
 from viatool.report.gate import Check
 from viatool.report.numbers import count, percentage, seconds, significant
 from viatool.report.palette import MEANING, VERDICTS
-from viatool.report.wording import assumptions, describe_eps, rate_rows, total_seconds, unit_of
+from viatool.report.wording import (
+    HORIZON_COLUMNS,
+    assumptions,
+    describe_eps,
+    describe_horizon,
+    horizon_rows,
+    rate_rows,
+    total_seconds,
+    unit_of,
+)
 
 if TYPE_CHECKING:
     from viatool.safety import Result
@@ -50,6 +59,9 @@ def markdown(document: ReportDocument, checks: Sequence[Check] = ()) -> str:
         ],
     )
     lines += _rates(document)
+    if document.horizon is not None:
+        lines += [f"Horizon: {escape(describe_horizon(document.horizon))}.", ""]
+        lines += _table(HORIZON_COLUMNS, horizon_rows(document.horizon))
     lines += _table(
         ("reachable action", "mean width", "std", "max", "unit"),
         [

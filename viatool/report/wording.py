@@ -6,8 +6,10 @@ from collections.abc import Mapping
 from fractions import Fraction
 from typing import Any
 
-from viatool.report.document import RateByOutcome, ReportDocument, RunDocument
-from viatool.report.numbers import MISSING, counted, percent_of, seconds, significant
+import numpy as np
+
+from viatool.report.document import HorizonDocument, RateByOutcome, ReportDocument, RunDocument
+from viatool.report.numbers import MISSING, counted, percent_of, percentage, seconds, significant
 
 ARITHMETIC = {
     "float32": "float32: bounds cover the rounding of the deployed program, in any order of summation",
@@ -30,6 +32,17 @@ def describe_eps(eps: Any) -> str:
     return str(eps)
 
 
+HORIZON_COLUMNS = (
+    "interval",
+    "proved safe up to it",
+    "position [m], median",
+    "90th percentile",
+    "heading [rad], median",
+    "90th percentile",
+    "least clearance [m]",
+)
+
+
 def rate_rows(document: ReportDocument) -> dict[str, RateByOutcome]:
     """Return the rates of safe states by what they count, in the order in which they are shown."""
     return {
@@ -49,6 +62,36 @@ def describe_task(document: ReportDocument) -> str:
     ]
     cost = "" if task.average_cost is None else f"; average cost {significant(task.average_cost)}"
     return f"{counted(task.episodes, 'episode')}: {', '.join(shares)}{cost}"
+
+
+def describe_horizon(horizon: HorizonDocument) -> str:
+    """Write in words over which intervals, and from which poses, the closed loop was followed."""
+    error = horizon.pose_error
+    within = ""
+    if error.position or error.heading:
+        within = (
+            f", from any pose within {significant(error.position)} m and {significant(error.heading)} rad"
+        )
+    return f"{counted(horizon.steps, 'interval')}, LiDAR in the loop{within}"
+
+
+def horizon_rows(horizon: HorizonDocument) -> list[tuple[str, ...]]:
+    """Return the intervals of a horizon: number, share proved safe up to it, widths of the tubes, clearance."""
+    position, heading = horizon.width["position"], horizon.width["heading"]
+    rows = []
+    for k in _shown_steps(horizon.steps):
+        rate = horizon.safety_rate[k]
+        figures = (
+            position.median[k], position.p90[k], heading.median[k], heading.p90[k], horizon.least_clearance[k]
+        )  # fmt: skip
+        texts = (MISSING if figure is None else significant(figure) for figure in figures)
+        rows.append((str(k + 1), percentage(rate.safe, rate.total), *texts))
+    return rows
+
+
+def _shown_steps(steps: int) -> list[int]:
+    """Return the intervals of which a table tells: all, or a dozen of many."""
+    return sorted({round(k) for k in np.linspace(0, steps - 1, min(steps, 12)).tolist()})
 
 
 def _share(share: float | None) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from viatool.safety.case import Case
+from viatool.safety.horizon import Crashes, Horizon, HorizonResult, Tubes
 from viatool.safety.judgement import Contested, Judgement, find_contested, judge, prove, sample, settle
 from viatool.safety.layout import ActionName, Layout
 from viatool.safety.motion import Manoeuvre
@@ -26,6 +27,9 @@ __all__ = [
     "ActionName",
     "Case",
     "Contested",
+    "Crashes",
+    "Horizon",
+    "HorizonResult",
     "Judgement",
     "Layout",
     "Manoeuvre",
@@ -35,6 +39,7 @@ __all__ = [
     "Result",
     "Rules",
     "Situations",
+    "Tubes",
     "WitnessFile",
     "Witnesses",
     "compose_witnesses",

@@ -10,11 +10,14 @@ from numpy.typing import NDArray
 
 from viatool.errors import ConfigurationError, EmptyEvaluationError, PolicyError, TrajectoryError
 from viatool.policy import Policy, PolicySpecification
+from viatool.policy.specification import ObservationKind
+from viatool.safety.horizon import Horizon
 from viatool.safety.rules import Rules
 from viatool.trajectory import Trajectory
 
 Floats = NDArray[np.float64]
 
+_PREVIOUS: tuple[ObservationKind, ...] = ("previous_linear", "previous_angular")
 _ROWS = 65536  # states that are converted together, so that no second copy of all exists
 
 
@@ -115,22 +118,29 @@ class Layout:
             received[rows] = named.astype(self.number)
         return replace(trajectory, observations=received)
 
-    def previous(self, trajectory: Trajectory, rules: Rules) -> Floats | None:
-        """Return the commands (N, 2) that go on for the dead time; None without a delay.
+    def previous(self, trajectory: Trajectory, rules: Rules, horizon: Horizon | None = None) -> Floats | None:
+        """Return the command (N, 2) before each state; None where it is of no consequence.
+
+        It goes on for the dead time, and the first observation of a horizon may hold it.
 
         Raises
         ------
         ConfigurationError
-            If the rules have a delay, but the previous command is neither observed nor recorded.
+            If it matters, but is neither observed nor recorded.
         """
-        return rules.clip(_previous(trajectory, self)) if rules.delay else None
+        observed = any(
+            channel.kind in _PREVIOUS and channel.value is None for channel in self.spec.observation
+        )
+        if rules.delay or (horizon is not None and observed):
+            return rules.clip(_previous(trajectory, self))
+        return None if horizon is None else np.zeros((len(trajectory), 2))
 
 
 def _previous(trajectory: Trajectory, layout: Layout) -> Floats:
     """Return the command before each state, (N, 2): as observed, else as recorded; 0 before the first."""
     names = {channel.kind: channel.name for channel in layout.spec.observation}
-    if {"previous_linear", "previous_angular"} <= names.keys():
-        columns = [layout.spec.columns(names[kind]).start for kind in ("previous_linear", "previous_angular")]
+    if set(_PREVIOUS) <= names.keys():
+        columns = [layout.spec.columns(names[kind]).start for kind in _PREVIOUS]
         return trajectory.observations[:, columns]
     if trajectory.actions.shape[1] == len(layout.spec.action):
         previous = np.zeros((len(trajectory), 2))
@@ -138,6 +148,6 @@ def _previous(trajectory: Trajectory, layout: Layout) -> Floats:
         previous[1:][same] = trajectory.actions[:-1][same][:, layout.columns]
         return previous
     raise ConfigurationError(
-        "a delay needs the previous command, which is neither observed nor recorded",
-        "record the actions, or verify without --delay",
+        "a delay or a horizon needs the previous command, which is neither observed nor recorded",
+        "record the actions, or verify without --delay and --horizon",
     )

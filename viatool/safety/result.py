@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viatool.policy import Maps, ObservationChannel
+from viatool.safety.horizon import HorizonResult
 from viatool.safety.judgement import Contested, Judgement
 from viatool.safety.layout import ActionName
 from viatool.safety.notebook import table_of
@@ -75,6 +76,8 @@ class Result:
         Where the states come from, in words.
     maps : Maps
         What is applied to the numbers before and after the network, in words.
+    horizon : HorizonResult, optional
+        What was found of the intervals that follow each state, if that was asked.
     """
 
     policy_path: Path
@@ -98,6 +101,7 @@ class Result:
     versions: Mapping[str, str]
     origin: str = ""
     maps: Maps = field(default_factory=Maps)
+    horizon: HorizonResult | None = None
 
     EPISODE_COLUMNS: ClassVar = ("outcome",)
     """Arrays of the state table with one row for each episode instead of one for each state."""
@@ -209,6 +213,7 @@ class Result:
             "episode": self.episode[rows],
             "outcome": self.outcomes,
             "witness": self._witness(rows),
+            **({} if self.horizon is None else self.horizon.state_table(rows)),
         }
 
     def _repr_html_(self) -> str:
@@ -238,6 +243,7 @@ class Result:
             "versions": dict(self.versions),
             "assumptions": self.assumptions(),
             "unsafe_states": self.unsafe_states(),
+            **({} if self.horizon is None else {"horizon": self.horizon.to_json()}),
         }
 
     def unsafe_states(self) -> list[dict[str, Any]]:
@@ -302,7 +308,8 @@ class Result:
                 f"omega {rules.lower[1]:g} to {rules.upper[1]:g} rad/s, reached at once"
             ),
             "motion": "differential drive without slip, from the exact pose of the state",
-            "horizon": f"one command, held for {rules.interval:g} s; each state by itself, not the whole run",
+            "horizon": f"one command, held for {rules.interval:g} s; each state by itself, not the whole run"
+            + ("" if self.horizon is None else f". {self.horizon.meaning}"),
             "delay": f"{rules.delay:g} s" if rules.delay else "none",
             "braking": f"{rules.deceleration:g} m/s^2" if rules.criterion == "braking" else "not asked",
             "obstacles": f"do not move; whatever lies outside the arena is an obstacle{unknown}",

@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 from viatool.errors import ConfigurationError, InputError
 from viatool.policy import Policy
 from viatool.safety.case import Case
+from viatool.safety.horizon import Crashes
 from viatool.safety.nearest import describe_nearest
 from viatool.safety.result import Result
 from viatool.safety.rules import CRITERIA, Rules
 from viatool.safety.situations import Situations
+from viatool.safety.witness import Witnesses
 from viatool.trajectory import read_scenario, whole_file, write_scenario
 from viatool.world import Clearance, Footprint, Scenario, WorldMap
 
@@ -103,7 +105,18 @@ def write_witnesses(path: str | os.PathLike[str], result: Result) -> None:
 
 def witness_document(result: Result) -> dict[str, Any]:
     """Return the counterexamples of a result as plain data."""
-    trajectory, found = result.trajectory, result.witnesses
+    entries = _entries(result, result.witnesses)
+    if result.horizon is not None:
+        crashes = result.horizon.crashes
+        entries += _entries(result, crashes.last, crashes)
+    return compose_witnesses(
+        result.policy_path, result.policy_sha256, result.world_map, result.columns, result.rules, entries
+    )
+
+
+def _entries(result: Result, found: Witnesses, crashes: Crashes | None = None) -> list[dict[str, Any]]:
+    """Return counterexamples as plain data; those at the end of runs with the intervals before."""
+    trajectory = result.trajectory
     entries = []
     for row, state in enumerate(found.state.tolist()):
         scenario = trajectory.scenarios[trajectory.episode[state]]
@@ -114,11 +127,20 @@ def witness_document(result: Result) -> dict[str, Any]:
             "pose": trajectory.poses[state].tolist(),
             "previous": None if result.previous is None else result.previous[state].tolist(),
         }
+        if crashes is not None:
+            step = int(crashes.step[row])
+            about["time"] += step * result.rules.interval
+            about["pose"] = crashes.poses[row, step].tolist()
+            about["before"] = [
+                {
+                    name: getattr(crashes, f"{name}s")[row, k].tolist()
+                    for name in ("pose", "observation", "action")
+                }
+                for k in range(step)
+            ]
         violation = found.violation(row, result.world_map, scenario, result.rules.footprint)
         entries.append(about | violation | {"scenario": json.loads(write_scenario(scenario) or "null")})
-    return compose_witnesses(
-        result.policy_path, result.policy_sha256, result.world_map, result.columns, result.rules, entries
-    )
+    return entries
 
 
 def compose_witnesses(

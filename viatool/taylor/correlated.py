@@ -39,6 +39,27 @@ class CorrelatedReach:
     influence: Floats
 
 
+@dataclass(frozen=True, eq=False)
+class LinearReach:
+    """Actions over B sets of correlated inputs as ``centre + slope . z + [-rest, rest]``, z the V common symbols.
+
+    Parameters
+    ----------
+    lower, upper : ndarray
+        ``(B, A)``, guaranteed; often tighter than what the forms say.
+    centre, rest : ndarray
+        ``(B, A)``; rest is at least 0.
+    slope : ndarray
+        ``(B, V, A)``.
+    """
+
+    lower: Floats
+    upper: Floats
+    centre: Floats
+    slope: Floats
+    rest: Floats
+
+
 def input_model(centre: Floats, shared: Floats, own: Floats) -> Enclosure:
     """Return inputs ``centre + shared . z + own e`` with z of all entries and e of each entry in [-1, 1].
 
@@ -113,3 +134,43 @@ def reach_correlated(
         deviation = runtime_deviation(network, hulls) if arithmetic == "float32" else np.zeros_like(lower)
     lower, upper = np.nextafter(lower - deviation, -np.inf), np.nextafter(upper + deviation, np.inf)
     return CorrelatedReach(lower, upper, influence)
+
+
+def reach_linear(
+    network: Network, inputs: Enclosure, common: int, *, arithmetic: Literal["float32", "real"] = "float32"
+) -> LinearReach:
+    """Enclose the actions of a policy as linear forms of what its inputs have in common.
+
+    Parameters
+    ----------
+    network : Network
+        n inputs, A outputs.
+    inputs : Enclosure
+        B sets of observations, from `input_model`.
+    common : int
+        V, the common symbols, which are the first of the inputs'.
+    arithmetic : str
+        As in `viatool.reach`.
+
+    Returns
+    -------
+    LinearReach
+        For every z, the action for any observation of that z lies within rest of its form.
+
+    Notes
+    -----
+    **Sound:** yes, as `viatool.reach`; what symbols other than z add is in the rest, as are all approximations.
+    """
+    trunk, head = split_head(network)
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+        passes = propagate(network, Box(inputs.lower, inputs.upper), inputs=inputs)
+        hulls = [enclosure.hull for enclosure in passes]
+        lower, upper = hulls_through(head, hulls[: len(trunk.nodes)])[-1]
+        deviation = runtime_deviation(network, hulls) if arithmetic == "float32" else np.zeros_like(lower)
+    model = passes[-1].model
+    linear = model.linear.dense()
+    rest = np.abs(linear[:, common:]).sum(axis=1) + model.remainder + deviation
+    rest = rest + sum(form.norms() for form in model.symbols.values())
+    rest = rest * SLIGHTLY_MORE + 4 * linear.shape[1] * ENGINE_ROUNDOFF * model.magnitude
+    lower, upper = np.nextafter(lower - deviation, -np.inf), np.nextafter(upper + deviation, np.inf)
+    return LinearReach(lower, upper, model.constant, linear[:, :common], rest)

@@ -114,6 +114,7 @@ def describe(examination: Examination, states: States, versions: Mapping[str, st
         "engine": dict(examination.engine),
         "only contested": examination.only_contested,
         "seed": examination.seed,
+        "horizon": None if examination.outlook is None else asdict(examination.outlook.horizon),
         "block": states.block_size,
         **{f"version of {name}": text for name, text in versions.items()},
     }

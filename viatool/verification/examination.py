@@ -1,4 +1,4 @@
-"""What happens to every state, one block at a time: contested, reach, judge, search."""
+"""What happens to every state, one block at a time: contested, reach, judge, search, and what follows."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viatool.policy import Policy
-from viatool.safety import Case, Rules, Situations, find_contested, judge, search_witnesses
+from viatool.safety import Case, Crashes, Rules, Situations, Tubes, find_contested, judge, search_witnesses
 from viatool.taylor import ReachableSet, reach
+from viatool.tubes import Outlook
 from viatool.verification.clock import Clock
 from viatool.verification.findings import Findings
 from viatool.verification.states import States
@@ -43,6 +44,8 @@ class Examination:
         Whether only the actions of contested states are bounded.
     seed : int
         Of the search for counterexamples.
+    outlook : Outlook, optional
+        What is asked of the intervals that follow.
     """
 
     policy: Policy
@@ -53,6 +56,7 @@ class Examination:
     engine: Mapping[str, Any]
     only_contested: bool
     seed: int
+    outlook: Outlook | None = None
 
     def __call__(self, states: States) -> Findings:
         """Examine states block by block; what is found in a block depends on that block alone."""
@@ -78,7 +82,29 @@ class Examination:
                 seed=(self.seed, block.first),
             )  # fmt: skip
             witnesses = replace(found, state=block.first + found.state)
-        return Findings(reachable, contested, judgement, witnesses, clock.seconds)
+        with clock.timed("horizon"):
+            tubes, crashes = self._follow(block, situations)
+        if self.outlook is None:
+            del clock.seconds["horizon"]
+        return Findings(reachable, contested, judgement, witnesses, clock.seconds, tubes, crashes)
+
+    def _follow(self, block: States, situations: Situations) -> tuple[Tubes | None, Crashes | None]:
+        """Follow the closed loop from every state, or with `only_contested` from those that can come too near."""
+        if self.outlook is None:
+            return None, None
+        assert block.previous is not None
+        wanted = np.ones(len(block), dtype=bool)
+        if self.only_contested:
+            wanted = ~self.outlook.out_of_reach(situations)
+        return self.outlook.examine(
+            block.scenarios,
+            block.poses,
+            block.previous,
+            block.episode,
+            wanted,
+            first=block.first,
+            seed=self.seed,
+        )
 
     def _reach(self, observations: Floats, wanted: Booleans) -> ReachableSet:
         """Bound the actions of the wanted states; the others get NaN."""

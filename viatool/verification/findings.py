@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.safety import Contested, Judgement, Witnesses
+from viatool.safety import Contested, Crashes, Horizon, HorizonResult, Judgement, Tubes, Witnesses
 from viatool.taylor import ReachableSet
 
 Arrays = dict[str, NDArray[Any]]
@@ -31,6 +31,8 @@ class Findings:
         The counterexamples; their states are counted over the whole run.
     seconds : dict
         Time that each stage took.
+    tubes, crashes : Tubes and Crashes, optional
+        Where the closed loop may be over the horizon, and the runs that fail, if that was asked.
     """
 
     reachable: ReachableSet
@@ -38,6 +40,14 @@ class Findings:
     judgement: Judgement
     witnesses: Witnesses
     seconds: Mapping[str, float]
+    tubes: Tubes | None = None
+    crashes: Crashes | None = None
+
+    def over(self, horizon: Horizon | None) -> HorizonResult | None:
+        """Return what is known of the intervals after the states; None where nothing was asked."""
+        if horizon is None or self.tubes is None or self.crashes is None:
+            return None
+        return HorizonResult(horizon, self.tubes, self.crashes)
 
     @classmethod
     def join(cls, parts: Sequence[Findings]) -> Findings:
@@ -57,6 +67,7 @@ class Findings:
         arrays = {
             f"{part}.{field.name}": getattr(getattr(self, part), field.name)
             for part, kind in _PARTS.items()
+            if getattr(self, part) is not None
             for field in fields(kind)
         }
         return arrays | {_SECONDS + stage: np.array(value) for stage, value in self.seconds.items()}
@@ -67,6 +78,7 @@ class Findings:
         parts: dict[str, Any] = {
             part: kind(**{field.name: arrays[f"{part}.{field.name}"] for field in fields(kind)})
             for part, kind in _PARTS.items()
+            if f"{part}.{fields(kind)[0].name}" in arrays
         }
         seconds = {
             name.removeprefix(_SECONDS): float(value)
@@ -82,4 +94,6 @@ _PARTS: Mapping[str, Any] = {
     "contested": Contested,
     "judgement": Judgement,
     "witnesses": Witnesses,
+    "tubes": Tubes,
+    "crashes": Crashes,
 }

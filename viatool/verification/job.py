@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 
 from viatool.errors import ConfigurationError
 from viatool.policy import Policy, PolicySpecification, load_policy
-from viatool.safety import Layout, Result, Rules
+from viatool.safety import Horizon, Layout, Result, Rules
 from viatool.schedule import Scheduler, open_scheduler
 from viatool.simulate import Places, observe_places, roll_out
 from viatool.taylor import Arithmetic, Refinement
 from viatool.taylor.approximation import Approximation
 from viatool.trajectory import BagSettings, Trajectory, load_trajectory
+from viatool.tubes import Outlook
 from viatool.verification.campaign import Campaign
 from viatool.verification.clock import Clock
 from viatool.verification.examination import Examination
@@ -57,6 +58,7 @@ def verify(
     interval: float | None = None,
     footprint: Footprint | str | float | Sequence[Sequence[float]] | None = None,
     delay: float = 0.0,
+    horizon: Horizon | int | None = None,
     only_contested: bool = False,
     noise: float | None = None,
     seed: int = 0,
@@ -99,6 +101,8 @@ def verify(
         "point", a radius in metres or the corners of a polygon, instead of the robot's.
     delay : float
         Dead time in seconds: for so long the previous command goes on before the new one acts.
+    horizon : Horizon or int, optional
+        Follow the closed loop from every state over so many control intervals; see `viatool.safety.Horizon`.
     only_contested : bool
         Bound the actions only of states that geometry alone does not settle; the others have NaN bounds.
     noise, seed
@@ -149,6 +153,7 @@ def verify(
         world_map = world_map.with_clearance(clearance, danger)
         rules = Rules.of(world_map, criterion, interval=interval, footprint=footprint, delay=delay)
         layout = Layout.of(policy, eps)
+        horizon = Horizon(horizon) if isinstance(horizon, int) else horizon
         _check_interval(layout.spec, world_map, interval)
     with clock.timed("trajectory"):
         if places is not None:
@@ -161,17 +166,21 @@ def verify(
         elif not isinstance(trajectory, Trajectory):
             trajectory = load_trajectory(trajectory, layout.spec, bag)
         trajectory = layout.as_received(trajectory)
-        previous = layout.previous(trajectory, rules)
+        previous = layout.previous(trajectory, rules, horizon)
     settings = {"order": order, "approximation": approximation, "refine": refine}
     bare = replace(world_map, scenarios=(), generator=None)  # the states bring their own scenarios
+    outlook = None if horizon is None else Outlook(policy, bare, layout, rules, horizon, arithmetic)
     examination = Examination(
         policy, bare, rules, layout.columns, layout.radii, {**settings, "arithmetic": arithmetic},
-        only_contested, seed,
+        only_contested, seed, outlook,
     )  # fmt: skip
     campaign = Campaign(scheduler, checkpoint, resume, chunk)
     with clock.timed("examine"):
         findings = campaign.carry_out(
-            examination, States.of(trajectory, previous), result_versions(), _tell(progress, "states")
+            examination,
+            States.of(trajectory, previous, followed=horizon is not None),
+            result_versions(),
+            _tell(progress, "states"),
         )
     clock.share_out("examine", findings.seconds)
     return Result(
@@ -187,7 +196,7 @@ def verify(
         channels=tuple(layout.spec.observation),
         actions=layout.actions,
         columns=layout.columns,
-        previous=previous,
+        previous=previous if rules.delay else None,
         reachable=findings.reachable,
         contested=findings.contested,
         judgement=findings.judgement,
@@ -196,6 +205,7 @@ def verify(
         versions=result_versions(),
         origin=origin,
         maps=policy.maps,
+        horizon=findings.over(horizon),
     )
 
 

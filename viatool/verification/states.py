@@ -15,6 +15,7 @@ from viatool.world import Scenario
 Floats = NDArray[np.float64]
 
 _MOST_STATES = 1024
+_MOST_FOLLOWED = 128  # over a horizon, where each takes some ten milliseconds
 _MOST_FLOATS = 2**22
 
 
@@ -33,7 +34,9 @@ class States:
     scenarios : tuple
         What the episodes add to the map, or None.
     previous : ndarray or None
-        (B, 2) commands of the dead time; None without a delay.
+        (B, 2) commands of the step before; None where they are of no consequence.
+    most : int
+        States of a block at most.
     """
 
     first: int
@@ -42,12 +45,19 @@ class States:
     episode: NDArray[np.int64]
     scenarios: tuple[Scenario | None, ...]
     previous: Floats | None
+    most: int = _MOST_STATES
 
     @classmethod
-    def of(cls, trajectory: Trajectory, previous: Floats | None) -> States:
-        """Return the states of a whole trajectory; arrays are shared."""
+    def of(cls, trajectory: Trajectory, previous: Floats | None, *, followed: bool = False) -> States:
+        """Return the states of a whole trajectory; arrays are shared. Blocks are small if each is followed."""
         return cls(
-            0, trajectory.poses, trajectory.observations, trajectory.episode, trajectory.scenarios, previous
+            0,
+            trajectory.poses,
+            trajectory.observations,
+            trajectory.episode,
+            trajectory.scenarios,
+            previous,
+            _MOST_FOLLOWED if followed else _MOST_STATES,
         )
 
     def __len__(self) -> int:
@@ -61,7 +71,7 @@ class States:
         A block is the unit of determinism. The last digit of a batched result may depend on what else is in the
         batch, so batches never reach beyond a block, and blocks are cut at the same places whoever works on them.
         """
-        return max(1, min(_MOST_STATES, _MOST_FLOATS // int(self.observations.shape[1])))
+        return max(1, min(self.most, _MOST_FLOATS // int(self.observations.shape[1])))
 
     @property
     def block_count(self) -> int:
@@ -79,6 +89,7 @@ class States:
             episode.reshape(-1),
             tuple(self.scenarios[index] for index in present.tolist()),
             None if self.previous is None else self.previous[rows],
+            self.most,
         )
 
     def each_block(self) -> Iterator[States]:

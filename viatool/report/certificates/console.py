@@ -42,6 +42,13 @@ def print_certificate(document: CertificateDocument, console: Console, checks: S
     for row in rows_of_rates(document):
         rates.add_row(*row)
     console.print(rates)
+    later = rows_over_time(document)
+    if later:
+        console.print()
+        lasting = Table.grid(padding=(0, 2))
+        for line in later:
+            lasting.add_row(*line)
+        console.print(lasting)
     worst = rows_of_worst(document)
     if worst:
         console.print()
@@ -102,6 +109,31 @@ def rows_of_rates(document: CertificateDocument) -> list[tuple[str, str]]:
         row("contested volume that is certified", document.contested_rate),
         row("contested volume that is decided", document.decided_rate),
         row("free volume that is safe", document.free_rate),
+    ]
+
+
+def rows_over_time(document: CertificateDocument) -> list[tuple[str, str, str]]:
+    """Return what holds beyond the next action: the condition, its volume and its share; few of many steps."""
+    later = document.over_time
+    if later is None:
+        return []
+    unit = later.volume.free / max(later.forever.total if later.forever else later.steps[0].total, 1)
+    few = {1, 2, 5} if len(later.steps) > 3 else {1, 2, 3}
+    rows = [
+        (f"certified for {step.steps} {'step' if step.steps == 1 else 'steps'}", step)
+        for step in later.steps
+        if step.steps in few or step.steps % 10 == 0 or step.steps == len(later.steps)
+    ]
+    shares: list[tuple[str, Share]] = [*rows]
+    if later.forever is not None:
+        shares.append(("for ever, or until the goal is reached", later.forever))
+    return [
+        (
+            name,
+            f"{significant(share.part * unit)} m² rad",
+            f"{percentage(share.part, share.total)} of the free volume",
+        )
+        for name, share in shares
     ]
 
 

@@ -78,6 +78,41 @@ class WorstPlace(_Part):
     seconds: Amount
 
 
+class StepShare(Share):
+    """The cells that stay certified for so many control intervals, unless the goal is reached before."""
+
+    steps: Count
+
+
+class Lookahead(_Part):
+    """A round: for how many intervals cells were followed, how many, and how many then held for ever."""
+
+    intervals: Count
+    followed: Count
+    forever: Count
+    seconds: Amount
+
+
+class LastingVolume(_Part):
+    """Volumes in m^2 rad: free before the goal, of that for ever, and of the cells in which the goal is reached."""
+
+    free: Amount
+    forever: Amount | None
+    goal: Amount
+
+
+class OverTime(_Part):
+    """What holds beyond the next action; shares of the free volume outside of the goal, in its cells."""
+
+    goal_radius: Amount
+    lookahead: Count
+    cell: dict[str, float]
+    forever: Share | None
+    volume: LastingVolume
+    steps: list[StepShare]
+    rounds: list[Lookahead]
+
+
 class CertificateDocument(RunDocument):
     """The whole certificate."""
 
@@ -93,6 +128,7 @@ class CertificateDocument(RunDocument):
     contested_rate: Share
     free_rate: Share
     decided_rate: Share
+    over_time: OverTime | None = None
     worst: list[WorstPlace]
 
 

@@ -1,0 +1,9 @@
+"""Trajectory tubes: where the closed loop may be, sensor errors included, several control intervals after a state."""
+
+from __future__ import annotations
+
+from viatool.tubes.following import Loop
+from viatool.tubes.job import Outlook
+from viatool.tubes.runs import Runs, drive, search_crashes
+
+__all__ = ["Loop", "Outlook", "Runs", "drive", "search_crashes"]
