@@ -83,7 +83,7 @@ def test_a_robot_that_drives_straight_lasts_as_long_as_its_way_is_free(straight)
     assert (straight.intervals[rows] == FOR_EVER).sum() >= 4
     short = (lasts > 0) & (lasts <= 8)
     assert short.sum() > 100
-    assert (lasts - claimed)[short].mean() < 1.5
+    assert (lasts - claimed)[short].mean() < 2.5  # a cell is five steps wide
 
 
 def test_more_steps_are_never_more_cells_and_for_ever_is_among_all(straight):

@@ -143,6 +143,11 @@ class CellSet:
         self._strides = np.array(sums.strides, np.int64) // sums.itemsize
         self._sums = sums.ravel()
 
+    @property
+    def bytes(self) -> int:
+        """Return the size of the table."""
+        return int(self._sums.nbytes)
+
     def covers(self, ranges: Ranges) -> Booleans:
         """Tell which ranges lie in the set, (P,)."""
         first, last = (end[:, self._axes].astype(np.int64) for end in (ranges.first, ranges.last))
