@@ -88,7 +88,6 @@ if TYPE_CHECKING:
 @click.option(
     "--steps",
     type=click.IntRange(1, 10_000),
-    default=0,
     metavar="K",
     help="Also count the cells from which the closed loop stays certified for 1, 2, ... K control intervals.",
 )
@@ -174,7 +173,7 @@ def command(ctx: click.Context, /, **given: Any) -> None:
                 given["budget_seconds"] or math.inf, given["budget_cells"] or 2**62, given["sample"]
             ),
             outlook=Outlook(
-                given["steps"], given["forever"], given["lookahead"], given["goal_radius"], given["coarser"]
+                given["steps"] or 0, given["forever"], given["lookahead"], given["goal_radius"], given["coarser"]
             ),
             campaign=Campaign(
                 open_scheduler(given["workers"], given["scheduler"]), given["checkpoint"], given["resume"]
