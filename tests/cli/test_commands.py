@@ -412,7 +412,8 @@ def test_a_horizon_is_reported_gated_and_replayed(run: Run, tmp_path: Path) -> N
     assert report["horizon"]["pose_error"] == {"position": 0.01, "heading": 0.02}
     assert len(report["horizon"]["safety_rate"]) == report["horizon"]["steps"] == 3
     assert arrays_of(outputs["states"])["tube_lower"].shape == (report["states"], 3, 3)
-    assert "Horizon: 3 intervals" in outputs["markdown"].read_text(encoding="utf-8")
+    for kind in ("markdown", "html"):
+        assert "unsafe over 3 intervals" in outputs[kind].read_text(encoding="utf-8")
     again = run("replay", outputs["witnesses"])
     assert again.exit_code == 0, again.output
 

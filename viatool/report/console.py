@@ -22,6 +22,7 @@ from viatool.report.wording import (
     describe_eps,
     describe_horizon,
     describe_task,
+    describe_verdicts,
     horizon_rows,
     rate_rows,
     total_seconds,
@@ -133,14 +134,12 @@ def _rate(rates: RateByOutcome, outcome: str) -> Text:
 
 def _horizon(horizon: HorizonDocument) -> RenderableType:
     """Show the closed loop over several intervals."""
-    counts = {verdict: int(getattr(horizon.verdicts, verdict)) for verdict in VERDICTS}
-    told = ", ".join(f"{count(number)} {verdict}" for verdict, number in counts.items())
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), show_edge=False)
     for name in HORIZON_COLUMNS:
         table.add_column(name, justify="right")
     for row in horizon_rows(horizon):
         table.add_row(*row)
-    head = Text(f"{told} over {shown(describe_horizon(horizon))}; widths of the tubes:")
+    head = Text(f"{describe_verdicts(horizon)} over {describe_horizon(horizon)}; widths of the tubes:")
     return _titled("Horizon", Group(head, table))
 
 

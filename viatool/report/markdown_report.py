@@ -16,6 +16,7 @@ from viatool.report.wording import (
     assumptions,
     describe_eps,
     describe_horizon,
+    describe_verdicts,
     horizon_rows,
     rate_rows,
     total_seconds,
@@ -60,7 +61,8 @@ def markdown(document: ReportDocument, checks: Sequence[Check] = ()) -> str:
     )
     lines += _rates(document)
     if document.horizon is not None:
-        lines += [f"Horizon: {escape(describe_horizon(document.horizon))}.", ""]
+        told = f"{describe_verdicts(document.horizon)} over {describe_horizon(document.horizon)}"
+        lines += [f"Horizon: {escape(told)}.", ""]
         lines += _table(HORIZON_COLUMNS, horizon_rows(document.horizon))
     lines += _table(
         ("reachable action", "mean width", "std", "max", "unit"),

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from viatool.report.document import HorizonDocument, RateByOutcome, ReportDocument, RunDocument
-from viatool.report.numbers import MISSING, counted, percent_of, percentage, seconds, significant
+from viatool.report.numbers import MISSING, count, counted, percent_of, percentage, seconds, significant
+from viatool.report.palette import VERDICTS
 
 ARITHMETIC = {
     "float32": "float32: bounds cover the rounding of the deployed program, in any order of summation",
@@ -73,6 +74,11 @@ def describe_horizon(horizon: HorizonDocument) -> str:
             f", from any pose within {significant(error.position)} m and {significant(error.heading)} rad"
         )
     return f"{counted(horizon.steps, 'interval')}, LiDAR in the loop{within}"
+
+
+def describe_verdicts(horizon: HorizonDocument) -> str:
+    """Write in words how many states have each verdict over a horizon."""
+    return ", ".join(f"{count(int(getattr(horizon.verdicts, name)))} {name}" for name in VERDICTS)
 
 
 def horizon_rows(horizon: HorizonDocument) -> list[tuple[str, ...]]:

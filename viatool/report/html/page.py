@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from bokeh.plotting import figure
 
-from viatool.report.document import RateByOutcome, ReportDocument, read_result
+from viatool.report.document import HorizonDocument, RateByOutcome, ReportDocument, read_result
 from viatool.report.episodes import Episode, summarise_episodes
 from viatool.report.foreign import one_line
 from viatool.report.gate import Check
@@ -17,7 +17,18 @@ from viatool.report.html.shell import assemble
 from viatool.report.html.states import keep_states, page_data
 from viatool.report.numbers import count, percentage, significant
 from viatool.report.palette import MEANING, VERDICTS
-from viatool.report.wording import assumptions, describe_eps, describe_task, identities, rate_rows, unit_of
+from viatool.report.wording import (
+    HORIZON_COLUMNS,
+    assumptions,
+    describe_eps,
+    describe_horizon,
+    describe_task,
+    describe_verdicts,
+    horizon_rows,
+    identities,
+    rate_rows,
+    unit_of,
+)
 
 if TYPE_CHECKING:
     from viatool.report.html.states import Indices
@@ -112,12 +123,21 @@ def _tables(document: ReportDocument) -> dict[str, Any]:
         "rates": [
             {"title": title, "cells": list(_cells(rates))} for title, rates in rate_rows(document).items()
         ],
+        "horizon": None if document.horizon is None else _horizon(document.horizon),
         "task": describe_task(document),
         "widths": [
             (name, *map(significant, (width.mean, width.std, width.max)), unit_of(document, name))
             for name, width in document.reachable_width.items()
         ],
         "assumptions": {**assumptions(document), **identities(document)},
+    }
+
+
+def _horizon(horizon: HorizonDocument) -> dict[str, Any]:
+    return {
+        "meaning": f"{describe_verdicts(horizon)} over {describe_horizon(horizon)}",
+        "columns": HORIZON_COLUMNS,
+        "rows": horizon_rows(horizon),
     }
 
 
