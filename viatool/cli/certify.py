@@ -173,7 +173,11 @@ def command(ctx: click.Context, /, **given: Any) -> None:
                 given["budget_seconds"] or math.inf, given["budget_cells"] or 2**62, given["sample"]
             ),
             outlook=Outlook(
-                given["steps"] or 0, given["forever"], given["lookahead"], given["goal_radius"], given["coarser"]
+                given["steps"] or 0,
+                given["forever"],
+                given["lookahead"],
+                given["goal_radius"],
+                given["coarser"],
             ),
             campaign=Campaign(
                 open_scheduler(given["workers"], given["scheduler"]), given["checkpoint"], given["resume"]
