@@ -378,7 +378,9 @@ def test_a_pipe_without_unicode_still_gets_its_report(hall: Path) -> None:
 
 
 def test_an_interrupt_leaves_no_file_and_exits_130(hall: Path, tmp_path: Path) -> None:
-    heard = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"  # shells ignore it for jobs
+    heard = (
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"  # shells ignore it for jobs
+    )
     program = f"{heard}; from viatool.cli import main; main()"
     arguments = ["policy.onnx", "--map", "map.yaml", "--eps", "0.01", "--scenarios", "3000"]
     process = subprocess.Popen(

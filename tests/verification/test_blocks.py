@@ -167,7 +167,9 @@ VERIFY = ("verify", POLICY, "--map", LAB, "--eps", "0.01", "--poses", "random:50
 
 def start(*arguments, **options):
     """Start viatool in a process group of its own."""
-    heard = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"  # shells ignore it for jobs
+    heard = (
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"  # shells ignore it for jobs
+    )
     program = [sys.executable, "-c", f"{heard}; from viatool.cli import main; main()", *map(str, arguments)]
     return subprocess.Popen(
         program, cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True,
