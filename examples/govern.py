@@ -1,8 +1,8 @@
 """A speed governor around a trained policy: it stands still, exactly, where it must not go on.
 
     python examples/govern.py policies/via.onnx room.onnx
-    viatool certify room.onnx --map maps/room.yaml --eps 0.01 --criterion swept --smallest 0.015625 --halvings 0 \
-        --coarser 2 --forever --lookahead 1
+    viatool certify room.onnx --map maps/room.yaml --eps 0.01 --criterion swept --smallest 0.041667 --halvings 0 \
+        --coarser 1 --forever --lookahead 1
 
 The speed that the policy commands is lowered by ``sum_i slope_i relu(far_i - bin_i)`` of the LiDAR's bins. A bin reads
 less than ``near_i`` if something in its sector comes closer than `CLEARANCE` to a robot that drives ahead by `STOP`;

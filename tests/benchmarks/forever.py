@@ -12,6 +12,7 @@ quadrature, distances from points to segments and circles, commands from onnxrun
 from __future__ import annotations
 
 import argparse
+import itertools
 import time
 from pathlib import Path
 
@@ -86,9 +87,10 @@ class CellList:
 
     def holds(self, states, slack=1e-9):
         """Whether states lie in the set; on a border, in any of the cells that meet there."""
+        place = (states - self.corner) / self.size
         held = np.zeros(len(states), bool)
-        for nudge in (-slack, 0.0, slack):
-            index = np.floor((states - self.corner) / self.size + nudge).astype(int)
+        for nudges in itertools.product((-slack, slack), repeat=5):
+            index = np.floor(place + nudges).astype(int)
             index[:, 2] %= self.turn
             beyond = ((index < 0) | (index >= self.count)).any(axis=1)
             index = np.clip(index, 0, self.count - 1)

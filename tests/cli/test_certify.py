@@ -96,9 +96,9 @@ def test_what_holds_over_time_is_printed_drawn_and_written(tmp_path):
     assert [step["steps"] for step in later["steps"]] == [1, 2]
     assert later["steps"][0]["part"] >= later["steps"][1]["part"] >= later["forever"]["part"]
     assert later["cell"]["x"] == 2 * document["smallest_cell"]["x"]
-    table = np.load(files["cells"])
     certified = later["steps"][0]["part"]
-    assert table["steps_lower"].shape == table["steps_upper"].shape == (certified, 5)
+    with np.load(files["cells"]) as table:
+        assert table["steps_lower"].shape == table["steps_upper"].shape == (certified, 5)
     assert "left only towards the goal" in files["figure"].read_text()
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from viatool.certify.findings import BLOCKED, CERTIFIED, SETTLED, Findings
 from viatool.certify.forever import FOR_EVER, Loop
 from viatool.certify.judging import Question
-from viatool.certify.mesh import CellSet, Mesh
+from viatool.certify.mesh import CellSet, Mesh, boxes_between
 from viatool.certify.passages import Passages, follow, join
 from viatool.certify.tree import AXES, Lattice
 from viatool.errors import ConfigurationError
@@ -28,6 +28,7 @@ Booleans = NDArray[np.bool_]
 Tell = Callable[[str, int, int], None]
 
 _CELLS_AT_ONCE = 8192
+_POSES_AT_ONCE = 1 << 17
 _MOST_CELLS = 60_000_000
 _GOAL_ROUNDING = 1e-9
 
@@ -251,6 +252,7 @@ def look_ahead(
             f"{len(mesh):,} smallest cells are too many to look ahead", "make the smallest cells larger"
         )
     status = mesh.statuses(lattice, findings)
+    status[_without_free_pose(question, mesh) & (status > BLOCKED)] = BLOCKED  # parts of larger leaves
     reached = _within(mesh, goal, outlook.goal_radius) & (status != BLOCKED)
     exempt = reached | (status == BLOCKED)
     safe = np.flatnonzero(((status == SETTLED) | (status == CERTIFIED)) & ~reached)
@@ -269,6 +271,16 @@ def look_ahead(
         open_ = safe[~held[safe]]
     count = Loop(mesh, exempt, join(passages)).intervals(outlook.steps, held)
     return Prospect(mesh, status, reached, count, outlook, rounds)
+
+
+def _without_free_pose(question: Question, mesh: Mesh) -> Booleans:
+    """Tell which cells hold no pose that keeps the collision distance, (N,)."""
+    slices = int(np.prod(mesh.count[3:]))
+    blocked = np.zeros(len(mesh) // slices, bool)
+    for first in range(0, len(blocked), _POSES_AT_ONCE):
+        numbers = np.arange(first, min(first + _POSES_AT_ONCE, len(blocked)))
+        blocked[numbers] = question.blocked(boxes_between(*mesh.bounds(numbers * slices)).poses)
+    return np.repeat(blocked, slices)
 
 
 def _within(mesh: Mesh, goal: tuple[float, float], radius: float) -> Booleans:
