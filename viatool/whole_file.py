@@ -6,7 +6,6 @@ import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from glob import escape
 from pathlib import Path
 
 
@@ -42,10 +41,9 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
         draft.unlink(missing_ok=True)
 
 
-def remove_drafts(path: str | os.PathLike[str]) -> None:
-    """Remove what killed processes left of their drafts of `path`; nobody else may be writing it."""
-    target = Path(path)
-    for draft in target.parent.glob(f".{escape(target.stem)}-????????{escape(target.suffix)}"):
+def remove_drafts(folder: str | os.PathLike[str]) -> None:
+    """Remove what killed processes left of their drafts in a folder; nobody else may be writing there."""
+    for draft in Path(folder).glob(".*-????????.*"):
         draft.unlink(missing_ok=True)
 
 

@@ -242,10 +242,12 @@ def test_a_killed_run_goes_on_as_if_it_had_never_stopped(
     with pytest.raises(Killed):
         train(tiny(tensorboard=False), tmp_path / "killed", Bomb())
     assert (tmp_path / "killed" / "state.pt").exists() == (moment > 25)
-    (tmp_path / "killed" / ".state-ab_3defg.pt").write_text("half of a state")
+    (tmp_path / "killed" / "checkpoints").mkdir(exist_ok=True)
+    for draft in (".state-ab_3defg.pt", "checkpoints/.epoch_0002-abcdefgh.pt"):
+        (tmp_path / "killed" / draft).write_text("half of it")
     finished = resume(tmp_path / "killed")
     assert weights(finished) == weights(run[0])
-    assert not list((tmp_path / "killed").glob(".*"))
+    assert not list((tmp_path / "killed").rglob(".*"))
     rows = [
         (directory / "metrics.csv").read_bytes() for directory in (tmp_path / "killed", run[0].run_directory)
     ]

@@ -163,7 +163,8 @@ def resume(
         raise ConfigurationError(
             f"the run in {directory} is finished", f"use {directory / 'policy.onnx'}, or start another run"
         )
-    remove_drafts(directory / STATE)  # large ones
+    for folder in (directory, directory / "checkpoints"):
+        remove_drafts(folder)  # large ones
     with _reproducible_torch():
         if (directory / STATE).exists():
             run = resume_run(load_checkpoint(directory / STATE), directory, world_map)
