@@ -102,8 +102,8 @@ def test_what_holds_over_time_is_printed_drawn_and_written(tmp_path):
     assert later["steps"][0]["part"] >= later["steps"][1]["part"] >= later["forever"]["part"]
     assert later["cell"]["x"] == 2 * document["smallest_cell"]["x"]
     certified = later["steps"][0]["part"]
-    with np.load(files["cells"]) as table:
-        assert table["steps_lower"].shape == table["steps_upper"].shape == (certified, 5)
+    table = read_npz(files["cells"])
+    assert table["steps_lower"].shape == table["steps_upper"].shape == (certified, 5)
     assert "left only towards the goal" in files["figure"].read_text()
 
 
