@@ -21,8 +21,8 @@ from onnx import helper, numpy_helper
 
 from viatool import load_policy
 
-CLEARANCE, STOP, RAMP = 0.52, 0.14, 0.3  # metres
-STEEPEST = 4.0  # 1/s, of how fast the speed falls with a bin
+CLEARANCE, STOP, RAMP = 0.62, 0.2, 0.3  # metres
+STEEPEST = 5.0  # 1/s, of how fast the speed falls with a bin
 
 
 def ranges(ahead: float, sectors: np.ndarray) -> np.ndarray:
