@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import pickle
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -88,3 +91,14 @@ def test_an_optional_input_left_out_at_the_end_does_not_crash_onnxruntime(tmp_pa
     nodes = [node("LayerNormalization", ["x", "s", ""], ["y"])]
     policy = load_policy(save(model_of(nodes, {"s": weights(1, 4)}), tmp_path))
     np.testing.assert_allclose(policy.run(OBSERVATIONS), policy(OBSERVATIONS), rtol=1e-4, atol=1e-5)
+
+
+def test_onnxruntime_reports_to_nobody_what_is_run(tmp_path: Path) -> None:
+    """Some of its builds leave an identifier and a log to be sent in the home folder, unless they are told not to."""
+    program = "from viatool import load_policy; load_policy('via')"
+    environment = {
+        name: text for name, text in os.environ.items() if name not in ("CI", "ORT_DISABLE_TELEMETRY")
+    }
+    homes = dict.fromkeys(("HOME", "XDG_CACHE_HOME", "USERPROFILE", "LOCALAPPDATA"), str(tmp_path))
+    subprocess.run([sys.executable, "-c", program], env={**environment, **homes}, check=True)
+    assert not [path for path in tmp_path.rglob("*") if "onnxruntime" in path.name]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 import numpy as np
@@ -105,6 +106,8 @@ class Runtime:
 
 
 def _open(model: bytes) -> Any:
+    # Asked for before the import, onnxruntime tells its maker nothing of what is run here; ask otherwise with 0.
+    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
     import onnxruntime
 
     options = onnxruntime.SessionOptions()
