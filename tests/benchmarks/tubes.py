@@ -20,7 +20,7 @@ from tests.tubes.noisy_runs import runs
 from viatool import load_map, load_policy
 from viatool.safety import Horizon, Layout, Rules
 from viatool.simulate import roll_out
-from viatool.tubes import Outlook
+from viatool.tubes import HorizonQuestion
 from viatool.world import Scenes, bin_ranges
 
 TARGETS = (0.2, 0.4, 0.6, 0.8, 1.0)  # shares of the horizon at which the adversary aims
@@ -43,7 +43,7 @@ def main() -> None:
     world, policy = load_map(given.map), load_policy(given.policy)
     trajectory = roll_out(policy, world, seed=given.seed)
     layout, horizon = Layout.of(policy, given.eps), Horizon(given.steps)
-    outlook = Outlook(policy, world, layout, Rules.of(world, "swept"), horizon)
+    outlook = HorizonQuestion(policy, world, layout, Rules.of(world, "swept"), horizon)
     chosen = np.arange(0, len(trajectory), given.every)
     poses, episode = trajectory.poses[chosen], trajectory.episode[chosen]
     previous = layout.previous(trajectory, outlook.rules, horizon)[chosen]

@@ -115,9 +115,7 @@ if TYPE_CHECKING:
 @click.option(
     "--goal-radius",
     type=options.QuantityType("m"),
-    default=0.5,
-    show_default=True,
-    help="With --steps or --forever: nearer than this the goal is reached, and the run over.",
+    help="With --steps or --forever: nearer than this the goal is reached, and the run over; by default as simulated.",
 )
 @options.seed_option
 @click.option(
@@ -173,11 +171,10 @@ def command(ctx: click.Context, /, **given: Any) -> None:
                 given["budget_seconds"] or math.inf, given["budget_cells"] or 2**62, given["sample"]
             ),
             outlook=Outlook(
-                given["steps"] or 0,
-                given["forever"],
-                given["lookahead"],
-                given["goal_radius"],
-                given["coarser"],
+                for_ever=given["forever"],
+                lookahead=given["lookahead"],
+                coarser=given["coarser"],
+                **{name: given[name] for name in ("steps", "goal_radius") if given[name] is not None},
             ),
             campaign=Campaign(
                 open_scheduler(given["workers"], given["scheduler"]), given["checkpoint"], given["resume"]

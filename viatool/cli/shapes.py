@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -58,44 +59,44 @@ class FootprintType(click.ParamType):  # type: ignore[type-arg]  # generic only 
             self.fail(f"'{path}' holds no list of corners [x, y] in metres", param, ctx)
 
 
-class PointType(click.ParamType):  # type: ignore[type-arg]  # generic only in newer click
+class _PairType(click.ParamType):  # type: ignore[type-arg]  # generic only in newer click
+    """Two finite numbers with a comma between."""
+
+    meant: str
+    """What a wrong text is not."""
+    least = -math.inf
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, float]:
+        """Read two finite numbers of at least `least`."""
+        if isinstance(value, tuple):
+            return value
+        texts = str(value).split(",")
+        numbers = [number for text in texts if (number := finite(text)) is not None]
+        if not len(texts) == len(numbers) == 2 or min(numbers) < self.least:
+            self.fail(f"'{value}' is not {self.meant}", param, ctx)
+        return numbers[0], numbers[1]
+
+
+class PointType(_PairType):
     """``x,y`` in metres in the map frame."""
 
     name = "point"
+    meant = "x,y in metres"
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
         """Show what may be written."""
         return "X,Y"
 
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, float]:
-        """Read two finite numbers."""
-        if isinstance(value, tuple):
-            return value
-        numbers = [finite(text) for text in str(value).split(",")]
-        if len(numbers) != 2 or numbers[0] is None or numbers[1] is None:
-            self.fail(f"'{value}' is not x,y in metres", param, ctx)
-        return numbers[0], numbers[1]
 
-
-class PoseErrorType(click.ParamType):  # type: ignore[type-arg]  # generic only in newer click
+class PoseErrorType(_PairType):
     """``METRES,RADIANS``, neither of them negative."""
 
     name = "pose error"
+    meant = "metres,radians of at least 0, such as 0.01,0.01"
+    least = 0.0
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
         """Show what may be written."""
         return "M,RAD"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, float]:
-        """Read two finite numbers of at least 0."""
-        if isinstance(value, tuple):
-            return value
-        numbers = [finite(text) for text in str(value).split(",")]
-        if len(numbers) != 2 or any(number is None or number < 0.0 for number in numbers):
-            self.fail(f"'{value}' is not metres,radians of at least 0, such as 0.01,0.01", param, ctx)
-        position, heading = (number or 0.0 for number in numbers)
-        return position, heading

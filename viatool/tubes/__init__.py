@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from viatool.tubes.following import Loop
-from viatool.tubes.job import Outlook
+from viatool.tubes.job import HorizonQuestion
 from viatool.tubes.runs import Runs, drive, search_crashes
 
-__all__ = ["Loop", "Outlook", "Runs", "drive", "search_crashes"]
+__all__ = ["HorizonQuestion", "Loop", "Runs", "drive", "search_crashes"]

@@ -24,7 +24,7 @@ Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
-class Outlook:
+class HorizonQuestion:
     """What is asked of the intervals after a state; picklable.
 
     Parameters

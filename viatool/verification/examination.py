@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from viatool.policy import Policy
 from viatool.safety import Case, Crashes, Rules, Situations, Tubes, find_contested, judge, search_witnesses
 from viatool.taylor import ReachableSet, reach
-from viatool.tubes import Outlook
+from viatool.tubes import HorizonQuestion
 from viatool.verification.clock import Clock
 from viatool.verification.findings import Findings
 from viatool.verification.states import States
@@ -44,7 +44,7 @@ class Examination:
         Whether only the actions of contested states are bounded.
     seed : int
         Of the search for counterexamples.
-    outlook : Outlook, optional
+    outlook : HorizonQuestion, optional
         What is asked of the intervals that follow.
     """
 
@@ -56,7 +56,7 @@ class Examination:
     engine: Mapping[str, Any]
     only_contested: bool
     seed: int
-    outlook: Outlook | None = None
+    outlook: HorizonQuestion | None = None
 
     def __call__(self, states: States) -> Findings:
         """Examine states block by block; what is found in a block depends on that block alone."""

@@ -19,7 +19,7 @@ from viatool.simulate import Places, observe_places, roll_out
 from viatool.taylor import Arithmetic, Refinement
 from viatool.taylor.approximation import Approximation
 from viatool.trajectory import BagSettings, Trajectory, load_trajectory
-from viatool.tubes import Outlook
+from viatool.tubes import HorizonQuestion
 from viatool.verification.campaign import Campaign
 from viatool.verification.clock import Clock
 from viatool.verification.examination import Examination
@@ -169,7 +169,7 @@ def verify(
         previous = layout.previous(trajectory, rules, horizon)
     settings = {"order": order, "approximation": approximation, "refine": refine}
     bare = replace(world_map, scenarios=(), generator=None)  # the states bring their own scenarios
-    outlook = None if horizon is None else Outlook(policy, bare, layout, rules, horizon, arithmetic)
+    outlook = None if horizon is None else HorizonQuestion(policy, bare, layout, rules, horizon, arithmetic)
     examination = Examination(
         policy, bare, rules, layout.columns, layout.radii, {**settings, "arithmetic": arithmetic},
         only_contested, seed, outlook,
