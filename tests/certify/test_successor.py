@@ -77,6 +77,21 @@ def test_successors_of_sampled_states_lie_in_the_enclosure(side, share):
     assert left <= 1e-13
 
 
+def test_what_is_only_in_the_rest_of_states_is_followed_as_well():
+    """The same sets with no symbol at all: a rest that were left out would leave one state of each."""
+    generator = np.random.default_rng(3)
+    some = cells(generator, 600, 0.03, 0.25)
+    named = states_of(some)
+    found = step(QUESTION, Forms(named.centre, np.zeros_like(named.slope), np.abs(named.slope).sum(axis=1)))
+    lower, upper = found.states.lower, found.states.upper
+    outside = -np.inf
+    for _ in range(5):
+        _, states = sampled(generator, some)
+        after = arc(states, ROBOT.noisy_command(states, generator))
+        outside = max(outside, np.maximum(lower - after, after - upper).max())
+    assert outside <= 1e-13
+
+
 def test_the_forms_know_that_a_policy_steers_against_an_error():
     generator = np.random.default_rng(1)
     some = cells(generator, 1500, 0.01, 0.01)
