@@ -8,7 +8,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.safety import Result, Witnesses
+from viatool.safety import Witnesses
+from viatool.verification.result import Result
 
 Arrays = TypeVar("Arrays")
 

@@ -9,11 +9,11 @@ if TYPE_CHECKING:
     from viatool.policy import Policy, load_policy
     from viatool.report.figure_report import draw_result
     from viatool.report.map_figure import draw_map
-    from viatool.safety import Result
     from viatool.simulate.roll_out import roll_out
     from viatool.taylor import ReachableSet, reach
     from viatool.trajectory import Trajectory, load_trajectory
     from viatool.verification import verify
+    from viatool.verification.result import Result
     from viatool.world import WorldMap, load_map
 
 __version__ = "0.1.0"
@@ -21,7 +21,7 @@ __version__ = "0.1.0"
 _ROOM_OF = {
     "Policy": "viatool.policy",
     "ReachableSet": "viatool.taylor",
-    "Result": "viatool.safety",
+    "Result": "viatool.verification.result",
     "Trajectory": "viatool.trajectory",
     "WorldMap": "viatool.world",
     "draw_map": "viatool.report.map_figure",

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.certify.plant import Plant
+from tests.loop.plant import Plant
 from viatool import load_map, load_policy
 
 AT_ONCE = 20_000

@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 
 from viatool import load_map, load_policy
-from viatool.certify import Budget, Resolution, certify
+from viatool.places import Budget, Resolution, certify
 
 
 def main() -> None:

@@ -15,11 +15,12 @@ from pathlib import Path
 import numpy as np
 
 from viatool import load_map, load_policy
-from viatool.certify.judging import Question
-from viatool.certify.mesh import CellSet, Mesh, boxes_between
-from viatool.certify.passages import follow
-from viatool.certify.tree import Lattice
-from viatool.safety import Layout, Rules
+from viatool.loop.question import Question
+from viatool.places.mesh import CellSet, Mesh, boxes_between
+from viatool.places.passages import follow
+from viatool.places.tree import Lattice
+from viatool.setting.layout import Layout
+from viatool.setting.rules import Rules
 
 
 def main() -> None:

@@ -14,11 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.certify.ray_oracle import outlines, scan
-from tests.certify.test_sight import boxes_in
+from tests.sight.ray_oracle import outlines, scan
+from tests.sight.test_scan import boxes_in
 from tests.world.random_worlds import ARENAS, random_world
-from viatool.certify.shapes import Shapes
-from viatool.certify.sight import enclose_scan
+from viatool.sight.scan import enclose_scan
+from viatool.sight.shapes import Shapes
 from viatool.world import Lidar, Scenes, load_map
 
 SIDES = (0.004, 0.01, 0.02, 0.04, 0.08)  # whole widths in metres and radians

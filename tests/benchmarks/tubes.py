@@ -16,11 +16,13 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.tubes.noisy_runs import runs
+from tests.loop.noisy_runs import runs
 from viatool import load_map, load_policy
-from viatool.safety import Horizon, Layout, Rules
+from viatool.loop.horizon import Horizon
+from viatool.setting.layout import Layout
+from viatool.setting.rules import Rules
 from viatool.simulate import roll_out
-from viatool.tubes import HorizonQuestion
+from viatool.verification.horizon import HorizonQuestion
 from viatool.world import Scenes, bin_ranges
 
 TARGETS = (0.2, 0.4, 0.6, 0.8, 1.0)  # shares of the horizon at which the adversary aims

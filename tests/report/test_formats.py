@@ -19,7 +19,7 @@ from viatool.report import REPORTERS, Check, evaluate, parse_threshold, print_re
 from viatool.report.figure_report import PANELS, choose_episodes
 from viatool.report.gate import Gate
 from viatool.report.outputs import Output, content_of
-from viatool.safety import Result
+from viatool.verification.result import Result
 
 HOSTILE = "<img src=x onerror=alert(1)>\"'`|**bold**\r\n::error::owned\x1b[31m%0A=1+1]]>&amp; @team #1 $x$"
 FAILED = (Check(f"gate {HOSTILE}", passed=False, figures=f"figures {HOSTILE}"),)

@@ -28,7 +28,7 @@ from viatool.report import (
 )
 from viatool.report.markdown_report import markdown
 from viatool.report.outputs import content_of
-from viatool.safety import Result
+from viatool.verification.result import Result
 
 GOLDEN = Path(__file__).parent / "golden"
 GATE = Gate((parse_threshold("0.97"), parse_threshold("danger=0.9")), max_unsafe=0)

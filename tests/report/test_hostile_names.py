@@ -17,7 +17,7 @@ import viatool
 from tests.hall import MAP, write_policy
 from viatool.report import REPORTERS, Check
 from viatool.report.outputs import Output, content_of
-from viatool.safety import Result
+from viatool.verification.result import Result
 
 NAMES = {
     "quotes": "a\"b'c`d",

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 import viatool
 from tests.hall import MAP, write_policy
-from viatool.safety import Result
+from viatool.verification.result import Result
 
 ROOT = Path(__file__).resolve().parents[2]
 

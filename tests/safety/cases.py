@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from tests.safety.brute_force import clearance, drive_all, drive_and_stop, rim_of
-from viatool.safety import Case, Rules, Situations
+from viatool.safety import Case, Situations
+from viatool.setting.rules import Rules
 
 
 def near_states(world, scenario, footprint, generator, count, reach):

@@ -4,21 +4,21 @@ import numpy as np
 import pytest
 
 from tests.safety.brute_force import FOOTPRINTS, clearance, drive, random_world, rim_of
+from viatool.motion.manoeuvre import Manoeuvre
 from viatool.safety import enclosure
-from viatool.safety.enclosure import Cells, enclose
-from viatool.safety.motion import Manoeuvre
+from viatool.safety.enclosure import MotionBoxes, enclose
 from viatool.safety.situations import Situations
 
 GRID = np.linspace(0.0, 1.0, 7)
 
 
 def random_cells(generator, count):
-    """Cells of all sizes: over the whole range, flat in one or two directions, of one command."""
+    """MotionBoxes of all sizes: over the whole range, flat in one or two directions, of one command."""
     low, high = np.array([-0.3, -2.0, 0.0]), np.array([1.0, 2.0, 1.0])
     ends = np.sort(generator.uniform(low, high, (2, count, 3)), axis=0)
     shrink = generator.choice([0.0, 0.1, 1.0], (count, 3))
     shrink[: count // 4] = (0.0, 0.0, 1.0)
-    return Cells(np.arange(count), ends[0], ends[0] + shrink * (ends[1] - ends[0]))
+    return MotionBoxes(np.arange(count), ends[0], ends[0] + shrink * (ends[1] - ends[0]))
 
 
 def setting(seed, footprint, count=40):
@@ -110,7 +110,7 @@ def test_the_centre_command_attains_what_it_is_said_to_attain(name):
 
 
 def test_halves_cover_their_cell():
-    cells = Cells.whole(np.array([[0.0, -1.0]]), np.array([[0.5, 1.0]]))
+    cells = MotionBoxes.whole(np.array([[0.0, -1.0]]), np.array([[0.5, 1.0]]))
     halves = cells.halved(np.array([1]))
     np.testing.assert_array_equal(halves.lower, [[0.0, -1.0, 0.0], [0.0, 0.0, 0.0]])
     np.testing.assert_array_equal(halves.upper, [[0.5, 0.0, 1.0], [0.5, 1.0, 1.0]])

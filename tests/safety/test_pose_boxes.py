@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tests.safety.brute_force import FOOTPRINTS, clearance, drive_all, random_world, rim_of
+from viatool.motion.manoeuvre import Manoeuvre
 from viatool.safety import enclosure
-from viatool.safety.enclosure import Cells, enclose
-from viatool.safety.motion import Manoeuvre
+from viatool.safety.enclosure import MotionBoxes, enclose
 from viatool.safety.proof import prove_clearance
 from viatool.safety.situations import Situations
 
@@ -46,7 +46,7 @@ def excess(name, manoeuvre, seeds=range(3), **options):
     footprint, worst = FOOTPRINTS[name], -np.inf
     for seed in seeds:
         world, situations, lower, upper = setting(seed, **options)
-        found = enclose(Cells.whole(lower, upper, situations.radii), situations, manoeuvre, footprint)
+        found = enclose(MotionBoxes.whole(lower, upper, situations.radii), situations, manoeuvre, footprint)
         attained = found_within(world, situations, lower, upper, manoeuvre, footprint)
         worst = max(worst, float((found.least - attained).max()))
     return worst

@@ -5,7 +5,8 @@ import pytest
 
 from tests.safety.brute_force import FOOTPRINTS, random_world
 from tests.safety.cases import make_cases, worst_found
-from viatool.safety import Case, Rules, Situations, prove, sample, settle
+from viatool.safety import Case, Situations, prove, sample, settle
+from viatool.setting.rules import Rules
 
 
 def cases(seed, footprint, criterion, **options):

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from viatool.errors import ConfigurationError
-from viatool.simulate import Conditions, NavigationSimulator, advance
+from viatool.motion.arcs import advance
+from viatool.simulate import Conditions, NavigationSimulator
 from viatool.world import ROBOTS, Obstacles, Scenario, WorldMap, load_map
 
 START = Scenario("start", (-2.0, 0.0, 0.0), (4.0, 4.0))

@@ -7,8 +7,9 @@ import pytest
 from numpy.typing import NDArray
 
 from viatool.errors import ConfigurationError, PolicyError
+from viatool.motion.arcs import advance
 from viatool.policy.specification import ActionChannel, ObservationChannel, PolicySpecification
-from viatool.simulate import advance, navigation_channels, roll_out
+from viatool.simulate import navigation_channels, roll_out
 from viatool.trajectory import Trajectory
 from viatool.world import Scenario, Scenes, WorldMap, load_map
 

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.certify.ray_oracle import outlines, scan
-from tests.tubes.noisy_runs import arc
+from tests.loop.noisy_runs import arc
+from tests.sight.ray_oracle import outlines, scan
 from viatool.errors import ConfigurationError
+from viatool.loop.horizon import Horizon
 from viatool.policy import load_policy
-from viatool.safety import Horizon
 from viatool.simulate import roll_out
 from viatool.verification import verify
 from viatool.world import Scenes, load_map

@@ -145,7 +145,7 @@ def command(ctx: click.Context, /, **given: Any) -> None:
     The free space is cut into cells of x, y, heading and previous command. Each becomes uncontested (no command
     could endanger it), certified (proved for all of it), refuted (with a replayable counterexample) or unknown.
     """
-    from viatool.certify import Budget, Campaign, Outlook, Resolution, certify
+    from viatool.places import Budget, Campaign, Outlook, Resolution, certify
     from viatool.policy import load_policy
     from viatool.report import STDOUT, check_outputs, parse_output, write_outputs
     from viatool.report.certificates import CERTIFICATE_REPORTERS

@@ -12,7 +12,7 @@ from viatool.cli.failures import GATE_FAILED
 from viatool.cli.terminal import open_console
 
 if TYPE_CHECKING:
-    from viatool.safety import WitnessFile
+    from viatool.verification.witness_file import WitnessFile
 
 
 @click.command()
@@ -40,7 +40,7 @@ def command(ctx: click.Context, /, **given: Any) -> None:
     from viatool.policy import load_policy
     from viatool.report.files import check_writable
     from viatool.report.replay_summary import print_replay
-    from viatool.safety import load_witnesses, replay
+    from viatool.verification.witness_file import load_witnesses, replay
 
     if given["output"] is not None:
         from viatool.report.replay_figure import check_replay_figure

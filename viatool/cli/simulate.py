@@ -128,7 +128,7 @@ def _world(given: Mapping[str, Any]) -> WorldMap:
     """Return the map with the robot, the footprint and the clearances that were asked for."""
     from dataclasses import replace
 
-    from viatool.safety.rules import as_footprint
+    from viatool.setting.rules import as_footprint
     from viatool.simulate import with_robot
 
     world_map = options.open_map(given["map_path"], given["unknown"])

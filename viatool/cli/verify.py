@@ -15,7 +15,8 @@ from viatool.cli.terminal import Progress, open_console, show_progress
 from viatool.cli.work import keeping, work_options
 
 if TYPE_CHECKING:
-    from viatool.safety import Horizon, Result
+    from viatool.loop.horizon import Horizon
+    from viatool.verification.result import Result
 
 _PASSED_ON = (
     "trajectory",
@@ -128,7 +129,7 @@ def _horizon(given: Mapping[str, Any]) -> Horizon | None:
         If an option makes sense with a horizon alone.
     """
     from viatool.errors import ConfigurationError
-    from viatool.safety import Horizon
+    from viatool.loop.horizon import Horizon
 
     if given["horizon"] is not None:
         return Horizon(given["horizon"], *given["pose_error"])

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from viatool.arrays import Floats
 from viatool.policy.activations import activation
 from viatool.policy.assembly import Assembly, Computed
 from viatool.policy.network import Network
 from viatool.policy.specification import PolicySpecification
-
-Floats = NDArray[np.float64]
 
 
 def apply_action_map(actions: Floats, spec: PolicySpecification | None) -> Floats:

@@ -15,10 +15,9 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import sympy
-from numpy.typing import NDArray
 from scipy import special
 
-Floats = NDArray[np.float64]
+from viatool.arrays import Floats
 
 X = sympy.Symbol("x", real=True)
 Expression: TypeAlias = sympy.Expr

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from viatool.arrays import Floats, Indices
 from viatool.policy.activations import ActivationFunction, activation
 from viatool.policy.network import (
     Activation,
@@ -28,8 +28,6 @@ from viatool.policy.network import (
     Product,
 )
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 Shape = tuple[int, ...]
 
 MAX_ENTRIES = 2**24

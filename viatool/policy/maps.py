@@ -10,12 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from viatool.arrays import Floats
 from viatool.policy.network import Activation, Affine, Cast, Input, Network, Node
 from viatool.policy.specification import ActionMap, PolicySpecification
-
-Floats = NDArray[np.float64]
 
 _LISTED = 6
 """Most numbers that are written one by one; of more, the least and the largest are."""

@@ -13,11 +13,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from viatool.arrays import Floats
 from viatool.policy.activations import ActivationFunction
 
-Floats = NDArray[np.float64]
 Precision = Literal["float16", "bfloat16", "float32", "float64"]
 
 

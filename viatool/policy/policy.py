@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from viatool.arrays import Floats
 from viatool.errors import PolicyError
 from viatool.policy.action_map import apply_action_map, with_action_map
 from viatool.policy.maps import Maps, maps_of
@@ -20,8 +21,6 @@ from viatool.policy.runtime import Runtime, runtime_of
 from viatool.policy.self_check import SelfCheck, check_network
 from viatool.policy.specification import PolicySpecification
 from viatool.policy.specification_file import load_specification
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

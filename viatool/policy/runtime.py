@@ -9,12 +9,11 @@ import numpy as np
 import onnx
 from numpy.typing import NDArray
 
+from viatool.arrays import Floats
 from viatool.errors import PolicyError
 from viatool.policy.graph import Graph
 from viatool.policy.model_file import ModelFile, Port
 from viatool.policy.tensors import read_tensor
-
-Floats = NDArray[np.float64]
 
 _ROWS = 65536
 _OLDEST_RUN = 7

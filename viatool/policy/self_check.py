@@ -15,15 +15,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from viatool.arrays import Floats
 from viatool.errors import PolicyError, SelfCheckError
 from viatool.policy.maps import Scaling, leading_steps
 from viatool.policy.network import Activation, Affine, Cast, Input, Network, Node, Product
 from viatool.policy.runtime import Runtime
 from viatool.policy.specification import PolicySpecification
-
-Floats = NDArray[np.float64]
 
 UNIT_ROUNDOFF = {"bfloat16": 2.0**-8, "float16": 2.0**-11, "float32": 2.0**-24, "float64": 2.0**-53}
 _TINY = {"bfloat16": 2.0**-126, "float16": 2.0**-14, "float32": 2.0**-126, "float64": 2.0**-1022}

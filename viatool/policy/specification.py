@@ -10,12 +10,11 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
+from viatool.arrays import Floats
 from viatool.errors import ConfigurationError
 
-Floats = NDArray[np.float64]
 ObservationKind = Literal[
     "lidar",
     "goal_distance",

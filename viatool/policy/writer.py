@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 import onnx
-from numpy.typing import NDArray
 from onnx import helper
 
+from viatool.arrays import Floats
 from viatool.policy.activations import ActivationFunction
 from viatool.policy.network import (
     Activation,
@@ -26,8 +26,6 @@ from viatool.policy.network import (
     Product,
 )
 from viatool.policy.specification import METADATA_KEY, PolicySpecification
-
-Floats = NDArray[np.float64]
 
 OPSET = 17
 IR_VERSION = 8

@@ -9,14 +9,15 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from viatool.report.drawing import FLOOR, HALO, INK, WALL, Floats, draw_region, swept_regions
+from viatool.arrays import Floats
+from viatool.motion.arcs import advance
+from viatool.report.drawing import FLOOR, HALO, INK, WALL, draw_region, swept_regions
 from viatool.report.palette import COLOUR
-from viatool.simulate.motion import advance
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
-    from viatool.safety import Result
+    from viatool.verification.result import Result
 
 _LEAST_VIEW = 0.06  # metres from the middle of the view to its border, at least
 

@@ -9,7 +9,7 @@ from viatool.report.csv_table import inert, table
 
 if TYPE_CHECKING:
     from viatool.report.gate import Check
-    from viatool.safety import Result
+    from viatool.verification.result import Result
 
 SUFFIXES = (".csv",)
 COLUMNS = ("state", "episode", "scenario", "outcome", "time", "x", "y", "theta", "verdict")

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from viatool.errors import ConfigurationError
 
 if TYPE_CHECKING:
-    from viatool.safety import Result
+    from viatool.verification.result import Result
 
 Count = Annotated[int, Field(ge=0)]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]

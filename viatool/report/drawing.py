@@ -12,17 +12,16 @@ from matplotlib.patches import Circle, PathPatch, Polygon
 from matplotlib.path import Path as Outline
 from numpy.typing import NDArray
 
+from viatool.arrays import Booleans, Floats, Indices
+from viatool.motion.arcs import advance
 from viatool.report.cells import draw_cells
 from viatool.report.palette import COLOUR, VERDICTS
-from viatool.simulate.motion import advance
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
     from viatool.world import Obstacles, Scenario, WorldMap
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 FLOOR, WALL, INK, FAINT, HALO = "#FBFBFA", "#8D949C", "#22272E", "#C9CED4", "#CC79A7"
 _MOST_VECTORS = 20_000  # lines in a vector file before they become pixels
@@ -88,12 +87,12 @@ def draw_path(
     axes.plot(*marked.T, ls="", marker="x", ms=3 * width, mew=0.8, color=COLOUR["unsafe"], zorder=5)
 
 
-def draw_halo(axes: Axes, poses: Floats, episode: Indices, marked: NDArray[np.bool_]) -> None:
+def draw_halo(axes: Axes, poses: Floats, episode: Indices, marked: Booleans) -> None:
     """Underlay the stretches that start in a marked state (N,)."""
     _add_lines(axes, _stretches(poses, episode, marked), colour=HALO, width=6.0, zorder=3.5, alpha=0.5)
 
 
-def _stretches(poses: Floats, episode: Indices, marked: NDArray[np.bool_]) -> Floats:
+def _stretches(poses: Floats, episode: Indices, marked: Booleans) -> Floats:
     """Return the stretches from each marked state to the next one of its episode, (L, 2, 2)."""
     joined = marked[:-1] & (episode[:-1] == episode[1:])
     return np.asarray(np.stack([poses[:-1, :2], poses[1:, :2]], axis=1)[joined])

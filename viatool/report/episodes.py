@@ -10,7 +10,7 @@ import numpy as np
 from viatool.report.palette import VERDICTS
 
 if TYPE_CHECKING:
-    from viatool.safety import Result
+    from viatool.verification.result import Result
 
 
 @dataclass(frozen=True)

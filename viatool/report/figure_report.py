@@ -38,7 +38,7 @@ from viatool.report.wording import describe_eps
 
 if TYPE_CHECKING:
     from viatool.report.gate import Check
-    from viatool.safety import Result
+    from viatool.verification.result import Result
 
 SUFFIXES = (".png", ".svg", ".pdf")
 PANELS, COLUMNS = 10, 4

@@ -15,7 +15,7 @@ from viatool.report.markdown_report import markdown
 from viatool.report.numbers import counted
 
 if TYPE_CHECKING:
-    from viatool.safety import Result
+    from viatool.verification.result import Result
 
 SUFFIXES = ()
 SUMMARY_VARIABLE = "GITHUB_STEP_SUMMARY"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from viatool.report.gate import Check
-    from viatool.safety import Result
+    from viatool.verification.result import Result
 
 SUFFIXES = ()
 

@@ -14,7 +14,7 @@ from viatool.report.numbers import counted
 from viatool.report.wording import describe_eps, total_seconds
 
 if TYPE_CHECKING:
-    from viatool.safety import Result
+    from viatool.verification.result import Result
 
 SUFFIXES = (".xml",)
 

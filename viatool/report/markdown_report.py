@@ -24,7 +24,7 @@ from viatool.report.wording import (
 )
 
 if TYPE_CHECKING:
-    from viatool.safety import Result
+    from viatool.verification.result import Result
 
 SUFFIXES = ()
 _SPECIAL = str.maketrans({character: f"\\{character}" for character in "\\`*_{}[]()#+!|~@"})

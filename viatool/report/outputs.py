@@ -14,7 +14,7 @@ from viatool.report.files import check_writable, write_whole
 
 if TYPE_CHECKING:
     from viatool.report.gate import Check
-    from viatool.safety import Result
+    from viatool.verification.result import Result
 
 REPORTERS = {
     "json": "viatool.report.json_report",

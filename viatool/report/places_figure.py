@@ -12,6 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
+from viatool.arrays import Indices
 from viatool.report.drawing import INK, WALL, draw_floor, draw_obstacles
 from viatool.report.foreign import one_line
 from viatool.report.numbers import count, percentage
@@ -19,9 +20,8 @@ from viatool.report.palette import COLOUR, VERDICTS
 from viatool.report.wording import describe_eps
 
 if TYPE_CHECKING:
-    from viatool.safety import Result
+    from viatool.verification.result import Result
 
-Floats = NDArray[np.float64]
 
 PANELS, COLUMNS = 12, 4
 
@@ -88,7 +88,7 @@ def _panel(axes: Axes, result: Result, episode: int, size: float) -> None:
         )  # fmt: skip
 
 
-def _rank(verdicts: NDArray[np.str_]) -> NDArray[np.int64]:
+def _rank(verdicts: NDArray[np.str_]) -> Indices:
     """Return the place of each verdict in `VERDICTS`, which run from good to bad."""
     return np.select([verdicts == verdict for verdict in VERDICTS], range(len(VERDICTS)))
 

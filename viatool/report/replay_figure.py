@@ -12,8 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from viatool.arrays import Floats
 from viatool.errors import ConfigurationError
-from viatool.report.drawing import FLOOR, INK, WALL, Floats, draw_region
+from viatool.report.drawing import FLOOR, INK, WALL, draw_region
 from viatool.report.files import replacing
 from viatool.report.foreign import one_line
 from viatool.report.palette import COLOUR
@@ -21,7 +22,7 @@ from viatool.report.palette import COLOUR
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
-    from viatool.safety import Replay, WitnessFile
+    from viatool.verification.witness_file import Replay, WitnessFile
     from viatool.world import WorldMap
 
 SUFFIXES = (".png", ".svg", ".pdf")

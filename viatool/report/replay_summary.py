@@ -14,7 +14,7 @@ from viatool.report.numbers import count
 from viatool.report.palette import COLOUR
 
 if TYPE_CHECKING:
-    from viatool.safety import Replay, WitnessFile
+    from viatool.verification.witness_file import Replay, WitnessFile
 
 
 def print_replay(file: WitnessFile, found: Replay, console: Console) -> None:

@@ -12,7 +12,7 @@ from viatool.report.sarif_log import GATE, Finding, compose_log
 
 if TYPE_CHECKING:
     from viatool.report.gate import Check
-    from viatool.safety import Result
+    from viatool.verification.result import Result
 
 SUFFIXES = (".sarif", ".json")
 RULES = {

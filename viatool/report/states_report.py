@@ -11,7 +11,7 @@ from numpy.lib import format as npy
 
 if TYPE_CHECKING:
     from viatool.report.gate import Check
-    from viatool.safety import Result
+    from viatool.verification.result import Result
 
 SUFFIXES = (".npz",)
 

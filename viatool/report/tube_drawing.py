@@ -8,14 +8,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+from viatool.arrays import Booleans, Floats
 from viatool.report.drawing import draw_region
 from viatool.report.palette import COLOUR, VERDICTS
 
 if TYPE_CHECKING:
-    from viatool.safety import Result
+    from viatool.verification.result import Result
 
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 
 ALPHA = 0.55
 

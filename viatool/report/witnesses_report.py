@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from viatool.report.gate import Check
-    from viatool.safety import Result
+    from viatool.verification.result import Result
 
 SUFFIXES = (".json",)
 
 
 def render(result: Result, checks: Sequence[Check], suffix: str) -> str:
     """Return the counterexamples of a result as JSON."""
-    from viatool.safety import witness_document
+    from viatool.verification.witness_file import witness_document
 
     return json.dumps(witness_document(result), indent=1, allow_nan=False) + "\n"

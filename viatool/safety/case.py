@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from viatool.arrays import Floats
+from viatool.motion.arcs import advance
 from viatool.safety.proof import Proof, prove_clearance
-from viatool.safety.rules import Rules
 from viatool.safety.situations import Situations
-from viatool.simulate.motion import advance
-
-Floats = NDArray[np.float64]
+from viatool.setting.rules import Rules
 
 DENSE_FRACTIONS = np.linspace(0.0, 1.0, 65)
 

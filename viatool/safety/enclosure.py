@@ -38,14 +38,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from viatool.safety.motion import Manoeuvre
+from viatool.arrays import Booleans, Floats, Indices
+from viatool.motion.arcs import advance
+from viatool.motion.manoeuvre import Manoeuvre
 from viatool.safety.situations import Situations
-from viatool.simulate.motion import advance
 from viatool.world import Footprint
-
-Floats = NDArray[np.float64]
 
 LINEAR, ANGULAR, FRACTION = 0, 1, 2
 POSE = 3  # the first of three columns
@@ -53,7 +51,7 @@ _ROUNDING = 2.0**-38
 
 
 @dataclass(frozen=True, eq=False)
-class Cells:
+class MotionBoxes:
     """C boxes of commands and fractions, each belonging to one state.
 
     Parameters
@@ -65,7 +63,7 @@ class Cells:
         of what is added to x, y and theta of the state.
     """
 
-    state: NDArray[np.int64]
+    state: Indices
     lower: Floats
     upper: Floats
 
@@ -74,7 +72,7 @@ class Cells:
         return len(self.state)
 
     @classmethod
-    def whole(cls, lower: Floats, upper: Floats, radii: Floats | None = None) -> Cells:
+    def whole(cls, lower: Floats, upper: Floats, radii: Floats | None = None) -> MotionBoxes:
         """Return one cell for each state: action box (B, 2), whole path, and poses within radii (B, 3)."""
         ones = np.ones((len(lower), 1))
         offsets = [] if radii is None else [radii]
@@ -84,16 +82,16 @@ class Cells:
             np.hstack([upper, ones, *offsets]),
         )
 
-    def select(self, which: NDArray[np.bool_]) -> Cells:
+    def select(self, which: Booleans) -> MotionBoxes:
         """Return some of the cells."""
-        return Cells(self.state[which], self.lower[which], self.upper[which])
+        return MotionBoxes(self.state[which], self.lower[which], self.upper[which])
 
-    def halved(self, axis: NDArray[np.int64]) -> Cells:
+    def halved(self, axis: Indices) -> MotionBoxes:
         """Return both halves of every cell, cut across its given axis (C,)."""
         middle = 0.5 * (self.lower + self.upper)
         cut = axis[:, None] == np.arange(middle.shape[1])
         upper, lower = np.where(cut, middle, self.upper), np.where(cut, middle, self.lower)
-        return Cells(
+        return MotionBoxes(
             np.concatenate([self.state, self.state]),
             np.concatenate([self.lower, lower]),
             np.concatenate([upper, self.upper]),
@@ -119,12 +117,14 @@ class Enclosure:
     shares: Floats
 
 
-def enclose(cells: Cells, situations: Situations, manoeuvre: Manoeuvre, footprint: Footprint) -> Enclosure:
+def enclose(
+    cells: MotionBoxes, situations: Situations, manoeuvre: Manoeuvre, footprint: Footprint
+) -> Enclosure:
     """Bound the clearance of the footprint over cells.
 
     Parameters
     ----------
-    cells : Cells
+    cells : MotionBoxes
         C cells.
     situations : Situations
         The B states that the cells belong to.
@@ -172,12 +172,12 @@ def enclose(cells: Cells, situations: Situations, manoeuvre: Manoeuvre, footprin
     return Enclosure(clearance - deviation - between - rounding, attained, shares)
 
 
-def pose_deviation(cells: Cells, way: Floats, rim: float) -> tuple[Floats, Floats]:
+def pose_deviation(cells: MotionBoxes, way: Floats, rim: float) -> tuple[Floats, Floats]:
     """Bound how far poses of cells bring a footprint point from where the centre pose brings it.
 
     Parameters
     ----------
-    cells : Cells
+    cells : MotionBoxes
         C cells with poses.
     way : ndarray
         (C,) metres that the centre command drives at most.
@@ -193,12 +193,12 @@ def pose_deviation(cells: Cells, way: Floats, rim: float) -> tuple[Floats, Float
     return np.hypot(radius[:, 0], radius[:, 1]), np.asarray((way + rim) * radius[:, 2])
 
 
-def command_deviation(cells: Cells, manoeuvre: Manoeuvre, rim: float) -> Floats:
+def command_deviation(cells: MotionBoxes, manoeuvre: Manoeuvre, rim: float) -> Floats:
     """Bound how far any command of a cell brings a footprint point from where the centre command brings it.
 
     Parameters
     ----------
-    cells : Cells
+    cells : MotionBoxes
         C cells.
     manoeuvre : Manoeuvre
         How a command becomes a path.
@@ -222,7 +222,7 @@ def command_deviation(cells: Cells, manoeuvre: Manoeuvre, rim: float) -> Floats:
     return np.asarray(forward + sideways(until * np.abs(length), heading) + rim * heading)
 
 
-def path_radii(cells: Cells, manoeuvre: Manoeuvre) -> tuple[Floats, Floats]:
+def path_radii(cells: MotionBoxes, manoeuvre: Manoeuvre) -> tuple[Floats, Floats]:
     """Bound ``|l - l_c|`` in metres and ``|phi - phi_c|`` in radians over cells, each (C,)."""
     centre = 0.5 * (cells.lower + cells.upper)
     length, turn = _path(centre[:, 0], centre[:, 1], manoeuvre)

@@ -6,13 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from viatool.arrays import Booleans, Floats
 from viatool.safety.case import Case
 from viatool.safety.proof import Effort, Proof, prove_clearance
-
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 
 # The paper discretises the interval "into multiple time steps"; 10 steps here, with both ends.
 SAMPLED_FRACTIONS = np.linspace(0.0, 1.0, 11)

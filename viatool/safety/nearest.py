@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from viatool.arrays import Floats
 from viatool.world import Footprint, Obstacles, Scenario, Scenes, WorldMap
-
-Floats = NDArray[np.float64]
 
 
 def describe_nearest(

@@ -5,15 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from viatool.safety.enclosure import Cells, enclose
-from viatool.safety.motion import Manoeuvre
+from viatool.arrays import Booleans, Floats
+from viatool.motion.manoeuvre import Manoeuvre
+from viatool.safety.enclosure import MotionBoxes, enclose
 from viatool.safety.situations import Situations
 from viatool.world import Footprint
-
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -91,7 +88,7 @@ def prove_clearance(
     """
     effort = effort or Effort()
     proved, refuted = np.ones(len(lower), dtype=bool), np.zeros(len(lower), dtype=bool)
-    cells = Cells.whole(lower, upper, situations.radii)
+    cells = MotionBoxes.whole(lower, upper, situations.radii)
     for level in range(effort.levels + 1):
         found = enclose(cells, situations, manoeuvre, footprint)
         refuted[cells.state[found.attained < threshold]] = True

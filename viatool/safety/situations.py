@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from viatool.arrays import Floats, Indices
 from viatool.world import Obstacles, Scenario, Scenes, WorldMap
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +32,7 @@ class Situations:
     """
 
     poses: Floats
-    scene: NDArray[np.int64]
+    scene: Indices
     scenes: Scenes
     scale: float
     radii: Floats | None = None
@@ -44,7 +43,7 @@ class Situations:
         world_map: WorldMap,
         scenarios: Sequence[Scenario | None],
         poses: Floats,
-        scene: NDArray[np.int64],
+        scene: Indices,
     ) -> Situations:
         """Return poses within the map and the obstacles of their scenarios."""
         own = [scenario.obstacles for scenario in scenarios if scenario is not None]

@@ -7,16 +7,14 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from viatool.arrays import Floats, Indices
 from viatool.policy.network import Network
 from viatool.safety.case import Case
 from viatool.safety.nearest import describe_nearest
 from viatool.taylor.derivatives import gradient
 from viatool.world import Footprint, Scenario, WorldMap
-
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 
 MARGIN = 1e-7
 """Metres by which a witness must fail, so that it fails again in whatever order the runtime sums."""
@@ -60,7 +58,7 @@ class Witnesses:
         (W,) metres that are left then.
     """
 
-    state: NDArray[np.int64]
+    state: Indices
     observation: Floats
     action: Floats
     seconds: Floats
@@ -102,7 +100,7 @@ def search_witnesses(
     policy: RunnablePolicy,
     columns: Sequence[int],
     case: Case,
-    doubtful: NDArray[np.int64],
+    doubtful: Indices,
     observations: Floats,
     radii: Floats,
     lower: Floats,
@@ -218,7 +216,7 @@ def confirm(policy: RunnablePolicy, columns: Sequence[int], case: Case, candidat
     return Witnesses(rows, *picked)
 
 
-def _of_states(found: Witnesses, rows: NDArray[np.int64]) -> Witnesses:
+def _of_states(found: Witnesses, rows: Indices) -> Witnesses:
     """Return witnesses of a selection with the states counted in the whole."""
     return Witnesses(
         rows[found.state], found.observation, found.action, found.seconds, found.pose, found.clearance

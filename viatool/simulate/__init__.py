@@ -5,7 +5,6 @@ from __future__ import annotations
 from viatool.simulate.conditions import Conditions
 from viatool.simulate.engines import ENGINES, make_simulator, with_robot
 from viatool.simulate.kinematic import NavigationSimulator
-from viatool.simulate.motion import advance, wrap_angle
 from viatool.simulate.observation import Observer, Situation, measure_goals, navigation_channels
 from viatool.simulate.places import Places, observe_places
 from viatool.simulate.roll_out import Drive, drive, roll_out
@@ -29,7 +28,6 @@ __all__ = [
     "Spread",
     "Statistics",
     "Step",
-    "advance",
     "drive",
     "make_simulator",
     "measure_goals",
@@ -39,5 +37,4 @@ __all__ = [
     "simulate",
     "summarise_drive",
     "with_robot",
-    "wrap_angle",
 ]

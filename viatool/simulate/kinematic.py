@@ -7,16 +7,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from viatool.arrays import Booleans, Floats, Indices
+from viatool.motion.arcs import advance
 from viatool.simulate.models import model_of
-from viatool.simulate.motion import advance
 from viatool.simulate.simulator import Simulator
 from viatool.world import WorldMap
-
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
-Indices = NDArray[np.int64]
 
 _FINE = 0.01  # seconds over which a changing speed is taken as its mean
 

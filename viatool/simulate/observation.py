@@ -12,14 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from viatool.arrays import Floats, Indices
 from viatool.errors import ConfigurationError, PolicyError
 from viatool.policy.specification import LidarSpecification, ObservationChannel
 from viatool.simulate.noise import draw_normal
 from viatool.trajectory import assemble, polar_goals
 from viatool.world import Lidar, Robot, Scenes
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

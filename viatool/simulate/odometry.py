@@ -5,13 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from viatool.simulate.motion import advance, wrap_angle
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Booleans = NDArray[np.bool_]
+from viatool.arrays import Booleans, Floats, Indices
+from viatool.motion.arcs import advance, wrap_angle
 
 
 class Odometry:

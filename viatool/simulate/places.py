@@ -6,16 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from viatool.arrays import Floats, Indices
 from viatool.errors import ConfigurationError, EmptyEvaluationError
 from viatool.simulate.observation import Observer, Situation
 from viatool.simulate.roll_out import RunnablePolicy, command_columns, specification_of
 from viatool.trajectory import Trajectory
 from viatool.world import Footprint, Scenario, Scenes, WorldMap
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 _MOST = 5_000_000  # poses; more is a slip of the keyboard
 _BATCH = 4096  # poses drawn together; part of what a seed means

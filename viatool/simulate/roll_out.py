@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from viatool.arrays import Floats, Indices
 from viatool.errors import ConfigurationError, PolicyError
 from viatool.simulate.conditions import Conditions
 from viatool.simulate.engines import largest_batch, make_simulator
@@ -19,9 +20,6 @@ from viatool.world import Scenario, WorldMap
 
 if TYPE_CHECKING:
     from viatool.policy.specification import PolicySpecification
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 class RunnablePolicy(Protocol):

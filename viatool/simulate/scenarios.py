@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from viatool.arrays import Floats, Indices
 from viatool.errors import ConfigurationError
 from viatool.world import (
     Footprint,
@@ -18,8 +18,6 @@ from viatool.world import (
     WorldMap,
 )
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 Taken = tuple[Indices, Floats, Floats]  # scene (W,), starts (W, 3), goals (W, 2)
 
 _DRAWN_AHEAD = 512  # random scenarios that are drawn together

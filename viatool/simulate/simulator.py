@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from viatool.arrays import Booleans, Floats, Indices
 from viatool.errors import ConfigurationError
 from viatool.policy.specification import ObservationChannel
 from viatool.simulate.conditions import Conditions
@@ -23,10 +24,7 @@ from viatool.simulate.scenarios import FixedScenarios, RandomScenarios
 from viatool.simulate.task import NavigationTask
 from viatool.world import Obstacles, Scenario, ScenarioGenerator, WorldMap
 
-Floats = NDArray[np.float64]
 Ranges = NDArray[np.float32]
-Booleans = NDArray[np.bool_]
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

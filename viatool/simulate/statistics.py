@@ -6,13 +6,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from viatool.arrays import Floats, Indices
 from viatool.simulate.roll_out import Drive
 from viatool.trajectory import Trajectory
 from viatool.world import Robot
-
-Floats = NDArray[np.float64]
 
 _QUANTILE = 1.959963984540054  # of the standard normal distribution at 97.5 %
 _BIN = 0.1  # width of a bin of the clearance histogram, in metres
@@ -103,7 +101,7 @@ class Statistics:
     timeout: Share
     average_cost: float
     clearance_edges: Floats
-    clearance_counts: NDArray[np.int64]
+    clearance_counts: Indices
     least_clearance: Spread
     time_to_goal: Spread
     path_ratio: Spread
@@ -145,7 +143,7 @@ def summarise_drive(drive: Drive, robot: Robot, columns: list[int]) -> Statistic
     )
 
 
-def episode_steps(trajectory: Trajectory) -> NDArray[np.int64]:
+def episode_steps(trajectory: Trajectory) -> Indices:
     """Return how many decisions each episode took, (N,)."""
     return np.bincount(trajectory.episode, minlength=trajectory.episodes)
 

@@ -19,8 +19,8 @@ from viatool.studies.tasks import Task, digest, record_path
 from viatool.studies.variants import ALPHAS, Setting, Variant
 
 if TYPE_CHECKING:
-    from viatool.safety import Result
     from viatool.train import TrainingConfiguration
+    from viatool.verification.result import Result
     from viatool.world import Scenario, WorldMap
 
 CURVES = (

@@ -14,8 +14,8 @@ from viatool.studies.tasks import Record, Task
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from viatool.safety import Result
     from viatool.simulate import Conditions
+    from viatool.verification.result import Result
 
 POLICY, MAP = "via", "lab"
 SEED = 3000003  # of scenarios that no training and no selection has seen

@@ -11,13 +11,12 @@ from math import comb, factorial
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from viatool.arrays import Booleans, Floats
 from viatool.errors import EnclosureError
 from viatool.taylor.curve import CONSTANT, FALLING, RISING, UNKNOWN, Curve
 from viatool.taylor.interval import Interval, step_down, step_up
 
-Floats = NDArray[np.float64]
 Approximation = Literal["chebyshev", "bernstein", "taylor"]
 
 _NEWTON_STEPS = 6
@@ -132,7 +131,7 @@ def _pick_slope(curve: Curve, lower: Floats, upper: Floats, rule: Approximation)
     return np.where(np.isfinite(slope), slope, 0.0)
 
 
-def _touches(breaks: Floats, lower: Floats, upper: Floats) -> NDArray[np.bool_]:
+def _touches(breaks: Floats, lower: Floats, upper: Floats) -> Booleans:
     first = np.searchsorted(breaks, lower, side="left")
     return np.asarray(first != np.searchsorted(breaks, upper, side="right"))
 

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from viatool.arrays import Floats
 from viatool.policy.network import Network
 from viatool.taylor.derivatives import gradient
 from viatool.taylor.propagation import Box
 from viatool.taylor.refinement import Extrema
-
-Floats = NDArray[np.float64]
 
 
 def climb(network: Network, box: Box, extrema: Extrema, *, steps: int = 4) -> Floats:

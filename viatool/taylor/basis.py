@@ -9,7 +9,8 @@ from itertools import combinations_with_replacement
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from viatool.arrays import Floats
+
 Integers = NDArray[np.intp]
 
 

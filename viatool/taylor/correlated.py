@@ -10,16 +10,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from viatool.arrays import Floats
 from viatool.policy.network import Network
 from viatool.taylor.head import split_head
 from viatool.taylor.model import Dense, TaylorModel
 from viatool.taylor.propagation import Box, Enclosure, hulls_through, propagate
 from viatool.taylor.refinement import extrema_of, refine_by_pieces, unfold
 from viatool.taylor.rounding import ENGINE_ROUNDOFF, SLIGHTLY_MORE, runtime_deviation
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

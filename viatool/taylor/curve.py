@@ -18,10 +18,10 @@ import numpy as np
 import sympy
 from numpy.typing import NDArray
 
+from viatool.arrays import Booleans, Floats
 from viatool.policy.activations import FLOAT_MODULES, ActivationFunction, X
 from viatool.taylor.interval import ENCLOSED_FUNCTIONS, Interval, interval_of
 
-Floats = NDArray[np.float64]
 Integers = NDArray[np.intp]
 
 REACH = 1e30
@@ -222,7 +222,7 @@ class Curve:
             nodes = Interval(np.where(jumps, -np.inf, nodes.lower), np.where(jumps, np.inf, nodes.upper))
         return Cells(edges, kinds, hulls, _hull_table(kinds, hulls, nodes))
 
-    def _jumps(self, nodes: Floats, derivative: int) -> NDArray[np.bool_]:
+    def _jumps(self, nodes: Floats, derivative: int) -> Booleans:
         """Find the nodes at which a lower derivative is discontinuous, so that this one is unbounded."""
         jumps = np.zeros(nodes.shape, dtype=bool)
         for lower_derivative in range(derivative):

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from viatool.arrays import Floats
 from viatool.policy.network import Activation, Affine, Maximum, Minimum, Network, Node, Product
 from viatool.taylor.curve import curve_of
 from viatool.taylor.rounding import ENGINE_ROUNDOFF, SLIGHTLY_MORE, gamma
 
-Floats = NDArray[np.float64]
 Hull = tuple[Floats, Floats]
 
 

@@ -18,13 +18,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from viatool.arrays import Floats
 from viatool.policy.network import Activation, Network
 from viatool.taylor.curve import curve_of
 from viatool.taylor.model import Form, TaylorModel
 from viatool.taylor.propagation import Enclosure
 from viatool.taylor.rounding import ENGINE_ROUNDOFF, SLIGHTLY_MORE, gamma
 
-Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 

@@ -9,12 +9,10 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from viatool.arrays import Floats
 from viatool.policy.network import Activation, Affine, Network, Node
 from viatool.taylor.curve import curve_of
-
-Floats = NDArray[np.float64]
 
 
 @lru_cache(maxsize=64)

@@ -11,10 +11,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
-Floats = NDArray[np.float64]
+from viatool.arrays import Floats
 
 _EPS = 2.0**-52
 _TINY = 5e-324

@@ -17,10 +17,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from viatool.arrays import Floats
 from viatool.taylor.basis import Basis
 from viatool.taylor.rounding import ENGINE_ROUNDOFF, SLIGHTLY_MORE, gamma
 
-Floats = NDArray[np.float64]
 Integers = NDArray[np.intp]
 
 MOST_SYMBOLS = 2048

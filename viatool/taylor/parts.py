@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from viatool.arrays import Booleans, Floats
 from viatool.policy.network import Activation, Network
 from viatool.taylor.approximation import Approximation
 from viatool.taylor.curve import curve_of
@@ -28,7 +29,6 @@ from viatool.taylor.model import Diagonal, Form
 from viatool.taylor.propagation import Box, Enclosure, propagate
 from viatool.taylor.refinement import Extrema, seeded_upper
 
-Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 _RESERVE, _LAST_RESERVE = 1e-3, 1e-9
@@ -206,7 +206,7 @@ def _conditions(
     return forms, slack
 
 
-def _is_empty(network: Network, passes: list[Enclosure], parts: Parts) -> NDArray[np.bool_]:
+def _is_empty(network: Network, passes: list[Enclosure], parts: Parts) -> Booleans:
     empty = np.zeros(parts.owner.size, dtype=bool)
     for node, (lower, upper) in _limits(network, parts).items():
         argument = passes[source_of(network, node)]

@@ -9,10 +9,9 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
+from viatool.arrays import Floats
 from viatool.taylor.basis import Basis
 from viatool.taylor.rounding import SLIGHTLY_MORE
-
-Floats = NDArray[np.float64]
 
 
 def range_by_terms(linear: Floats, higher: Floats, basis: Basis) -> tuple[Floats, Floats]:

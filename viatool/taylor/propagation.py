@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from viatool.arrays import Floats
 from viatool.policy.activations import ActivationFunction, activation
 from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Network, Node, Product
 from viatool.taylor.approximation import Approximation, approximate
@@ -24,7 +25,6 @@ from viatool.taylor.model import (
 from viatool.taylor.polynomial_range import range_by_corners, range_by_terms
 from viatool.taylor.rounding import ENGINE_ROUNDOFF, SLIGHTLY_MORE, gamma
 
-Floats = NDArray[np.float64]
 Hull = tuple[Floats, Floats]
 
 

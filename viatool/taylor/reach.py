@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import Any, Literal, Protocol, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from viatool.arrays import Floats
 from viatool.errors import ConfigurationError, EnclosureError
 from viatool.policy.network import Network
 from viatool.taylor.approximation import Approximation
@@ -19,7 +20,6 @@ from viatool.taylor.refinement import extrema_of, refine_by_pieces, refine_monot
 from viatool.taylor.rounding import runtime_deviation
 from viatool.taylor.splitting import Effort, refine_by_splitting
 
-Floats = NDArray[np.float64]
 Refinement = Literal["none", "monotone", "split"]
 Arithmetic = Literal["float32", "real"]
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from viatool.arrays import Floats
 from viatool.policy.network import Network
 from viatool.taylor.approximation import Approximation
 from viatool.taylor.derivatives import Hull, gradient_bounds
@@ -20,7 +21,6 @@ from viatool.taylor.duality import DualEffort, DualProblem, SymbolLayout, descen
 from viatool.taylor.propagation import Box, Enclosure, propagate
 from viatool.taylor.rounding import runtime_deviation
 
-Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 _ROUNDS = 4

@@ -10,13 +10,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from viatool.arrays import Floats
 from viatool.errors import EnclosureError
 from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Network, Product
 from viatool.taylor.curve import curve_of
-
-Floats = NDArray[np.float64]
 
 UNIT_ROUNDOFF = {"bfloat16": 2.0**-8, "float16": 2.0**-11, "float32": 2.0**-24, "float64": 2.0**-53}
 _SMALLEST_NORMAL = {"bfloat16": 2.0**-126, "float16": 2.0**-14, "float32": 2.0**-126, "float64": 2.0**-1022}

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from viatool.arrays import Booleans, Floats
 from viatool.policy.network import Activation, Network
 from viatool.taylor.approximation import Approximation
 from viatool.taylor.curve import curve_of
 from viatool.taylor.parts import Parts, examine, whole_boxes
 from viatool.taylor.refinement import Extrema, refine_by_order, unfold
 
-Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 _AT_ONCE = 8
@@ -118,7 +118,7 @@ def _attained_widths(found: Floats, actions: int) -> Floats:
     return np.tile((largest - smallest).T.ravel(), 2)
 
 
-def _largest_of_each(parts: Parts, count: int) -> NDArray[np.bool_]:
+def _largest_of_each(parts: Parts, count: int) -> Booleans:
     """Mark the parts with the `count` largest bounds of each question."""
     order = np.lexsort((-parts.bound, parts.owner))
     owner = parts.owner[order]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from viatool.errors import ConfigurationError
 from viatool.taylor.approximation import Approximation
@@ -17,8 +17,6 @@ from viatool.taylor.rounding import SLIGHTLY_MORE, runtime_deviation
 
 if TYPE_CHECKING:
     import sympy
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

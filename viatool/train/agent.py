@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from viatool.arrays import Floats
 from viatool.train.configuration import TrainingConfiguration
 from viatool.train.embedding import Embedding
 from viatool.train.methods import Method
@@ -24,8 +24,6 @@ from viatool.train.updates import (
     update_targets,
     update_task_critics,
 )
-
-Floats = NDArray[np.float64]
 
 ACTIONS = 2
 

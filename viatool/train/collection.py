@@ -11,6 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from viatool.arrays import Booleans, Floats, Indices
 from viatool.simulate import NavigationTask, Step, make_simulator
 from viatool.train.configuration import TrainingConfiguration
 from viatool.train.constraint import next_budget
@@ -22,9 +23,6 @@ from viatool.train.returns import Transition
 from viatool.train.updates import act
 from viatool.world import WorldMap
 
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
-
 STANDING_SPEED = 0.1  # m/s, below which a robot about stands
 
 
@@ -32,10 +30,10 @@ STANDING_SPEED = 0.1  # m/s, below which a robot about stands
 class Episodes:
     """Finished episodes, one entry each."""
 
-    seed: NDArray[np.int64]
+    seed: Indices
     cost: Floats  # undiscounted
     reward: Floats  # undiscounted and unscaled, with shaping
-    length: NDArray[np.int64]
+    length: Indices
     success: Booleans
     collision: Booleans
     steady: Booleans  # driven with little exploration noise: u and lambda are updated from these

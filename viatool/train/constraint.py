@@ -8,9 +8,9 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from viatool.arrays import Floats
+
 VarRule = Literal["adaptive", "empirical"]
 MultiplierRule = Literal["mean", "cvar"]
 

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from viatool.arrays import Booleans, Floats, Indices
 from viatool.policy import Policy
 from viatool.simulate import Simulator, make_simulator
 from viatool.simulate.engines import largest_batch
@@ -20,7 +21,6 @@ from viatool.train.observation import Scaling
 from viatool.train.updates import act
 from viatool.world import Scenario, WorldMap
 
-Floats = NDArray[np.float64]
 Command = Callable[[NDArray[Any]], Floats]
 
 
@@ -38,10 +38,10 @@ class Evaluation:
         ``(S, N)`` length of each episode.
     """
 
-    success: NDArray[np.bool_]
-    collision: NDArray[np.bool_]
+    success: Booleans
+    collision: Booleans
     cost: Floats
-    steps: NDArray[np.int64]
+    steps: Indices
 
     def metrics(self, seed: int) -> dict[str, float]:
         """Return the rates and means of one policy."""
@@ -112,9 +112,7 @@ def drive(
     return outcome
 
 
-def _drive(
-    command: Command, simulator: Simulator, outcome: Evaluation, policy: int, active: NDArray[np.int64]
-) -> None:
+def _drive(command: Command, simulator: Simulator, outcome: Evaluation, policy: int, active: Indices) -> None:
     """Drive until every robot has arrived, collided or run out of time; fill in the outcome."""
     observation = simulator.reset()
     while len(active):

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from viatool.arrays import Floats
 from viatool.errors import ConfigurationError, SelfCheckError
 from viatool.policy import Activation, Affine, Input, Network, Policy, PolicySpecification, load_policy
 from viatool.policy.activations import activation
@@ -19,8 +19,6 @@ from viatool.train.networks import HiddenActivation, Weights
 from viatool.train.observation import Scaling, make_scaling, make_specification
 from viatool.train.records import load_checkpoint
 from viatool.world import WorldMap, load_map
-
-Floats = NDArray[np.float64]
 
 CHECKED_OBSERVATIONS = 4096
 TOLERANCE = 1e-4  # of the action range; float32 rounding stays about a hundred times below

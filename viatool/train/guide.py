@@ -7,9 +7,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from viatool.arrays import Floats, Indices
 from viatool.world import Scenes, WorldMap
 
-Floats = NDArray[np.float64]
 Grid = NDArray[np.float32]
 
 FINEST = 0.25  # metres between the points of the lattice
@@ -58,7 +58,7 @@ class Guide:
         self._open = self._danger + MARGIN
         self.narrow = narrow
 
-    def aim(self, which: NDArray[np.int64], scenes: Scenes, scene: NDArray[np.int64], goals: Floats) -> None:
+    def aim(self, which: Indices, scenes: Scenes, scene: Indices, goals: Floats) -> None:
         """Find the ways of some robots to their new goals.
 
         Parameters

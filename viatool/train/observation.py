@@ -7,13 +7,11 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
+from viatool.arrays import Floats
 from viatool.policy import ActionChannel, LidarSpecification, ObservationChannel, PolicySpecification
 from viatool.world import Robot
-
-Floats = NDArray[np.float64]
 
 LIDAR_CENTRE, LIDAR_SCALE = 2.0, 2.0  # metres
 GOAL_CENTRE, GOAL_SCALE = 3.0, 3.0  # metres

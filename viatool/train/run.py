@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from viatool.arrays import Floats
 from viatool.errors import ConfigurationError
 from viatool.train.agent import ACTIONS, Learner, make_agent
 from viatool.train.collection import Collector
@@ -24,8 +24,6 @@ from viatool.train.returns import NStepReturns
 from viatool.train.selection import Candidate, random_scenarios
 from viatool.train.td7 import Td7Learner
 from viatool.world import WorldMap, load_map
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(eq=False)

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from viatool.arrays import Floats, Indices
 from viatool.errors import ConfigurationError, ViatoolError
 from viatool.policy import Policy
 from viatool.schedule import Progress
@@ -37,8 +37,6 @@ from viatool.train.scoring import score_safety
 from viatool.train.selection import Candidate, best_candidates, choose, evaluate_policy, validate
 from viatool.whole_file import remove_drafts
 from viatool.world import WorldMap
-
-Floats = NDArray[np.float64]
 
 FARTHEST_GOAL = 20.0  # metres, beyond any goal: the curriculum's end
 MEASURED_EVERY = 100  # updates between two of which the metrics are recorded
@@ -243,7 +241,7 @@ def run_epoch(run: TrainingRun, progress: Progress) -> None:
     _record(run, Episodes.joined(finished), _average(measured), collector)
 
 
-def _part_of_epoch(options: TrainingConfiguration, steps: int, counts: NDArray[np.int64]) -> float:
+def _part_of_epoch(options: TrainingConfiguration, steps: int, counts: Indices) -> float:
     """Return the part of the epoch that is done, 1 or more at its end."""
     if options.epoch_steps is not None:
         return steps / options.epoch_steps

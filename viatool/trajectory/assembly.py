@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from viatool.arrays import Floats
+
 if TYPE_CHECKING:
     from viatool.policy import ObservationChannel
-
-Floats = NDArray[np.float64]
 
 
 def polar_goals(poses: Floats, goals: Floats) -> dict[str, Floats]:

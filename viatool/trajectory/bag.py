@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from viatool.arrays import Floats, Indices
 from viatool.errors import TrajectoryError, ViatoolError
 from viatool.trajectory.scans import Scans
 from viatool.trajectory.transforms import Transforms, heading_of
@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
     from rosbags.interfaces import Connection
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 SUFFIXES = (".bag", ".mcap", ".db3")
 ODOMETRY = "nav_msgs/msg/Odometry"

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from viatool.arrays import Booleans, Floats, Indices
 from viatool.errors import ConfigurationError, EmptyEvaluationError, PolicyError, TrajectoryError
 from viatool.trajectory.assembly import assemble, polar_goals
 from viatool.trajectory.bag import Bag, Topics, open_bag
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from viatool.policy import LidarSpecification, ObservationChannel, PolicySpecification
     from viatool.world import Scenario
 
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 
 _GOALS = {"goal_distance", "goal_cosine", "goal_sine"}
 _PREVIOUS = {"previous_linear", "previous_angular"}
@@ -164,9 +162,7 @@ class _Gathered:
         self.mounted: tuple[float, float] | None = None
         self.seen = Readings()
 
-    def states(
-        self, scans: Scans, channels: Sequence[ObservationChannel]
-    ) -> tuple[NDArray[np.int64], Floats, Floats]:
+    def states(self, scans: Scans, channels: Sequence[ObservationChannel]) -> tuple[Indices, Floats, Floats]:
         """Return stamps (K,), poses (K, 3) and observations (K, n) of those scans of which all is known."""
         if not self.scans:
             self.first = int(scans.stamps[0])
@@ -190,7 +186,7 @@ class _Gathered:
             measured |= polar_goals(poses[keep], np.array(self.settings.goal))
         return scans.stamps[keep], poses[keep], assemble(channels, measured)
 
-    def _locate(self, at: NDArray[np.int64]) -> tuple[Floats, Booleans]:
+    def _locate(self, at: Indices) -> tuple[Floats, Booleans]:
         """Return the pose of the robot in the map frame, (S, 3), and whether it is known."""
         odometry, gap = self.bag.odometry, self.settings.gap
         poses, known = interpolate(odometry.stamps, odometry.poses, at, gap)

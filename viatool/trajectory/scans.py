@@ -8,13 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from viatool.arrays import Floats, Indices
 from viatool.errors import TrajectoryError
 
 if TYPE_CHECKING:
     from viatool.policy import LidarSpecification
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

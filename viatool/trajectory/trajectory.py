@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from viatool.arrays import Floats, Indices
 from viatool.errors import TrajectoryError
 
 if TYPE_CHECKING:
     from viatool.world import Scenario
 
-Floats = NDArray[np.float64]
 
 OUTCOMES = ("success", "collision", "timeout", "unknown")
 
@@ -55,7 +55,7 @@ class Trajectory:
     poses: Floats
     observations: Floats
     actions: Floats
-    episode: NDArray[np.int64]
+    episode: Indices
     time: Floats
     outcomes: NDArray[np.str_]
     costs: Floats

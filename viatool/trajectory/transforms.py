@@ -6,13 +6,9 @@ from array import array
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from viatool.arrays import Booleans, Floats, Indices
 from viatool.errors import TrajectoryError
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Booleans = NDArray[np.bool_]
 
 _TILT = 0.02  # how far from upright a frame may be, as the sine of the angle
 
@@ -69,9 +65,7 @@ class Transforms:
             edge.complaint = _complain(edge, child, parent, (*translation, yaw), quaternion)
         edge.add(stamp, (*translation, yaw), static=static)
 
-    def locate(
-        self, child: str, parent: str, stamps: NDArray[np.int64], gap: float
-    ) -> tuple[Floats, Booleans]:
+    def locate(self, child: str, parent: str, stamps: Indices, gap: float) -> tuple[Floats, Booleans]:
         """Return how one frame lies in another.
 
         Parameters
@@ -148,7 +142,7 @@ class Transforms:
         if edge is not None and edge.complaint is not None:
             raise edge.complaint
 
-    def _climb(self, frames: list[str], stamps: NDArray[np.int64], gap: float) -> tuple[Floats, Booleans]:
+    def _climb(self, frames: list[str], stamps: Indices, gap: float) -> tuple[Floats, Booleans]:
         """Return how the first of the frames lies in the parent of the last."""
         poses, known = np.zeros((len(stamps), 3)), np.ones(len(stamps), dtype=bool)
         for frame in frames:
@@ -213,9 +207,7 @@ def invert(poses: Floats) -> Floats:
     return np.column_stack([x, y, -poses[:, 2]])
 
 
-def interpolate(
-    stamps: NDArray[np.int64], poses: Floats, at: NDArray[np.int64], gap: float
-) -> tuple[Floats, Booleans]:
+def interpolate(stamps: Indices, poses: Floats, at: Indices, gap: float) -> tuple[Floats, Booleans]:
     """Return poses between observed ones, on straight lines and the shorter turn.
 
     Parameters

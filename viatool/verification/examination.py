@@ -7,19 +7,18 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from viatool.arrays import Booleans, Floats
+from viatool.loop.horizon import Crashes, Tubes
 from viatool.policy import Policy
-from viatool.safety import Case, Crashes, Rules, Situations, Tubes, find_contested, judge, search_witnesses
+from viatool.safety import Case, Situations, find_contested, judge, search_witnesses
+from viatool.setting.rules import Rules
 from viatool.taylor import ReachableSet, reach
-from viatool.tubes import HorizonQuestion
 from viatool.verification.clock import Clock
 from viatool.verification.findings import Findings
+from viatool.verification.horizon import HorizonQuestion
 from viatool.verification.states import States
 from viatool.world import WorldMap
-
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)

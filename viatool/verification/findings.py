@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.safety import Contested, Crashes, Horizon, HorizonResult, Judgement, Tubes, Witnesses
+from viatool.loop.horizon import Crashes, Horizon, Tubes
+from viatool.safety import Contested, Judgement, Witnesses
 from viatool.taylor import ReachableSet
+from viatool.verification.horizon_result import HorizonResult
 
 Arrays = dict[str, NDArray[Any]]
 

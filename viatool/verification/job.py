@@ -8,26 +8,25 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
 from viatool.errors import ConfigurationError
+from viatool.loop.horizon import Horizon
 from viatool.policy import Policy, PolicySpecification, load_policy
-from viatool.safety import Horizon, Layout, Result, Rules
 from viatool.schedule import Scheduler, open_scheduler
+from viatool.setting.layout import Layout
+from viatool.setting.rules import Rules
 from viatool.simulate import Places, observe_places, roll_out
 from viatool.taylor import Arithmetic, Refinement
 from viatool.taylor.approximation import Approximation
 from viatool.trajectory import BagSettings, Trajectory, load_trajectory
-from viatool.tubes import HorizonQuestion
 from viatool.verification.campaign import Campaign
 from viatool.verification.clock import Clock
 from viatool.verification.examination import Examination
+from viatool.verification.horizon import HorizonQuestion
+from viatool.verification.result import Result
 from viatool.verification.states import States
 from viatool.versions import result_versions
 from viatool.world import Footprint, Scenario, WorldMap, load_map
 
-Floats = NDArray[np.float64]
 StrPath = str | os.PathLike[str]
 
 
@@ -166,7 +165,7 @@ def verify(
         elif not isinstance(trajectory, Trajectory):
             trajectory = load_trajectory(trajectory, layout.spec, bag)
         trajectory = layout.as_received(trajectory)
-        previous = layout.previous(trajectory, rules, horizon)
+        previous = layout.previous(trajectory, rules, followed=horizon is not None)
     settings = {"order": order, "approximation": approximation, "refine": refine}
     bare = replace(world_map, scenarios=(), generator=None)  # the states bring their own scenarios
     outlook = None if horizon is None else HorizonQuestion(policy, bare, layout, rules, horizon, arithmetic)

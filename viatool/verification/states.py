@@ -6,13 +6,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from viatool.arrays import Floats, Indices
 from viatool.schedule import Span
 from viatool.trajectory import Trajectory
 from viatool.world import Scenario
-
-Floats = NDArray[np.float64]
 
 _MOST_STATES = 1024
 _MOST_FOLLOWED = 128  # over a horizon, where each takes some ten milliseconds
@@ -42,7 +40,7 @@ class States:
     first: int
     poses: Floats
     observations: Floats
-    episode: NDArray[np.int64]
+    episode: Indices
     scenarios: tuple[Scenario | None, ...]
     previous: Floats | None
     most: int = _MOST_STATES

@@ -19,11 +19,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.world.shapes import Floats
+from viatool.arrays import Booleans, Floats, Plane
 
 Ranges = NDArray[np.floating[Any]]
-Booleans = NDArray[np.bool_]
-Plane = NDArray[np.complex128]  # points x + iy, or directions
 
 # Edges are taken longer by this part of their length at both ends, and fade out within it: so no ray slips
 # through between two edges that share a corner, whatever the rounding.

@@ -7,14 +7,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from viatool.arrays import Booleans, Floats, Indices
 from viatool.errors import MapError
 from viatool.world.scenario import Scenario
 from viatool.world.scenes import NO_CIRCLES, NO_EDGES, Scenes
-from viatool.world.shapes import Floats, Obstacles, box_polygon
-
-Booleans = NDArray[np.bool_]
+from viatool.world.shapes import Obstacles, box_polygon
 
 _BATCH = 256  # scenarios that are drawn together; part of what a seed means
 _CANDIDATES = 16  # places tried at once for every scenario
@@ -47,7 +45,7 @@ class ScenarioBatch:
         """Return the number of scenarios."""
         return len(self.starts)
 
-    def __getitem__(self, which: slice | Booleans | NDArray[np.int64]) -> ScenarioBatch:
+    def __getitem__(self, which: slice | Booleans | Indices) -> ScenarioBatch:
         """Return some of the scenarios."""
         return ScenarioBatch(self.starts[which], self.goals[which], self.circles[which], self.boxes[which])
 
@@ -188,27 +186,27 @@ class ScenarioGenerator:
         others = np.concatenate([placed, starts[:, None]], axis=1)
         free = self._keeps(others, self.goal_separation, scenes, self.goal_clearance)
 
-        def near(rng: np.random.Generator, which: NDArray[np.int64]) -> Floats:
+        def near(rng: np.random.Generator, which: Indices) -> Floats:
             spread = rng.random((len(which), _CANDIDATES, 2))
             return np.asarray(lower[which, None] + spread * (upper - lower)[which, None])
 
-        def room(points: Floats, which: NDArray[np.int64]) -> Booleans:
+        def room(points: Floats, which: Indices) -> Booleans:
             away = np.hypot(*(points - starts[which, None]).transpose(2, 0, 1))
             return np.asarray(free(points, which) & (away >= least) & (away <= largest))
 
         return self._place(rng, alive, near, room)
 
-    def _anywhere(self, rng: np.random.Generator, which: NDArray[np.int64]) -> Floats:
+    def _anywhere(self, rng: np.random.Generator, which: Indices) -> Floats:
         """Return candidates, (W, C, 2), spread evenly over the area."""
         return rng.uniform(self.area[:2], self.area[2:], (len(which), _CANDIDATES, 2))
 
     @staticmethod
     def _keeps(
         others: Floats, separation: float, scenes: Scenes, clearance: float
-    ) -> Callable[[Floats, NDArray[np.int64]], Booleans]:
+    ) -> Callable[[Floats, Indices], Booleans]:
         """Return the test whether candidates keep away from centres (N, n, 2) and from obstacles."""
 
-        def room(points: Floats, which: NDArray[np.int64]) -> Booleans:
+        def room(points: Floats, which: Indices) -> Booleans:
             free = np.ones(points.shape[:2], bool)  # (W, C)
             for centre in others.transpose(1, 2, 0):  # (2, N): a loop over places, not over scenarios
                 x, y = points[..., 0] - centre[0, which, None], points[..., 1] - centre[1, which, None]
@@ -225,8 +223,8 @@ class ScenarioGenerator:
     def _place(
         rng: np.random.Generator,
         alive: Booleans,
-        propose: Callable[[np.random.Generator, NDArray[np.int64]], Floats],
-        room: Callable[[Floats, NDArray[np.int64]], Booleans],
+        propose: Callable[[np.random.Generator, Indices], Floats],
+        room: Callable[[Floats, Indices], Booleans],
     ) -> Floats:
         """Return the first candidate with room, (N, 2); scenarios that found none are no longer alive."""
         points = np.full((len(alive), 2), np.nan)

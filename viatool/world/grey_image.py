@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from viatool.arrays import Booleans
 from viatool.errors import MapError
-from viatool.world.casting import Booleans
 
 if TYPE_CHECKING:
     from PIL.Image import Image

@@ -12,10 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.world.casting import Booleans, Plane
-from viatool.world.shapes import Floats
-
-Indices = NDArray[np.int64]
+from viatool.arrays import Booleans, Floats, Indices, Plane
 
 
 def free_squares(blocked: Booleans) -> NDArray[np.uint8]:

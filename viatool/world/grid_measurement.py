@@ -16,11 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.world.casting import Booleans, Plane
+from viatool.arrays import Booleans, Floats, Indices, Plane
 from viatool.world.measurement import segment_edge_squared
-from viatool.world.shapes import Floats
-
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

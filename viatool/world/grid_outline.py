@@ -5,15 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from viatool.world.casting import Booleans
+from viatool.arrays import Booleans, Indices
 from viatool.world.shapes import signed_area
 
 if TYPE_CHECKING:
     from shapely import Polygon
-
-Indices = NDArray[np.int64]
 
 
 def blocked_polygons(blocked: Booleans) -> list[Polygon]:

@@ -9,8 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.world.casting import Booleans, Plane
-from viatool.world.shapes import Floats
+from viatool.arrays import Booleans, Floats, Plane
 
 
 def as_plane(points: Floats) -> Plane:

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.world.casting import Booleans, Plane, Ranges
+from viatool.arrays import Booleans, Floats, Plane
+from viatool.world.casting import Ranges
 from viatool.world.grid_casting import free_squares, march_rays
 from viatool.world.grid_measurement import RowTables, enclosed_cells, point_distances, segment_distances
-from viatool.world.shapes import Floats
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry

@@ -7,9 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.world.casting import Booleans
+from viatool.arrays import Booleans, Floats
 from viatool.world.scenes import NO_CIRCLES, NO_EDGES, Scenes
-from viatool.world.shapes import Floats
 from viatool.world.world_map import WorldMap
 
 _MOST_POINTS = 250_000

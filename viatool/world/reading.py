@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from viatool.arrays import Floats
 from viatool.errors import MapError, MapWarning
 from viatool.samples import MAPS
 from viatool.world import map_file as file
@@ -20,7 +21,7 @@ from viatool.world.map_server import ServedMap, is_map_server_file, read_map_ser
 from viatool.world.robot import ROBOTS, Footprint, Lidar, Robot
 from viatool.world.scenario import Scenario
 from viatool.world.scenes import Scenes
-from viatool.world.shapes import Floats, Obstacles, box_polygon, simple_polygon, wall_polygons
+from viatool.world.shapes import Obstacles, box_polygon, simple_polygon, wall_polygons
 from viatool.world.world_map import Clearance, WorldMap
 from viatool.world.yaml_text import YamlDocument, read_yaml
 

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from viatool.world.casting import Plane
-from viatool.world.shapes import Floats
+from viatool.arrays import Floats, Plane
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry

@@ -9,9 +9,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from viatool.arrays import Floats
 from viatool.errors import ConfigurationError
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.world.casting import Booleans, Plane, Ranges, Surroundings, cast_rays
+from viatool.arrays import Booleans, Floats, Indices, Plane
+from viatool.world.casting import Ranges, Surroundings, cast_rays
 from viatool.world.measurement import (
     as_plane,
     dot,
@@ -20,14 +21,13 @@ from viatool.world.measurement import (
 from viatool.world.region import blocked_region
 from viatool.world.robot import Footprint, Lidar
 from viatool.world.scenario import Scenario
-from viatool.world.shapes import Floats, Obstacles, is_convex
+from viatool.world.shapes import Obstacles, is_convex
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
     from viatool.world.world_map import WorldMap
 
-Indices = NDArray[np.int64]
 
 # Points x shapes (x rays) that are measured at once: memory stays flat, and the arrays stay in the cache.
 _CHUNK = 160_000

@@ -8,14 +8,13 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from viatool.arrays import Floats
 from viatool.errors import MapError
 
 if TYPE_CHECKING:
     from viatool.world.occupancy import OccupancyGrid
-
-Floats = NDArray[np.float64]
 
 
 def _no_circles() -> Floats:

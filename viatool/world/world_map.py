@@ -6,16 +6,12 @@ import math
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
+from viatool.arrays import Floats
 from viatool.errors import ConfigurationError
 from viatool.world.generator import ScenarioGenerator
 from viatool.world.robot import Robot
 from viatool.world.scenario import Scenario
 from viatool.world.shapes import Obstacles
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

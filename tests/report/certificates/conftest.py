@@ -10,7 +10,7 @@ import pytest
 
 from tests.hall import write_policy
 from viatool import load_map, load_policy
-from viatool.certify import Certificate, Resolution, certify
+from viatool.places import Certificate, Resolution, certify
 from viatool.report import Check
 from viatool.report.certificates import CERTIFICATE_REPORTERS
 from viatool.report.outputs import Output, content_of

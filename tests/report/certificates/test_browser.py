@@ -10,7 +10,7 @@ import pytest
 
 from tests.browser import Browser, running_browser
 from tests.report.certificates.conftest import FAILED
-from viatool.certify import Certificate
+from viatool.places import Certificate
 from viatool.report.certificates.html.data import fitting_raster, kept_witnesses
 from viatool.report.certificates.html.page import render_page
 from viatool.report.certificates.places import is_free

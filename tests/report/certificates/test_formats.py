@@ -16,7 +16,7 @@ from pydantic_sarif.model import StaticAnalysisResultsFormatSarifVersion210JsonS
 from tests.report.certificates.conftest import FAILED
 from tests.report.test_golden import LINES, check, steady
 from tests.report.test_hostile_names import read_github, read_json
-from viatool.certify import Certificate
+from viatool.places import Certificate
 from viatool.report.certificates import CERTIFICATE_REPORTERS
 
 Render = Callable[..., str]

@@ -9,7 +9,7 @@ import numpy as np
 
 from tests.report.certificates.conftest import FAILED
 from tests.report.page.test_page import Outline
-from viatool.certify import Certificate
+from viatool.places import Certificate
 from viatool.report.certificates.document import read_certificate
 from viatool.report.certificates.html.data import fitting_raster, kept_witnesses, page_data
 from viatool.report.certificates.html.page import render_page

@@ -13,7 +13,7 @@ from tests.browser import Browser, running_browser
 from tests.hall import MAP, write_policy
 from viatool.report import Check
 from viatool.report.html.page import render_page
-from viatool.safety import Result
+from viatool.verification.result import Result
 
 HOSTILE = "</script><img src=x onerror=owned=1>\"'`{{1}}|**b**\r\n::error::x\x1b[31m%0A=1]]>&amp; $x$ <!--"
 FAILED = Check("safety rate >= 100.00 %", passed=False, figures="99.00 %")

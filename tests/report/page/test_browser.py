@@ -14,8 +14,9 @@ from selenium.webdriver.common.keys import Keys
 from tests.browser import Browser, running_browser
 from tests.report.page.conftest import HOSTILE
 from viatool.report.foreign import one_line
-from viatool.safety import Case, Result, Situations
+from viatool.safety import Case, Situations
 from viatool.simulate import Places
+from viatool.verification.result import Result
 
 Show = Callable[..., Browser]
 Verified = Callable[..., Result]

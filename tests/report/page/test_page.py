@@ -15,7 +15,7 @@ from tests.report.page.conftest import FAILED
 from viatool.report import read_result
 from viatool.report.html.page import render_page
 from viatool.report.html.states import MOST_BYTES, keep_states, pack_coarsely, page_data
-from viatool.safety import Result
+from viatool.verification.result import Result
 
 
 class Outline(HTMLParser):

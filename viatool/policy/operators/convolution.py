@@ -7,14 +7,12 @@ from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from viatool.arrays import Floats, Indices
 from viatool.policy.assembly import Computed, Refusal
 from viatool.policy.operators.reduction import tournament
 from viatool.policy.operators.registry import Call, Value, reads
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 Shape = tuple[int, ...]
 
 _LARGEST_KERNEL = 4096

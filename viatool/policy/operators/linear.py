@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from viatool.arrays import Floats
 from viatool.policy.activations import activation
 from viatool.policy.assembly import Computed, Refusal, broadcast_index
 from viatool.policy.network import Precision
@@ -16,7 +16,6 @@ from viatool.policy.operators.gates import gated, softsign
 from viatool.policy.operators.registry import Call, Comparison, Result, Value, finite, reads
 from viatool.policy.tensors import Constant, as_precision, dtype_name
 
-Floats = NDArray[np.float64]
 Shape = tuple[int, ...]
 
 _LARGEST_EXPONENT = 16

@@ -7,14 +7,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from viatool.arrays import Floats
 from viatool.policy.assembly import Computed, Refusal
 from viatool.policy.operators.linear import scattered
 from viatool.policy.operators.registry import Call, Value, finite, reads
 from viatool.policy.tensors import Constant
 
-Floats = NDArray[np.float64]
 Shape = tuple[int, ...]
 
 

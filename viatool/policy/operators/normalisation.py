@@ -12,7 +12,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from viatool.policy.activations import activation
 from viatool.policy.assembly import Computed, Refusal
@@ -20,8 +19,6 @@ from viatool.policy.operators.linear import scaled_by, scattered, weighted_sum
 from viatool.policy.operators.reduction import normalised_axes, summed
 from viatool.policy.operators.registry import Call, Value, finite, reads
 from viatool.policy.tensors import Constant
-
-Floats = NDArray[np.float64]
 
 _BATCH_ROUNDINGS = 6
 """var + eps, its root, the reciprocal, times scale, times mean, and that of the stored float64 factor."""

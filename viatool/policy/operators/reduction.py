@@ -6,13 +6,12 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from viatool.arrays import Floats, Indices
 from viatool.policy.activations import activation
 from viatool.policy.assembly import Computed, Refusal
 from viatool.policy.operators.registry import Call, Value, reads
 
-Floats = NDArray[np.float64]
 Shape = tuple[int, ...]
 
 _LARGEST_SOFTMAX = 64
@@ -125,7 +124,7 @@ def _extreme(call: Call, combine: Callable[[Computed, Computed], Computed]) -> C
 def tournament(
     call: Call,
     x: Computed,
-    rows: NDArray[np.int64],
+    rows: Indices,
     combine: Callable[[Computed, Computed], Computed],
 ) -> Computed:
     """Add the extreme over the first axis of ``(K, size)`` element numbers, pair by pair."""
@@ -153,7 +152,7 @@ def read_softmax(call: Call) -> Sequence[Value]:
     return [_reordered(call, call.assembly.activation(total, "Reciprocal"), order)]
 
 
-def _exponential_sums(call: Call) -> tuple[Computed, NDArray[np.int64]]:
+def _exponential_sums(call: Call) -> tuple[Computed, Indices]:
     """Add ``sum_j exp(x_j - x_i)`` for every element; return it and where each element of x stands in it.
 
     Notes
@@ -183,6 +182,6 @@ def _exponential_sums(call: Call) -> tuple[Computed, NDArray[np.int64]]:
     return total, np.argsort(numbers.ravel())
 
 
-def _reordered(call: Call, value: Computed, order: NDArray[np.int64]) -> Computed:
+def _reordered(call: Call, value: Computed, order: Indices) -> Computed:
     shape = call.computed(0).shape
     return call.assembly.copies([(value, order)], np.zeros(order.size), shape, value.precision)

@@ -11,13 +11,12 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from viatool.arrays import Floats
 from viatool.policy.assembly import Assembly, Computed, Refusal
 from viatool.policy.graph import GraphNode
 from viatool.policy.tensors import Constant
 
-Floats = NDArray[np.float64]
 Value = Constant | Computed
 Treatment = Literal["exact", "enclosed", "folded"]
 

@@ -14,14 +14,13 @@ import numpy as np
 import onnx
 from numpy.typing import NDArray
 
+from viatool.arrays import Indices
 from viatool.policy.assembly import Computed, Refusal
 from viatool.policy.folding import evaluate
 from viatool.policy.graph import GraphNode
 from viatool.policy.operators.linear import precision_of
 from viatool.policy.operators.registry import Call, Value, finite, reads
 from viatool.policy.tensors import Constant
-
-Indices = NDArray[np.int64]
 
 _EVERY = 10**6
 

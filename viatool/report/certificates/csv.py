@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from viatool.certify import SECTOR_NAMES, STATUSES
+from viatool.places import SECTOR_NAMES, STATUSES
 from viatool.report.csv_table import table
 
 if TYPE_CHECKING:
-    from viatool.certify import Certificate, Raster
+    from viatool.places import Certificate, Raster
     from viatool.report.gate import Check
 
 SUFFIXES = (".csv",)

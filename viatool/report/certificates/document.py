@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from viatool.report.document import RunDocument
 
 if TYPE_CHECKING:
-    from viatool.certify import Certificate
+    from viatool.places import Certificate
 
 Count = Annotated[int, Field(ge=0)]
 Amount = Annotated[float, Field(ge=0.0)]

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from viatool.certify import SECTOR_NAMES
+from viatool.places import SECTOR_NAMES
 from viatool.report.certificates.console import headline
 from viatool.report.certificates.document import read_certificate
 from viatool.report.certificates.places import is_free
@@ -23,7 +23,7 @@ from viatool.report.foreign import one_line
 from viatool.report.palette import COLOUR
 
 if TYPE_CHECKING:
-    from viatool.certify import Certificate, Raster
+    from viatool.places import Certificate, Raster
     from viatool.report.gate import Check
 
 SUFFIXES = (".png", ".svg", ".pdf")

@@ -13,7 +13,7 @@ from viatool.report.certificates.markdown import render as markdown
 from viatool.report.github_report import MOST_OF_A_KIND, SUMMARY_VARIABLE, command
 
 if TYPE_CHECKING:
-    from viatool.certify import Certificate
+    from viatool.places import Certificate
     from viatool.report.gate import Check
 
 SUFFIXES = ()

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from viatool.certify import Certificate
+    from viatool.places import Certificate
     from viatool.report.gate import Check
 
 SUFFIXES = ()

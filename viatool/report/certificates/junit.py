@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree as Xml
 
-from viatool.certify import SECTOR_NAMES, STATUSES
+from viatool.places import SECTOR_NAMES, STATUSES
 from viatool.report.certificates.document import read_certificate
 from viatool.report.junit_report import add, condition, suite_of
 from viatool.report.numbers import significant
 
 if TYPE_CHECKING:
-    from viatool.certify import Certificate
+    from viatool.places import Certificate
     from viatool.report.gate import Check
 
 SUFFIXES = (".xml",)

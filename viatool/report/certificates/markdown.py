@@ -10,7 +10,7 @@ from viatool.report.certificates.document import read_certificate
 from viatool.report.markdown_report import escape
 
 if TYPE_CHECKING:
-    from viatool.certify import Certificate
+    from viatool.places import Certificate
     from viatool.report.gate import Check
 
 SUFFIXES = ()

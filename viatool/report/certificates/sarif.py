@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.certify import STATUSES
+from viatool.places import STATUSES
 from viatool.report.certificates.document import read_certificate
 from viatool.report.certificates.places import TILE, tile_of
 from viatool.report.numbers import counted, significant
 from viatool.report.sarif_log import GATE, Finding, compose_log
 
 if TYPE_CHECKING:
-    from viatool.certify import Certificate
+    from viatool.places import Certificate
     from viatool.report.gate import Check
 
 SUFFIXES = (".sarif", ".json")

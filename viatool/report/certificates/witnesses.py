@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from viatool.certify import Certificate
+    from viatool.places import Certificate
     from viatool.report.gate import Check
 
 SUFFIXES = (".json",)
@@ -18,8 +18,9 @@ _MOST = 1000
 
 def render(certificate: Certificate, checks: Sequence[Check], suffix: str) -> str:
     """Return the worst places first, then others spread over the refuted cells, a thousand in all."""
-    from viatool.safety import Witnesses, compose_witnesses
+    from viatool.safety import Witnesses
     from viatool.trajectory import write_scenario
+    from viatool.verification.witness_file import compose_witnesses
 
     found, worst = certificate.findings, certificate.worst(100)
     others = np.setdiff1d(np.arange(len(found.clearance)), worst)

@@ -9,7 +9,7 @@ from viatool.report.html.page import render_page
 
 if TYPE_CHECKING:
     from viatool.report.gate import Check
-    from viatool.safety import Result
+    from viatool.verification.result import Result
 
 SUFFIXES = (".html", ".htm")
 

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from bokeh.models import ColumnDataSource, CrosshairTool, Range1d, Span
 from bokeh.plotting import figure
-from numpy.typing import NDArray
 
+from viatool.arrays import Floats
 from viatool.report.html.canvas import (
     draw_fan,
     draw_goal,
@@ -27,9 +27,8 @@ from viatool.report.html.states import clearances
 from viatool.report.palette import VERDICTS
 
 if TYPE_CHECKING:
-    from viatool.safety import Result
+    from viatool.verification.result import Result
 
-Floats = NDArray[np.float64]
 
 BINS = 40
 

@@ -31,8 +31,8 @@ from viatool.report.wording import (
 )
 
 if TYPE_CHECKING:
-    from viatool.report.html.states import Indices
-    from viatool.safety import Result
+    from viatool.arrays import Indices
+    from viatool.verification.result import Result
 
 SCRIPTS = (
     "geometry.js",

@@ -9,16 +9,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from viatool.arrays import Floats, Indices
 from viatool.report.closest_call import closest_state
 from viatool.report.foreign import one_line
 from viatool.report.palette import VERDICTS
 
 if TYPE_CHECKING:
     from viatool.policy import ObservationChannel
-    from viatool.safety import Result, Rules
+    from viatool.setting.rules import Rules
+    from viatool.verification.result import Result
     from viatool.world import Lidar, Obstacles
 
-Indices = NDArray[np.int64]
 
 MOST_STATES = 20_000
 MOST_BYTES = 5_000_000  # of the arrays, before base64; the page stays below 10 MB with the plotting library
@@ -66,7 +67,7 @@ def pack(array: NDArray[Any], kind: str) -> dict[str, Any]:
     return {"kind": np.dtype(kind).name, "bytes": b64encode(content.tobytes()).decode("ascii")}
 
 
-def pack_coarsely(array: NDArray[np.float64]) -> dict[str, Any]:
+def pack_coarsely(array: Floats) -> dict[str, Any]:
     """Return (N, n) numbers as 16-bit steps between the least and the largest of each column."""
     lower = array.min(axis=0, initial=np.inf) if len(array) else np.zeros(array.shape[1])
     step = (array.max(axis=0, initial=-np.inf) - lower if len(array) else lower) / 65535.0
@@ -118,7 +119,7 @@ def _states(result: Result, kept: Indices, episode: Indices) -> dict[str, Any]:
     return packed
 
 
-def clearances(result: Result) -> NDArray[np.float64]:
+def clearances(result: Result) -> Floats:
     """Return the clearance of the footprint at the pose of each state, (N,) metres."""
     from viatool.world import Scenes
 
@@ -160,7 +161,7 @@ def shapes(obstacles: Obstacles) -> dict[str, Any]:
     }
 
 
-def channel_list(channels: Sequence[ObservationChannel], radii: NDArray[np.float64]) -> list[dict[str, Any]]:
+def channel_list(channels: Sequence[ObservationChannel], radii: Floats) -> list[dict[str, Any]]:
     """Return the channels of an observation, with the column at which each one starts."""
     listed, start = [], 0
     for channel in channels:

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pybullet
-from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
+from viatool.arrays import Floats
 from viatool.errors import ConfigurationError
 from viatool.simulate.bullet.world import BulletWorld
 from viatool.simulate.models import model_of
@@ -22,7 +22,6 @@ from viatool.simulate.simulation import Simulation
 from viatool.simulate.task import NavigationTask
 from viatool.world import Obstacles, Scenario
 
-Floats = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
 FILMS = (".gif", ".mp4")

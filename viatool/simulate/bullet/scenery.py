@@ -12,15 +12,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from viatool.arrays import Floats, Indices
 from viatool.world import WorldMap
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 Ring = tuple[tuple[float, float], ...]  # corners in metres
 
 HEIGHT = 0.6

@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from viatool.arrays import Booleans, Floats, Indices
 from viatool.errors import ConfigurationError
 from viatool.simulate.bullet.worlds import Blueprint, Sight, open_worlds
 from viatool.simulate.models import model_of
@@ -17,10 +18,7 @@ from viatool.simulate.observation import Situation
 from viatool.simulate.simulator import Simulator
 from viatool.world import Footprint, WorldMap
 
-Floats = NDArray[np.float64]
 Ranges = NDArray[np.float32]
-Booleans = NDArray[np.bool_]
-Indices = NDArray[np.int64]
 
 _RATE = 120.0  # least number of steps of the engine in a second
 

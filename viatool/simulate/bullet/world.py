@@ -10,14 +10,13 @@ from typing import Any
 
 import numpy as np
 import pybullet
-from numpy.typing import NDArray
 
+from viatool.arrays import Floats
 from viatool.simulate.bullet.scenery import HEIGHT, Mesh, Ring, canonical_form, map_meshes, prisms
 from viatool.simulate.bullet.urdf import LEFT, RIGHT, write_urdf
 from viatool.simulate.models import RobotModel
 from viatool.world import Obstacles, WorldMap
 
-Floats = NDArray[np.float64]
 Form = float | Ring  # radius of a cylinder, or corners of a prism
 Segments = Sequence[tuple[int, float, float]]  # steps of the engine, v in m/s, omega in rad/s
 

@@ -10,14 +10,13 @@ from multiprocessing.connection import Connection
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from viatool.arrays import Floats
 from viatool.errors import ConfigurationError, ViatoolError
 from viatool.simulate.bullet.world import BulletWorld, Segments
 from viatool.simulate.models import RobotModel
 from viatool.world import Obstacles, WorldMap
 
-Floats = NDArray[np.float64]
 Pose = tuple[float, float, float]
 Task = tuple[int, Any]  # slot, and what its world is to do
 

@@ -9,13 +9,12 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from viatool.arrays import Booleans, Floats
 from viatool.errors import ConfigurationError
 from viatool.policy.specification import PolicySpecification
 from viatool.simulate.gym.setting import Setting, information
 
 Observations = NDArray[np.float32]
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 
 
 class NavigationVectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):

@@ -5,15 +5,13 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
 from torch import Tensor
 
+from viatool.arrays import Floats
 from viatool.train.configuration import TrainingConfiguration
 from viatool.train.networks import TrainedNetwork
 from viatool.train.replay import Batch
 
-Floats = NDArray[np.float64]
 Metrics = dict[str, Tensor]
 
 

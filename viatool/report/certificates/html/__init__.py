@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from viatool.report.certificates.html.page import render_page
 
 if TYPE_CHECKING:
-    from viatool.certify import Certificate
+    from viatool.places import Certificate
     from viatool.report.gate import Check
 
 SUFFIXES = (".html", ".htm")

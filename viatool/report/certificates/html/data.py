@@ -6,16 +6,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from bokeh.palettes import Viridis256
-from numpy.typing import NDArray
 
-from viatool.certify import SECTORS, STATUSES
+from viatool.arrays import Floats, Indices
+from viatool.places import SECTORS, STATUSES
 from viatool.report.certificates.places import is_free
 from viatool.report.html.states import channel_list, fan_of, pack, pack_coarsely, rules_of
 
 if TYPE_CHECKING:
-    from viatool.certify import Certificate, Raster
+    from viatool.places import Certificate, Raster
 
-Indices = NDArray[np.int64]
 
 MOST_BYTES = 4_000_000  # of the shares, before base64; the page stays below 10 MB with the plotting library
 MOST_WITNESSES = 8_000
@@ -66,7 +65,7 @@ def fitting_raster(certificate: Certificate, most: int = MOST_BYTES) -> tuple[Ra
         raster = certificate.raster_within(int(np.prod(raster.volumes.shape[1:])) // 2)
 
 
-def _kinds(raster: Raster, mixed: Indices) -> NDArray[np.int64]:
+def _kinds(raster: Raster, mixed: Indices) -> Indices:
     """Return the one status of each square, or that it is mixed or was not examined, (X Y,)."""
     volumes = raster.volumes.sum(axis=1).reshape(len(STATUSES), -1)
     kinds = np.where(volumes.sum(axis=0) > 0.0, volumes.argmax(axis=0), _UNEXAMINED)
@@ -74,7 +73,7 @@ def _kinds(raster: Raster, mixed: Indices) -> NDArray[np.int64]:
     return np.asarray(kinds)
 
 
-def _shares(raster: Raster, mixed: Indices) -> NDArray[np.float64]:
+def _shares(raster: Raster, mixed: Indices) -> Floats:
     """Return the shares of the statuses in 255ths, rounded down, (M, S, 5); what is missing was not examined."""
     kinds, slices = raster.volumes.shape[:2]
     volumes = raster.volumes.reshape(kinds, slices, -1)[:, :, mixed]

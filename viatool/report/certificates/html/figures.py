@@ -22,7 +22,7 @@ from viatool.report.html.canvas import (
 )
 
 if TYPE_CHECKING:
-    from viatool.certify import Certificate, Raster
+    from viatool.places import Certificate, Raster
 
 
 def places_figure(certificate: Certificate, raster: Raster) -> figure:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from viatool.certify import SECTOR_NAMES
+from viatool.places import SECTOR_NAMES
 from viatool.report.certificates.console import (
     MEANING,
     rows_of_rates,
@@ -22,7 +22,7 @@ from viatool.report.numbers import percentage, significant
 from viatool.report.wording import ARITHMETIC, CRITERION, describe_eps, identities
 
 if TYPE_CHECKING:
-    from viatool.certify import Certificate
+    from viatool.places import Certificate
     from viatool.report.gate import Check
 
 SCRIPTS = ("geometry.js", "arrays.js", "figures.js", "theme.js", "scene.js", "places.js", "certificate.js")

@@ -1,0 +1,12 @@
+"""The kinds of arrays, each named once. Axis letters: B states, N neurons, V variables, A actions, T steps."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Booleans = NDArray[np.bool_]
+Indices = NDArray[np.int64]
+Plane = NDArray[np.complex128]
+"""Points x + iy, or directions."""

@@ -1,0 +1,188 @@
+"""What is known of a batch of cells: blocked, settled by geometry, certified by the policy's commands, or open."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.arrays import Booleans, Floats
+from viatool.loop.observation import Sensors
+from viatool.loop.retreat import keep_away
+from viatool.loop.waiting import after_waiting
+from viatool.motion.manoeuvre import Manoeuvre
+from viatool.policy import ObservationChannel, Policy
+from viatool.safety import Situations
+from viatool.safety.proof import Effort, prove_clearance
+from viatool.sets.forms import ROUNDING, PoseBoxes
+from viatool.sets.states import StateBoxes
+from viatool.setting.layout import Layout
+from viatool.setting.rules import Rules
+from viatool.sight.shapes import Shapes
+from viatool.simulate.observation import Observer
+from viatool.taylor.correlated import input_model, reach_correlated
+from viatool.taylor.reach import Arithmetic
+from viatool.world import Scenario, WorldMap
+
+_CHUNK = 256
+_CHUNK_PAIRS = 400_000
+"""StateBoxes, and cells times shapes, that are enclosed together, so that the arrays stay in the cache."""
+_EFFORT = Effort(levels=8, cells=64, tolerance=1e-4)
+
+
+@dataclass(frozen=True, eq=False)
+class Commands:
+    """What the policy can command in C cells.
+
+    Parameters
+    ----------
+    lower, upper : ndarray
+        (C, 2) v in m/s and omega in rad/s, as the robot carries them out.
+    influence : ndarray
+        (C, 3) shares of their width that come from the pose, and from v and omega of the step before.
+    """
+
+    lower: Floats
+    upper: Floats
+    influence: Floats
+
+    def select(self, which: NDArray[Any]) -> Commands:
+        """Return those of some cells."""
+        return Commands(self.lower[which], self.upper[which], self.influence[which])
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """What is asked of a cell: that this policy, towards this goal, keeps its clearance from every pose.
+
+    Parameters
+    ----------
+    policy, layout, rules
+        The policy, the meaning of its numbers with their uncertainty, and what is to hold.
+    sensors : Sensors
+        What it observes.
+    situation : Situations
+        The geometry of the scenario; its poses are not used.
+    arithmetic : str
+        Contract of the bounds.
+    """
+
+    policy: Policy
+    layout: Layout
+    rules: Rules
+    sensors: Sensors
+    situation: Situations
+    arithmetic: Arithmetic = "float32"
+
+    @classmethod
+    def of(
+        cls,
+        policy: Policy,
+        world_map: WorldMap,
+        scenario: Scenario,
+        layout: Layout,
+        rules: Rules,
+        arithmetic: Arithmetic = "float32",
+    ) -> Question:
+        """Ask about a scenario of a map."""
+        observer = Observer(
+            layout.spec.observation, world_map.robot, noise=0.0
+        )  # refuses what cannot be simulated
+        sensors = Sensors(
+            layout.spec.observation, observer.lidar, Shapes.of(world_map, scenario), np.array(scenario.goal)
+        )
+        nowhere = Situations.of(world_map, [scenario], np.zeros((1, 3)), np.zeros(1, np.int64))
+        return cls(policy, layout, rules, sensors, nowhere, arithmetic)
+
+    def at(self, boxes: PoseBoxes) -> Situations:
+        """Return boxes of poses as states of the scenario."""
+        scene = np.zeros(len(boxes), np.int64)
+        return replace(self.situation, poses=boxes.centre, scene=scene, radii=boxes.radius)
+
+    def blocked(self, boxes: PoseBoxes) -> Booleans:
+        """Tell which boxes hold no pose that keeps the collision distance, (C,)."""
+        distance = self.situation.scenes.footprint_clearance(
+            boxes.centre, self.rules.footprint, np.zeros(len(boxes), np.int64)
+        )
+        moved = boxes.extent + self.rules.footprint.reach * boxes.turn * (
+            self.rules.footprint.kind == "polygon"
+        )
+        slack = ROUNDING * (self.situation.scale + np.abs(boxes.centre).sum(axis=1))
+        return np.asarray(distance + moved + slack <= self.rules.clearance.collision)
+
+    def settled(self, boxes: PoseBoxes) -> Booleans:
+        """Tell in which boxes no admissible commands, before and next, endanger a free pose, (C,). **Sound:** yes."""
+        lower, upper = (np.broadcast_to(end, (len(boxes), 2)) for end in (self.rules.lower, self.rules.upper))
+        return self.holds(StateBoxes(boxes, lower, upper), lower, upper)
+
+    def holds(self, cells: StateBoxes, lower: Floats, upper: Floats) -> Booleans:
+        """Tell in which cells every command of a box (C, 2) keeps every free pose clear, (C,). **Sound:** yes.
+
+        With a dead time the command before goes on from the pose, and the next one acts where that has led.
+        """
+        rules = self.rules
+        if not rules.delay:
+            return self._keep_clear(cells.poses, rules.manoeuvre, lower, upper)
+        held = cells.previous_lower, cells.previous_upper
+        kept = self._keep_clear(cells.poses, rules.waiting, *held)
+        some = np.flatnonzero(kept)
+        acting = after_waiting(cells.poses, rules.waiting, *held).select(some)
+        kept[some] = self._keep_clear(acting, rules.manoeuvre, lower[some], upper[some])
+        return kept
+
+    def _keep_clear(self, boxes: PoseBoxes, manoeuvre: Manoeuvre, lower: Floats, upper: Floats) -> Booleans:
+        """Tell in which boxes every command of a box keeps every free pose clear on its path, (C,)."""
+        shapes, rules = self.sensors.shapes, self.rules
+        kept = np.zeros(len(boxes), dtype=bool)
+        for some in self._chunks(len(boxes), 16 * _CHUNK):
+            kept[some] = keep_away(boxes.select(some), shapes, rules, manoeuvre, lower[some], upper[some])
+        rest = np.flatnonzero(~kept)
+        here, least = self.at(boxes.select(rest)), rules.clearance.collision
+        kept[rest] = prove_clearance(
+            here, lower[rest], upper[rest], least, manoeuvre, rules.footprint, _EFFORT
+        ).proved
+        return kept
+
+    def commands(self, cells: StateBoxes) -> Commands:
+        """Bound what the policy commands anywhere in cells, whatever the sensors err. **Sound:** yes."""
+        found = [self._commands(cells.select(some)) for some in self._chunks(len(cells), _CHUNK)]
+        return Commands(
+            *(
+                np.concatenate([getattr(part, name) for part in found])
+                for name in ("lower", "upper", "influence")
+            )
+        )
+
+    def _chunks(self, count: int, most: int) -> list[slice]:
+        """Cut cells so that the arrays over cells and shapes stay small, however many shapes there are."""
+        step = int(np.clip(_CHUNK_PAIRS // len(self.sensors.shapes), 8, most))
+        return [slice(start, min(start + step, count)) for start in range(0, count, step)]
+
+    def _commands(self, cells: StateBoxes) -> Commands:
+        columns, spec = self.layout.columns, self.layout.spec
+        seen = self.sensors.enclose(cells)
+        inputs = input_model(seen.centre, seen.slope, seen.rest + self.layout.radii)
+        reached = reach_correlated(self.policy.network, inputs, arithmetic=self.arithmetic)
+        lower, upper = (self.rules.clip(end[:, columns]) for end in (reached.lower, reached.upper))
+        moved = reached.influence / np.maximum(reached.influence.sum(axis=1, keepdims=True), 1e-12)
+        moved = moved.max(axis=2)  # (C, 3 + n)
+        linear, angular = (
+            moved[:, [3 + column for column in _columns_of(spec.observation, kind)]].sum(axis=1)
+            for kind in ("previous_linear", "previous_angular")
+        )
+        return Commands(
+            lower, upper, np.stack([moved.sum(axis=1) - linear - angular, linear, angular], axis=1)
+        )
+
+
+def _columns_of(channels: Sequence[ObservationChannel], kind: str) -> list[int]:
+    """Return the column of a kind of channel that is not fixed, or none."""
+    column = 0
+    for channel in channels:
+        if channel.kind == kind and channel.value is None:
+            return [column]
+        column += channel.size
+    return []

@@ -1,0 +1,155 @@
+"""Counterexamples for cells: a pose, an observation that its sensors may give, and the command that fails."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from viatool.arrays import Floats, Indices
+from viatool.loop.question import Commands, Question
+from viatool.safety import Case, Witnesses, search_witnesses
+from viatool.sets.forms import PoseBoxes
+from viatool.sets.states import StateBoxes
+from viatool.trajectory import assemble, polar_goals
+from viatool.world import bin_ranges
+
+_CORNERS = np.array([(x, y) for x in (-1.0, 0.0, 1.0) for y in (-1.0, 0.0, 1.0)])
+_TURNS = np.array([-1.0, 0.0, 1.0])
+_INSIDE = 1.0 - 1e-6
+_FRACTIONS = np.linspace(0.0, 1.0, 11)
+_AS_RECEIVED = 2.0**-22
+"""Relative part of an observation that its rounding to float32 and that of the ray casting may take from eps."""
+_BISECTIONS = 20
+_FREE = 1e-6
+"""Metres by which the pose of a counterexample keeps the collision distance."""
+
+
+@dataclass(frozen=True, eq=False)
+class Refutations:
+    """W cells with counterexamples.
+
+    Parameters
+    ----------
+    poses, previous : ndarray
+        (W, 3) and (W, 2): the pose in the cell, and the command of the step before.
+    witnesses : Witnesses
+        W of them; `state` is the index of the cell.
+    """
+
+    poses: Floats
+    previous: Floats
+    witnesses: Witnesses
+
+    def __len__(self) -> int:
+        """Return the number of refuted cells."""
+        return len(self.witnesses)
+
+
+def refute(question: Question, cells: StateBoxes, commands: Commands, *, seed: int = 0) -> Refutations:
+    """Look for a counterexample in every cell.
+
+    Parameters
+    ----------
+    question : Question
+        What is asked.
+    cells : StateBoxes
+        C cells.
+    commands : Commands
+        What the policy can command there, which says where to aim.
+    seed : int
+        Of random observations.
+
+    Returns
+    -------
+    Refutations
+        Of some of the cells.
+
+    Notes
+    -----
+    Sound: yes. The pose lies in the cell and keeps the collision distance by `_FREE`; the observation lies within
+    eps of what perfect sensors read there, rounded to float32; the command comes from onnxruntime, and fails.
+    """
+    layout, rules = question.layout, question.rules
+    previous = 0.5 * (cells.previous_lower + cells.previous_upper)
+    row, place = _nearest_places(question, cells.poses)
+    poses = _worst_poses(question, cells.poses.select(row), place, previous[row])
+    if not len(row):
+        return Refutations(poses, previous[row], Witnesses.join([], len(layout.radii)))
+    observations = observe(question, poses, previous[row]).astype(layout.number).astype(np.float64)
+    radii = np.maximum(layout.radii - _AS_RECEIVED * (1.0 + np.abs(observations).max(axis=0)), 0.0)
+    situations = replace(question.situation, poses=poses, scene=np.zeros(len(row), np.int64), radii=None)
+    case = Case(rules, situations, previous[row])
+    found = search_witnesses(
+        question.policy, layout.columns, case, np.arange(len(row)), observations, radii,
+        commands.lower[row], commands.upper[row], seed=seed,
+    )  # fmt: skip
+    return Refutations(poses[found.state], previous[row][found.state], replace(found, state=row[found.state]))
+
+
+def observe(question: Question, poses: Floats, previous: Floats) -> Floats:
+    """Return what perfect sensors read at poses (B, 3) after commands (B, 2), (B, n) in float64 rays."""
+    sensors = question.sensors
+    scene = np.zeros(len(poses), np.int64)
+    ranges = question.situation.scenes.cast(poses, scene, sensors.lidar)
+    lidar = sensors.lidar
+    scan = np.clip(bin_ranges(ranges, lidar), lidar.minimum_range, lidar.maximum_range)
+    measured = {
+        "lidar": scan,
+        **polar_goals(poses, sensors.goal),
+        "previous_linear": previous[:, 0],
+        "previous_angular": previous[:, 1],
+    }
+    return assemble(sensors.channels, measured)
+
+
+def _worst_poses(question: Question, boxes: PoseBoxes, place: Floats, previous: Floats) -> Floats:
+    """Return the free pose at a place (W, 2) of each box whose nominal command comes nearest, (W, 3)."""
+    if not len(boxes):
+        return np.zeros((0, 3))
+    rules, count = question.rules, len(boxes)
+    places = np.repeat(place[:, None], len(_TURNS), axis=1)
+    heading = boxes.centre[:, 2, None] + _INSIDE * _TURNS * boxes.radius[:, 2, None]
+    poses = np.concatenate([places, heading[:, :, None]], axis=2)  # (W, 3, 3)
+    flat = poses.reshape(-1, 3)
+    before = np.repeat(previous, len(_TURNS), axis=0)
+    actions = rules.clip(question.policy.network(observe(question, flat, before))[:, question.layout.columns])
+    situations = replace(question.situation, poses=flat, scene=np.zeros(len(flat), np.int64), radii=None)
+    case = Case(rules, situations, before)
+    left = case.clearance(case.paths(actions[:, None], _FRACTIONS)).reshape(count, len(_TURNS), -1)
+    free = (
+        _clearance(question, poses) > rules.clearance.collision + _FREE
+    )  # corners may be nearer when turned
+    least = np.where(free, left.min(axis=2), np.inf)
+    return np.asarray(poses[np.arange(count), least.argmin(axis=1)])
+
+
+def _nearest_places(question: Question, boxes: PoseBoxes) -> tuple[Indices, Floats]:
+    """Return the free place of each box that is nearest to an obstacle: the boxes (W,) and places (W, 2).
+
+    At the rim of the free space it is found by bisection between a free and a blocked place.
+    """
+    least = question.rules.clearance.collision + _FREE
+    headings = np.broadcast_to(boxes.centre[:, None, 2:], (len(boxes), len(_CORNERS), 1))
+    places = boxes.centre[:, None, :2] + _INSIDE * _CORNERS * boxes.radius[:, None, :2]
+    left = _clearance(question, np.concatenate([places, headings], axis=2))
+    row = np.flatnonzero((left > least).any(axis=1))
+    left, places, index = left[row], places[row], np.arange(len(row))
+    free = places[index, np.where(left > least, left, np.inf).argmin(axis=1)]
+    blocked = places[index, left.argmin(axis=1)]
+    rim = np.flatnonzero(left.min(axis=1) <= least)
+    inner, outer, turn = free[rim], blocked[rim], boxes.centre[row[rim], 2:]
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (inner + outer)
+        there = _clearance(question, np.concatenate([middle, turn], axis=1)) > least
+        inner, outer = np.where(there[:, None], middle, inner), np.where(there[:, None], outer, middle)
+    free[rim] = inner
+    return row, free
+
+
+def _clearance(question: Question, poses: Floats) -> Floats:
+    """Return the clearance of the footprint at poses (..., 3)."""
+    flat = poses.reshape(-1, 3)
+    scene = np.zeros(len(flat), np.int64)
+    found = question.situation.scenes.footprint_clearance(flat, question.rules.footprint, scene)
+    return np.asarray(found.reshape(poses.shape[:-1]))

@@ -1,0 +1,1 @@
+"""How robots move: kinematics, held commands and braking."""

@@ -1,0 +1,25 @@
+"""Certified places: proofs for every pose of a map, not only for visited states."""
+
+from __future__ import annotations
+
+from viatool.places.campaign import Budget, Campaign
+from viatool.places.certificate import SECTOR_NAMES, SECTORS, Certificate
+from viatool.places.findings import STATUSES, Findings
+from viatool.places.job import Resolution, certify
+from viatool.places.over_time import Outlook, Prospect
+from viatool.places.raster import Raster
+
+__all__ = [
+    "SECTORS",
+    "SECTOR_NAMES",
+    "STATUSES",
+    "Budget",
+    "Campaign",
+    "Certificate",
+    "Findings",
+    "Outlook",
+    "Prospect",
+    "Raster",
+    "Resolution",
+    "certify",
+]

@@ -1,0 +1,205 @@
+"""What a certification found: volumes by status, a raster of places, and the worst counterexamples."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.arrays import Indices
+from viatool.places.findings import SETTLED, STATUSES, Findings
+from viatool.places.over_time import Prospect
+from viatool.places.raster import Raster, rasterise
+from viatool.places.tree import Lattice, Nodes
+from viatool.policy import Policy
+from viatool.setting.layout import Layout
+from viatool.setting.rules import Rules
+from viatool.world import Scenario, WorldMap
+
+SCHEMA_VERSION = 1
+SECTORS = 8
+"""Parts of a turn that have names."""
+SECTOR_NAMES = ("W-SW", "SW-S", "S-SE", "SE-E", "E-NE", "NE-N", "N-NW", "NW-W")
+"""From theta = -pi on, with north along y."""
+_SLICES = 12
+_SPACING = 0.5
+"""Metres between the worst places."""
+_MOST_VOLUMES = 8_000_000
+"""Of places times slices, so that the volumes of five statuses take some 300 MB at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """The outcome of one certification.
+
+    Parameters
+    ----------
+    policy : Policy
+        What was certified.
+    world_map, scenario
+        Where, among which obstacles and towards which goal.
+    rules : Rules
+        What holds in the certified cells.
+    layout : Layout
+        The meaning of the numbers, with the uncertainty of each.
+    eps : float or dict
+        The uncertainty as it was given.
+    arithmetic : str
+        "float32" or "real", the contract of the bounds.
+    lattice : Lattice
+        The cells.
+    findings : Findings
+        The leaves that were examined.
+    examined, roots : int
+        Roots of the tree that were examined, and all.
+    seconds, versions : dict
+        Time by stage, and what a repetition would need.
+    prospect : Prospect, optional
+        What holds beyond the next action, if it was asked.
+    """
+
+    policy: Policy
+    world_map: WorldMap
+    scenario: Scenario
+    rules: Rules
+    layout: Layout
+    eps: float | Mapping[str, float]
+    arithmetic: str
+    lattice: Lattice
+    findings: Findings
+    examined: int
+    roots: int
+    seconds: Mapping[str, float]
+    versions: Mapping[str, str]
+    prospect: Prospect | None = None
+
+    @cached_property
+    def units(self) -> dict[str, int]:
+        """Return the volume of each status in smallest cells, as integers."""
+        each = self._units_of(self.findings.nodes)
+        return {name: int(each[self.findings.status == kind].sum()) for kind, name in enumerate(STATUSES)}
+
+    @property
+    def unit(self) -> float:
+        """Return the volume of a smallest cell in m^2 rad, times its share of the commands' range."""
+        return float(np.prod(self.lattice.size[:3]) * np.exp2(-float(self.lattice.deepest.sum())))
+
+    @property
+    def contested(self) -> tuple[int, int]:
+        """Return the certified and all of the contested volume; what was not examined is not in it."""
+        units = self.units
+        return units["certified"], units["certified"] + units["refuted"] + units["unknown"]
+
+    @property
+    def free(self) -> tuple[int, int]:
+        """Return the safe and all of the free volume: uncontested or certified, and these with the rest."""
+        certified, contested = self.contested
+        return self.units["uncontested"] + certified, self.units["uncontested"] + contested
+
+    @property
+    def decided(self) -> tuple[int, int]:
+        """Return the certified or refuted, and all of the contested volume."""
+        units, (_, contested) = self.units, self.contested
+        return units["certified"] + units["refuted"], contested
+
+    def _units_of(self, nodes: Nodes) -> Indices:
+        depth = int(self.lattice.deepest.sum()) - nodes.level.sum(axis=1, dtype=np.int64)
+        return np.asarray(np.left_shift(np.int64(1), depth), dtype=np.int64)
+
+    @cached_property
+    def raster(self) -> Raster:
+        """Return the volume of each status in each place and slice of headings."""
+        return self.raster_within(_MOST_VOLUMES)
+
+    @cached_property
+    def sectors(self) -> Raster:
+        """Return the volume of each status in each place and eighth of a turn."""
+        return self.raster.gathered(SECTORS)
+
+    def raster_within(self, most: int) -> Raster:
+        """Return the volumes in places that are cells of the grain, or larger ones where there were too many."""
+        return rasterise(self.lattice, self.findings, _SLICES, most)
+
+    def nearest_of(self, groups: Indices) -> Indices:
+        """Return the counterexample of each group (R,) that comes nearest to something, the nearest one first."""
+        order = np.argsort(self.findings.clearance, kind="stable")
+        _, first = np.unique(groups[order], return_index=True)
+        return np.asarray(order[np.sort(first)])
+
+    def worst(self, most: int = 10) -> Indices:
+        """Return the counterexamples that come nearest to something, in places at least half a metre apart."""
+        order = np.argsort(self.findings.clearance, kind="stable")
+        places = self.findings.pose[:, :2]
+        chosen: list[int] = []
+        while len(order) and len(chosen) < most:
+            chosen.append(int(order[0]))
+            apart = np.abs(places[order] - places[order[0]]).max(axis=1) >= _SPACING
+            order = order[apart]
+        return np.array(chosen, dtype=np.int64)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the certificate as plain data."""
+        status, unit = self.findings.status, self.unit
+        lower, upper = self.rules.lower, self.rules.upper
+        certified, contested = self.contested
+        safe, free = self.free
+        decided, _ = self.decided
+        size = self.lattice.size * np.exp2(-self.lattice.deepest.astype(np.float64))
+        return {
+            "schema_version": SCHEMA_VERSION,
+            "policy": {"path": str(self.policy.path), "sha256": self.policy.sha256},
+            "map": {"path": str(self.world_map.path), "sha256": self.world_map.sha256},
+            "scenario": {"name": self.scenario.name, "goal": list(self.scenario.goal)},
+            "eps": dict(self.eps) if isinstance(self.eps, Mapping) else self.eps,
+            "criterion": self.rules.criterion,
+            "clearance": self.rules.clearance.collision,
+            "deceleration": self.rules.deceleration if self.rules.criterion == "braking" else None,
+            "delay": self.rules.delay,
+            "arithmetic": self.arithmetic,
+            "previous_command": {"lower": lower.tolist(), "upper": upper.tolist()},
+            "smallest_cell": dict(zip(("x", "y", "theta", "v", "omega"), size.tolist(), strict=True)),
+            "roots": {"examined": self.examined, "total": self.roots},
+            "cells": {name: int((status == kind).sum()) for kind, name in enumerate(STATUSES)},
+            "volume": {name: units * unit for name, units in self.units.items()},
+            "contested_rate": _rate(certified, contested),
+            "free_rate": _rate(safe, free),
+            "decided_rate": _rate(decided, contested),
+            "over_time": None if self.prospect is None else self.prospect.to_json(),
+            "worst": [self._witness(int(row)) for row in self.worst()],
+            "seconds": dict(self.seconds),
+            "versions": dict(self.versions),
+        }
+
+    def _witness(self, row: int) -> dict[str, Any]:
+        found = self.findings
+        return {
+            "pose": found.pose[row].tolist(),
+            "previous": found.previous[row].tolist(),
+            "action": found.action[row].tolist(),
+            "clearance": float(found.clearance[row]),
+            "seconds": float(found.seconds[row]),
+        }
+
+    def cell_table(self) -> dict[str, NDArray[Any]]:
+        """Return all leaves with their bounds, for other programs."""
+        keep = self.findings.status >= SETTLED
+        lower, upper = self.lattice.bounds(self.findings.nodes.select(keep))
+        names = np.array(STATUSES)
+        later = {} if self.prospect is None else self.prospect.cell_table()
+        return {
+            **later,
+            "lower": lower,
+            "upper": upper,
+            "status": names[self.findings.status[keep]],
+            "witness_pose": self.findings.pose,
+            "witness_previous": self.findings.previous,
+            "witness_observation": self.findings.observation,
+        }
+
+
+def _rate(part: int, total: int) -> dict[str, int | float | None]:
+    return {"part": part, "total": total, "rate": part / total if total else None}

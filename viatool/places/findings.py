@@ -1,0 +1,102 @@
+"""What became of cells: leaves of the tree with their status, and the counterexamples of those that are refuted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.arrays import Floats
+from viatool.loop.refuting import Refutations
+from viatool.places.tree import AXES, Nodes
+
+BLOCKED, SETTLED, CERTIFIED, REFUTED, UNKNOWN = range(5)
+STATUSES = ("blocked", "uncontested", "certified", "refuted", "unknown")
+
+
+@dataclass(frozen=True, eq=False)
+class Findings:
+    """N leaves, of which R are refuted.
+
+    Parameters
+    ----------
+    level, index : ndarray
+        (N, 5) the nodes.
+    status : ndarray
+        (N,) int8, an index of `STATUSES`.
+    pose, previous, action : ndarray
+        (R, 3), (R, 2), (R, 2): of the counterexamples, in the order of the refuted leaves.
+    observation : ndarray
+        (R, n) float32 or float64, as the program receives it.
+    seconds, clearance : ndarray
+        (R,) when the robot comes nearest, and how near.
+    closest : ndarray
+        (R, 3) where it is then.
+    """
+
+    level: NDArray[np.int8]
+    index: NDArray[np.int32]
+    status: NDArray[np.int8]
+    pose: Floats
+    previous: Floats
+    action: Floats
+    observation: NDArray[np.floating[Any]]
+    seconds: Floats
+    clearance: Floats
+    closest: Floats
+
+    def __len__(self) -> int:
+        """Return the number of leaves."""
+        return len(self.status)
+
+    @property
+    def nodes(self) -> Nodes:
+        """Return the leaves as nodes of the tree."""
+        return Nodes(self.level, self.index)
+
+    @classmethod
+    def of(cls, nodes: Nodes, status: NDArray[Any], found: Refutations | None = None) -> Findings:
+        """Return leaves with their status; refuted ones come in the order of their counterexamples."""
+        kind = status.astype(np.int8)
+        if found is None:
+            return cls(nodes.level, nodes.index, kind, *_NONE)
+        seen = found.witnesses
+        small = seen.observation.astype(np.float32)
+        exact = bool((small == seen.observation).all())
+        return cls(
+            nodes.level, nodes.index, kind, found.poses, found.previous, seen.action,
+            small if exact else seen.observation, seen.seconds, seen.clearance, seen.pose,
+        )  # fmt: skip
+
+    @classmethod
+    def join(cls, parts: Sequence[Findings]) -> Findings:
+        """Return all parts as one."""
+        none = np.zeros((0, len(AXES)))
+        every = [cls(none.astype(np.int8), none.astype(np.int32), np.zeros(0, np.int8), *_NONE), *parts]
+        size = max(part.observation.shape[1] for part in every)
+        joined = {
+            part.name: np.concatenate([getattr(found, part.name) for found in every])
+            for part in fields(cls)
+            if part.name != "observation"
+        }
+        seen = [found.observation for found in every if len(found.observation)]
+        observation = np.concatenate(seen) if seen else np.zeros((0, size), np.float32)
+        return cls(**joined, observation=observation)
+
+    def to_arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the arrays by name."""
+        return {part.name: getattr(self, part.name) for part in fields(self)}
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> Findings:
+        """Return what `to_arrays` gave."""
+        return cls(**{part.name: arrays[part.name] for part in fields(cls)})
+
+
+_NONE = (
+    np.zeros((0, 3)), np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, 0), np.float32), np.zeros(0), np.zeros(0),
+    np.zeros((0, 3)),
+)  # fmt: skip

@@ -1,0 +1,159 @@
+"""Where cells lead: the cells that the closed loop may be in after one control interval, after two, and so on.
+
+Every look at the set of cells costs a rounding outward to whole cells. So a cell is followed for several intervals as
+it is, a linear form of its own pose, and it is enough that it lies within the set after one of them, if it kept its
+clearance until then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.arrays import Booleans, Floats, Indices
+from viatool.loop.question import Question
+from viatool.loop.successor import Step, fold, select, states_of, step
+from viatool.places.mesh import CellSet, Mesh, Ranges, boxes_between
+from viatool.sets.forms import Forms
+
+_SYMBOLS = 12
+"""Of a set that is followed: five of its cell, two of each of the last commands, and what rests weigh."""
+
+
+@dataclass(frozen=True, eq=False)
+class Passages:
+    """What became of P parts of cells.
+
+    Parameters
+    ----------
+    owner : ndarray
+        (P,) the cell; its parts are together all of it.
+    ranges : sequence of Ranges
+        M, one for each interval: where the part is after it.
+    kept : ndarray
+        (P,) int, for how many intervals every free pose of the part keeps its clearance; ranges hold up to there.
+    """
+
+    owner: Indices
+    ranges: Sequence[Ranges]
+    kept: NDArray[np.int16]
+
+    def __len__(self) -> int:
+        """Return the number of parts."""
+        return len(self.owner)
+
+    @property
+    def intervals(self) -> int:
+        """Return M."""
+        return len(self.ranges)
+
+    def select(self, which: Indices | Booleans) -> Passages:
+        """Return some of the parts."""
+        return Passages(self.owner[which], [each.select(which) for each in self.ranges], self.kept[which])
+
+
+def follow(
+    question: Question,
+    mesh: Mesh,
+    cells: Indices,
+    *,
+    intervals: int,
+    parts: tuple[int, int, int, int, int] = (1, 1, 1, 1, 1),
+    known: CellSet | None = None,
+) -> Passages:
+    """Follow the closed loop from cells.
+
+    Parameters
+    ----------
+    question : Question
+        The closed loop.
+    mesh : Mesh
+        The cells.
+    cells : ndarray
+        (C,) numbers of cells that are certified or uncontested: the next interval keeps its clearance.
+    intervals : int
+        M, for how many control intervals at most.
+    parts : tuple
+        Into how many parts each side of a cell is cut.
+    known : CellSet, optional
+        A set in which no cell needs to be followed further.
+
+    Returns
+    -------
+    Passages
+        Of all parts of all cells.
+
+    Notes
+    -----
+    Sound: yes. From every free pose of a part, with every previous command of it and every observation that the
+    sensors may give, the loop keeps its clearance for `kept` intervals and is then in the ranges.
+    """
+    lower, upper = mesh.bounds(cells)
+    lower, upper = _cut(lower, upper, np.array(parts))
+    owner = np.repeat(cells, int(np.prod(parts)))
+    start = boxes_between(lower, upper)
+    states, ends = states_of(start), (lower[:, :3], upper[:, :3])
+    going = np.arange(len(owner))
+    kept = np.zeros(len(owner), np.int16)
+    ranges = []
+    for number in range(intervals):
+        found = step(question, states)
+        holds = np.ones(len(going), bool)
+        if number > 0:
+            holds = question.holds(found.start, found.lower, found.upper)
+        after = found.bounds(*ends)
+        there = mesh.ranges(*after)
+        kept[going[holds]] += 1
+        ranges.append(_scattered(there, going, len(owner)))
+        open_ = holds if known is None else holds & ~known.covers(there)
+        going = going[open_]
+        states = _shortened(found, open_)
+        ends = after[0][open_, :3], after[1][open_, :3]
+        if not len(going):
+            break
+    return Passages(owner, ranges, kept)
+
+
+def join(passages: Sequence[Passages]) -> Passages:
+    """Return all passages as one; ranges beyond `kept` say nothing."""
+    ranges = []
+    for index in range(max((each.intervals for each in passages), default=0)):
+        known = [each.ranges[index] if index < each.intervals else _nowhere(len(each)) for each in passages]
+        ranges.append(
+            Ranges(
+                np.concatenate([each.first for each in known]), np.concatenate([each.last for each in known])
+            )
+        )
+    none = Passages(np.zeros(0, np.int64), [], np.zeros(0, np.int16))
+    every = [none, *passages]
+    return Passages(
+        np.concatenate([each.owner for each in every]), ranges, np.concatenate([each.kept for each in every])
+    )
+
+
+def _cut(lower: Floats, upper: Floats, parts: Indices) -> tuple[Floats, Floats]:
+    """Cut boxes (C, 5) into parts that meet without gaps, those of a box side by side."""
+    offsets = np.indices(tuple(parts)).reshape(len(parts), -1).T  # (K, 5)
+    size = (upper - lower)[:, None] / parts
+    first = lower[:, None] + offsets * size
+    last = np.where(offsets + 1 == parts, upper[:, None], lower[:, None] + (offsets + 1) * size)
+    return first.reshape(-1, len(parts)), last.reshape(-1, len(parts))
+
+
+def _shortened(found: Step, which: Booleans) -> Forms:
+    """Return the states after a step from which it goes on, with few symbols."""
+    return fold(select(found.states, which), _SYMBOLS)
+
+
+def _scattered(ranges: Ranges, rows: Indices, count: int) -> Ranges:
+    """Put ranges into rows of `count`; the others say nothing."""
+    whole = _nowhere(count)
+    whole.first[rows], whole.last[rows] = ranges.first, ranges.last
+    return whole
+
+
+def _nowhere(count: int) -> Ranges:
+    return Ranges(np.zeros((count, 5), np.int16), np.zeros((count, 5), np.int16))

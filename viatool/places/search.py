@@ -1,0 +1,148 @@
+"""The search: cells are judged in batches, largest first, and halved where they stay open."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+
+import numpy as np
+
+from viatool.arrays import Floats, Indices
+from viatool.loop.question import Commands, Question
+from viatool.loop.refuting import refute
+from viatool.places.findings import BLOCKED, CERTIFIED, REFUTED, SETTLED, UNKNOWN, Findings
+from viatool.places.tree import Lattice, Nodes
+from viatool.sets.states import StateBoxes
+
+_BATCH = 4096
+_POSE = 3
+
+
+class Frontier:
+    """Open cells by size."""
+
+    def __init__(self, nodes: Nodes) -> None:
+        self._open: dict[int, list[Nodes]] = defaultdict(list)
+        self.add(nodes)
+
+    def add(self, nodes: Nodes) -> None:
+        """Add nodes."""
+        depth = nodes.level.sum(axis=1, dtype=np.int64)
+        for level in np.unique(depth):
+            self._open[int(level)].append(nodes.select(depth == level))
+
+    def take(self, count: int) -> Nodes:
+        """Remove and return up to `count` of the largest nodes; none when nothing is open."""
+        taken: list[Nodes] = []
+        while count > 0 and self._open:
+            level = min(self._open)
+            nodes = self._open[level].pop()
+            if not self._open[level]:
+                del self._open[level]
+            if len(nodes) > count:
+                self._open[level].append(nodes.select(slice(count, None)))
+                nodes = nodes.select(slice(count))
+            taken.append(nodes)
+            count -= len(nodes)
+        return Nodes.join(taken)
+
+
+def search(question: Question, lattice: Lattice, roots: Nodes, *, seed: int = 0) -> Findings:
+    """Judge the cells of some roots until all are decided or smallest.
+
+    Parameters
+    ----------
+    question : Question
+        What is asked.
+    lattice : Lattice
+        How the roots are cut.
+    roots : Nodes
+        R roots.
+    seed : int
+        Of the search for counterexamples.
+
+    Returns
+    -------
+    Findings
+        Every point of the roots lies in exactly one leaf, up to boundaries. The same for the same roots.
+    """
+    frontier, found = Frontier(roots), []
+    while len(nodes := frontier.take(_BATCH)):
+        settled, contested = _geometry(question, lattice, nodes, frontier)
+        judged = [_judge(question, lattice, contested, frontier, seed)] if len(contested) else []
+        found += [settled, *judged]
+    return Findings.join(found)
+
+
+def _geometry(
+    question: Question, lattice: Lattice, nodes: Nodes, frontier: Frontier
+) -> tuple[Findings, Nodes]:
+    """Return what is blocked or settled, and the rest; what is larger than the grain is halved."""
+    boxes = lattice.cells(nodes).poses
+    blocked = question.blocked(boxes)
+    level = nodes.level[:, :_POSE]
+    young = (level <= lattice.grain[:_POSE]).all(axis=1) & ~blocked
+    settled = np.zeros(len(nodes), dtype=bool)
+    settled[young] = question.settled(boxes.select(young))
+    coarse = young & ~settled & (level < lattice.grain[:_POSE]).any(axis=1)
+    if coarse.any():
+        large = nodes.select(coarse)
+        frontier.add(large.halved(_largest_axis(large, lattice.grain)))
+    found = Findings.of(
+        nodes.select(blocked | settled), np.where(blocked, BLOCKED, SETTLED)[blocked | settled]
+    )
+    return found, nodes.select(~(blocked | settled | coarse))
+
+
+def _judge(question: Question, lattice: Lattice, nodes: Nodes, frontier: Frontier, seed: int) -> Findings:
+    """Return the nodes that are certified, refuted or smallest; the others are halved."""
+    cells = lattice.cells(nodes)
+    commands = question.commands(cells)
+    certified = question.holds(cells, commands.lower, commands.upper)
+    smallest = (nodes.level >= lattice.deepest).all(axis=1)
+    open_ = np.flatnonzero(~certified & ~smallest)
+    if len(open_):
+        axis = _loosest_axis(question, lattice, nodes.select(open_), commands.select(open_))
+        frontier.add(nodes.select(open_).halved(axis))
+    status = np.where(certified, CERTIFIED, UNKNOWN)
+    last = np.flatnonzero(~certified & smallest)
+    found = refute(question, cells.select(last), commands.select(last), seed=seed) if len(last) else None
+    if found is not None:
+        status[last[found.witnesses.state]] = REFUTED
+    decided = certified | smallest
+    return Findings.of(nodes.select(decided), status[decided], found)
+
+
+def _largest_axis(nodes: Nodes, deepest: Indices) -> Indices:
+    """Return the axis of the pose that was halved least, of those that may be halved."""
+    level = np.where(nodes.level < deepest, nodes.level.astype(np.float64), np.inf)[:, :_POSE]
+    return np.asarray(_POSE - 1 - level[:, ::-1].argmin(axis=1))  # theta first
+
+
+def _loosest_axis(question: Question, lattice: Lattice, nodes: Nodes, commands: Commands) -> Indices:
+    """Return the axis whose extent costs most: the command box that it widens, or the places that it spreads."""
+    rules = question.rules
+    speed = np.maximum(np.abs(commands.lower), np.abs(commands.upper))
+    seconds = rules.manoeuvre.seconds(speed[:, 0], speed[:, 1])
+    width = commands.upper - commands.lower
+    loss = width[:, 0] * seconds + 0.5 * speed[:, 0] * width[:, 1] * np.square(seconds)
+    cells = lattice.cells(nodes)
+    places = cells.poses.extent
+    score = np.column_stack(
+        [
+            commands.influence[:, :1] * loss[:, None] + places[:, None],
+            commands.influence[:, 1:] * loss[:, None] + _spread_while_waiting(question, cells),
+        ]
+    )
+    may = np.column_stack(
+        [(nodes.level < lattice.deepest)[:, :_POSE].any(axis=1), (nodes.level < lattice.deepest)[:, _POSE:]]
+    )
+    choice = np.where(may, score, -np.inf).argmax(axis=1)
+    return np.where(choice == 0, _largest_axis(nodes, lattice.deepest), _POSE - 1 + choice)
+
+
+def _spread_while_waiting(question: Question, cells: StateBoxes) -> Floats:
+    """Return how far v and omega of the step before spread the places at which the next command acts, (C, 2)."""
+    delay = question.rules.delay
+    width = cells.previous_upper - cells.previous_lower
+    speed = np.maximum(np.abs(cells.previous_lower), np.abs(cells.previous_upper))[:, 0]
+    return np.asarray(delay * np.stack([width[:, 0], 0.5 * delay * speed * width[:, 1]], axis=1))

@@ -1,0 +1,1 @@
+"""Sets of states: boxes of poses, and linear forms over them."""

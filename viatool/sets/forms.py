@@ -1,0 +1,94 @@
+"""Boxes of poses, and linear forms over them: what a quantity is at every pose of a box."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.arrays import Floats, Plane
+
+ROUNDING = 2.0**-36
+"""Metres for each metre of scale (extent of map, pose and range) that cover the rounding of a geometric quantity.
+
+A distance, a bearing or a range is the result of fewer than 2^10 float64 operations, each of which errs by at most
+2^-53 of a number below the scale, and no error is amplified by more than the 2^6 that `sight` allows slopes to be.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class PoseBoxes:
+    """C boxes of poses.
+
+    Parameters
+    ----------
+    centre : ndarray
+        (C, 3) x, y, theta; metres and radians.
+    radius : ndarray
+        (C, 3) half-widths.
+    """
+
+    centre: Floats
+    radius: Floats
+
+    def __len__(self) -> int:
+        """Return the number of boxes."""
+        return len(self.centre)
+
+    def select(self, which: NDArray[Any] | slice) -> PoseBoxes:
+        """Return some of the boxes."""
+        return PoseBoxes(self.centre[which], self.radius[which])
+
+    @property
+    def places(self) -> Plane:
+        """Return the middle places x + iy, (C,)."""
+        return np.asarray(self.centre[:, 0] + 1j * self.centre[:, 1])
+
+    @property
+    def extent(self) -> Floats:
+        """Return how far any place of a box is from its middle at most, (C,) metres."""
+        return np.hypot(self.radius[:, 0], self.radius[:, 1])
+
+    @property
+    def turn(self) -> Floats:
+        """Return how far any heading of a box is from its middle at most, (C,) radians."""
+        return self.radius[:, 2]
+
+
+@dataclass(frozen=True, eq=False)
+class Forms:
+    """K quantities of each of C boxes: ``centre + slope . (pose - middle) + [-rest, rest]``.
+
+    Parameters
+    ----------
+    centre : ndarray
+        (C, K).
+    slope : ndarray
+        (C, 3, K) change with x, y and theta, scaled by the half-widths: what the full half-width adds.
+    rest : ndarray
+        (C, K) at least 0; a different number for each pose and quantity.
+    """
+
+    centre: Floats
+    slope: Floats
+    rest: Floats
+
+    @classmethod
+    def between(cls, lower: Floats, upper: Floats) -> Forms:
+        """Return quantities of which nothing is known but their bounds, (C, K) each."""
+        middle = 0.5 * (lower + upper)
+        return cls(
+            middle, np.zeros((len(middle), 3, middle.shape[1])), np.maximum(upper - middle, middle - lower)
+        )
+
+    @property
+    def lower(self) -> Floats:
+        """Return lower bounds, (C, K)."""
+        return np.asarray(self.centre - np.abs(self.slope).sum(axis=1) - self.rest)
+
+    @property
+    def upper(self) -> Floats:
+        """Return upper bounds, (C, K)."""
+        return np.asarray(self.centre + np.abs(self.slope).sum(axis=1) + self.rest)

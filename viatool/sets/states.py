@@ -1,0 +1,36 @@
+"""Boxes of states: a box of poses with a box of the commands before."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from numpy.typing import NDArray
+
+from viatool.arrays import Floats
+from viatool.sets.forms import PoseBoxes
+
+
+@dataclass(frozen=True, eq=False)
+class StateBoxes:
+    """C boxes of states: a box of poses, and a box of commands of the step before.
+
+    Parameters
+    ----------
+    poses : PoseBoxes
+        C boxes.
+    previous_lower, previous_upper : ndarray
+        (C, 2) ends of v in m/s and omega in rad/s.
+    """
+
+    poses: PoseBoxes
+    previous_lower: Floats
+    previous_upper: Floats
+
+    def __len__(self) -> int:
+        """Return the number of cells."""
+        return len(self.poses)
+
+    def select(self, which: NDArray[Any] | slice) -> StateBoxes:
+        """Return some of the cells."""
+        return StateBoxes(self.poses.select(which), self.previous_lower[which], self.previous_upper[which])

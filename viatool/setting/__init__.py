@@ -1,0 +1,1 @@
+"""What is asked: one object, checked where it is made."""

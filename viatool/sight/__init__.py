@@ -1,0 +1,1 @@
+"""What a LiDAR reads anywhere in boxes of poses, as linear forms with a guaranteed rest."""

@@ -1,0 +1,125 @@
+"""Which rays may meet which shapes somewhere in boxes of poses, and points in the frames of rays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from viatool.arrays import Booleans, Floats, Indices, Plane
+from viatool.sets.forms import PoseBoxes
+from viatool.world import Lidar
+
+
+@dataclass(frozen=True, eq=False)
+class Glimpses:
+    """T rays that may meet a shape somewhere in a box.
+
+    Parameters
+    ----------
+    row : ndarray
+        (T,) ``box * bins + bin``.
+    nearest : ndarray
+        (T,) range at the middle pose; infinite if the ray misses there.
+    slope : ndarray
+        (3, T) scaled slopes of the linear form.
+    lower, upper : ndarray
+        (T,) constants of the forms below and above the range; the upper one is infinite where a pose may miss.
+    least, most : ndarray
+        (T,) bounds that do not depend on the pose.
+    """
+
+    row: Indices
+    nearest: Floats
+    slope: Floats
+    lower: Floats
+    upper: Floats
+    least: Floats
+    most: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Rays:
+    """T rays, each with a shape that it may meet.
+
+    Parameters
+    ----------
+    row : ndarray
+        (T,) ``box * bins + bin``.
+    box, shape : ndarray
+        (T,) indices.
+    along : ndarray
+        (T,) directions in the map frame at the middle pose.
+    radius : ndarray
+        (T, 3) half-widths of the boxes.
+    reach, turn : ndarray
+        (T,) how far places and headings are from the middle at most.
+    """
+
+    row: Indices
+    box: Indices
+    shape: Indices
+    along: Plane
+    radius: Floats
+    reach: Floats
+    turn: Floats
+
+    @classmethod
+    def between(cls, boxes: PoseBoxes, lidar: Lidar, low: Floats, high: Floats, near: Booleans) -> Rays:
+        """Return all rays between two bearings (C, N) of N shapes, wherever these are near."""
+        box, shape, ray = _rays_between(low, high, near, lidar)
+        along = np.exp(1j * (boxes.centre[box, 2] + lidar.angles()[ray]))
+        row = box * lidar.bins + ray // (lidar.rays // lidar.bins)
+        radius = boxes.radius[box]
+        return cls(row, box, shape, along, radius, boxes.extent[box], radius[:, 2])
+
+    def spread(self, direction: Plane) -> Floats:
+        """Return the largest ``|direction . D|``, (T,)."""
+        return np.asarray(
+            np.abs(direction.real) * self.radius[:, 0] + np.abs(direction.imag) * self.radius[:, 1]
+        )
+
+    def slopes(self, factor: Plane, w: Plane) -> Floats:
+        """Return the scaled slopes (3, T) of ``Re(factor w)``."""
+        moved = factor * np.conj(self.along)
+        gradient = np.stack([-moved.real, moved.imag, (factor * w).imag])
+        return np.asarray(gradient * self.radius.T)
+
+
+def turning_error(distance: Floats, rays: Rays) -> Floats:
+    """Return E, what the linear form of a point at a distance leaves out in the frame of a ray."""
+    return np.asarray(0.5 * distance * np.square(rays.turn) + rays.reach * rays.turn)
+
+
+def half_angle(radius: Floats, distance: Floats) -> Floats:
+    """Return half the angle that a disc fills when seen from a distance; pi from within."""
+    outside = distance > radius
+    return np.where(outside, np.arcsin(np.minimum(radius / np.where(outside, distance, 1.0), 1.0)), np.pi)
+
+
+def _rays_between(
+    low: Floats, high: Floats, near: Booleans, lidar: Lidar
+) -> tuple[Indices, Indices, Indices]:
+    """Return box, shape and ray, (T,) each, of all rays between two bearings (C, N), wherever they are near."""
+    box, shape = np.nonzero(near)
+    low, high = low[box, shape], high[box, shape]
+    half = 0.5 * lidar.field_of_view if lidar.rays > 1 else 0.0
+    step = lidar.field_of_view / max(lidar.rays - 1, 1)
+    high = np.minimum(high, low + 2.0 * np.pi)
+    turns = 2.0 * np.pi * np.floor((low + half) / (2.0 * np.pi))  # brings low into [-half, 2 pi - half)
+    low, high = low - turns, high - turns
+    begin = np.clip(np.ceil((low + half) / step - 1e-6), 0, lidar.rays).astype(np.int64)
+    end = np.clip(np.floor((high + half) / step + 1e-6), -1, lidar.rays - 1).astype(np.int64)
+    again = np.floor((high - 2.0 * np.pi + half) / step + 1e-6)  # the last ray of those beyond a full turn
+    again = np.minimum(np.clip(again, -1, lidar.rays - 1).astype(np.int64), begin - 1)
+    found = [_expand(box, shape, begin, end), _expand(box, shape, np.zeros_like(begin), again)]
+    boxes, shapes, rays = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    return boxes, shapes, rays
+
+
+def _expand(box: Indices, shape: Indices, begin: Indices, end: Indices) -> tuple[Indices, Indices, Indices]:
+    """Repeat pairs for every ray from the first to the last, (T,) each."""
+    count = np.maximum(end - begin + 1, 0)
+    which = np.repeat(np.arange(len(box)), count)
+    ray = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count) + begin[which]
+    return box[which], shape[which], ray

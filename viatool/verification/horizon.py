@@ -1,0 +1,118 @@
+"""The horizon of states: tubes, and for those that are not proved a search for a run that fails."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from viatool.arrays import Booleans, Floats, Indices
+from viatool.errors import ConfigurationError
+from viatool.loop.horizon import Crashes, Horizon, Tubes
+from viatool.loop.question import Question
+from viatool.loop.runs import search_crashes
+from viatool.loop.tube import Loop
+from viatool.policy import Policy
+from viatool.safety import Situations
+from viatool.setting.layout import Layout
+from viatool.setting.rules import Rules
+from viatool.simulate import NavigationTask
+from viatool.taylor import Arithmetic
+from viatool.world import Scenario, WorldMap
+
+
+@dataclass(frozen=True, eq=False)
+class HorizonQuestion:
+    """What is asked of the intervals after a state; picklable.
+
+    Parameters
+    ----------
+    policy, world_map, layout, rules
+        The policy, where it drives, the meaning of its numbers, and what is to hold.
+    horizon : Horizon
+        How far, and from which poses.
+    arithmetic : str
+        Contract of the bounds.
+    """
+
+    policy: Policy
+    world_map: WorldMap
+    layout: Layout
+    rules: Rules
+    horizon: Horizon
+    arithmetic: Arithmetic = "float32"
+
+    def __post_init__(self) -> None:
+        if self.rules.delay:
+            raise ConfigurationError(
+                f"a horizon with a delay of {self.rules.delay:g} s is not supported",
+                "leave out --delay or --horizon",
+            )
+
+    def loop(self, scenario: Scenario | None) -> Loop:
+        """Return the closed loop in a scenario."""
+        if scenario is None:
+            raise ConfigurationError(
+                "a horizon needs to know the goal, but an episode has none",
+                "give the trajectory its scenario, a bag its --goal, or leave out --horizon",
+            )
+        question = Question.of(
+            self.policy, self.world_map, scenario, self.layout, self.rules, self.arithmetic
+        )
+        return Loop(question, NavigationTask().goal_radius, self.horizon)
+
+    def out_of_reach(self, situations: Situations) -> Booleans:
+        """Tell from which states no command comes too near within the horizon, however often, (B,). **Sound:** yes."""
+        rules, horizon = self.rules, self.horizon
+        away = situations.scenes.clearance(situations.poses[:, :2], situations.scene) - rules.footprint.reach
+        fastest = float(np.abs([rules.lower[0], rules.upper[0]]).max())
+        way = (horizon.steps - 1) * rules.interval * fastest + float(np.hypot(*horizon.pose_error[:2]))
+        longest = rules.manoeuvre.longest(rules.lower, rules.upper)
+        return np.asarray(away > rules.clearance.collision + way + longest + 1e-6 * situations.scale)
+
+    def examine(
+        self,
+        scenarios: Sequence[Scenario | None],
+        poses: Floats,
+        previous: Floats,
+        episode: Indices,
+        wanted: Booleans,
+        *,
+        first: int,
+        seed: int,
+    ) -> tuple[Tubes, Crashes]:
+        """Follow every run from B states.
+
+        Parameters
+        ----------
+        scenarios : sequence of Scenario
+            Of the episodes.
+        poses, previous : ndarray
+            (B, 3) and (B, 2): recorded poses, and commands before.
+        episode : ndarray
+            (B,) index into the scenarios.
+        wanted : ndarray
+            (B,) bool: the states that are looked at; the others count as safe.
+        first : int
+            What the first state is called.
+        seed : int
+            Of the search for runs that fail.
+
+        Returns
+        -------
+        tuple of Tubes and Crashes
+            Of B states.
+        """
+        steps, size = self.horizon.steps, len(self.layout.radii)
+        tubes, crashes = Tubes.none(len(poses), steps), [Crashes.none(steps, size)]
+        for index in np.unique(episode[wanted]).tolist():
+            loop, rows = self.loop(scenarios[index]), np.flatnonzero(wanted & (episode == index))
+            found = loop.follow(poses[rows], previous[rows])
+            for name in Tubes.__dataclass_fields__:
+                getattr(tubes, name)[rows] = getattr(found, name)
+            rows = rows[~found.safe]
+            crashes.append(
+                search_crashes(loop, first + rows, poses[rows], previous[rows], seed=(seed, first, index))
+            )
+        return tubes, Crashes.join(crashes)

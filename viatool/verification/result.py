@@ -1,0 +1,315 @@
+"""What a verification found: verdicts, rates, counterexamples, and on what they rest."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.arrays import Booleans, Floats, Indices
+from viatool.policy import Maps, ObservationChannel
+from viatool.safety.judgement import Contested, Judgement
+from viatool.safety.witness import Witnesses
+from viatool.setting.layout import ActionName
+from viatool.setting.rules import Rules
+from viatool.taylor import ReachableSet
+from viatool.trajectory import Trajectory
+from viatool.verification.horizon_result import HorizonResult
+from viatool.verification.notebook import table_of
+from viatool.verification.rates import RateByOutcome
+from viatool.world import WorldMap
+
+SCHEMA_VERSION = 1
+VERDICTS = ("safe", "unsafe", "unknown")
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """The outcome of one verification over N states.
+
+    Parameters
+    ----------
+    policy_path, policy_sha256 : Path, str
+        The policy that was verified.
+    world_map : WorldMap
+        The map, with the clearances that counted.
+    rules : Rules
+        What every state had to fulfil.
+    trajectory : Trajectory
+        The states, their episodes and outcomes; observations as the policy received them.
+    eps : float or dict
+        The uncertainty as it was given: one radius, or radii by channel.
+    radii : ndarray
+        (n,) the uncertainty of every observation entry.
+    arithmetic : str
+        "float32" or "real", the contract of the bounds.
+    engine : dict
+        Settings of the engine.
+    channels : tuple of ObservationChannel
+        What the n entries of an observation are.
+    actions : tuple of ActionName
+        Of the A actions.
+    columns : sequence of int
+        Which actions are v and omega.
+    previous : ndarray or None
+        (N, 2) commands of the dead time; None without a delay.
+    reachable : ReachableSet
+        (N, A) bounds of the actions; NaN for states that were settled without them.
+    contested : Contested
+        Which states some admissible command of the robot could make fail.
+    judgement : Judgement
+        Which states the criterion, and the paper's nine actions, find safe.
+    witnesses : Witnesses
+        The counterexamples.
+    seconds : dict
+        Time for each stage.
+    versions : dict
+        Of the libraries that took part.
+    origin : str
+        Where the states come from, in words.
+    maps : Maps
+        What is applied to the numbers before and after the network, in words.
+    horizon : HorizonResult, optional
+        What was found of the intervals that follow each state, if that was asked.
+    """
+
+    policy_path: Path
+    policy_sha256: str
+    world_map: WorldMap
+    rules: Rules
+    trajectory: Trajectory
+    eps: float | Mapping[str, float]
+    radii: Floats
+    arithmetic: str
+    engine: Mapping[str, Any]
+    channels: tuple[ObservationChannel, ...]
+    actions: tuple[ActionName, ...]
+    columns: Sequence[int]
+    previous: Floats | None
+    reachable: ReachableSet
+    contested: Contested
+    judgement: Judgement
+    witnesses: Witnesses
+    seconds: Mapping[str, float]
+    versions: Mapping[str, str]
+    origin: str = ""
+    maps: Maps = field(default_factory=Maps)
+    horizon: HorizonResult | None = None
+
+    EPISODE_COLUMNS: ClassVar = ("outcome",)
+    """Arrays of the state table with one row for each episode instead of one for each state."""
+
+    @property
+    def criterion(self) -> str:
+        """Return the name of the criterion."""
+        return self.rules.criterion
+
+    @cached_property
+    def verdict(self) -> NDArray[np.str_]:
+        """Return the verdict of each state, (N,): safe, unsafe or unknown."""
+        verdict = np.where(self.judgement.safe, "safe", "unknown")
+        verdict[self.witnesses.state] = "unsafe"
+        return verdict
+
+    @property
+    def poses(self) -> Floats:
+        """Return the poses (N, 3)."""
+        return self.trajectory.poses
+
+    @property
+    def observations(self) -> Floats:
+        """Return the observations (N, n) as the policy received them."""
+        return self.trajectory.observations
+
+    @property
+    def episode(self) -> Indices:
+        """Return the episode of each state, (N,)."""
+        return self.trajectory.episode
+
+    @property
+    def outcomes(self) -> NDArray[np.str_]:
+        """Return the outcome of each episode, (E,)."""
+        return self.trajectory.outcomes
+
+    @property
+    def lower(self) -> Floats:
+        """Return the lower bounds of the actions, (N, A)."""
+        return self.reachable.lower
+
+    @property
+    def upper(self) -> Floats:
+        """Return the upper bounds of the actions, (N, A)."""
+        return self.reachable.upper
+
+    @cached_property
+    def commands(self) -> tuple[Floats, Floats]:
+        """Return the ends of the commands v and omega as the robot carries them out, two arrays (N, 2)."""
+        columns = list(self.columns)
+        return self.rules.clip(self.lower[:, columns]), self.rules.clip(self.upper[:, columns])
+
+    @property
+    def witness(self) -> Floats:
+        """Return the counterexample of each state, (N, n), NaN where there is none."""
+        return self._witness(slice(None))
+
+    @property
+    def safety_rate(self) -> RateByOutcome:
+        """Return the share of states that are safe by the criterion at d_col."""
+        return self._rate(self.judgement.safe)
+
+    @property
+    def sampled_safety_rate(self) -> RateByOutcome:
+        """Return the share of states that pass the paper's nine actions at d_col; not a proof."""
+        return self._rate(self.judgement.sampled)
+
+    @property
+    def danger_rate(self) -> RateByOutcome:
+        """Return the share of states that are safe by the criterion at d_danger."""
+        return self._rate(self.judgement.danger)
+
+    @property
+    def contested_rate(self) -> RateByOutcome:
+        """Return the share of the contested states that are safe."""
+        return self._rate(self.judgement.safe, self.contested.collision)
+
+    def _rate(self, safe: Booleans, counted: Booleans | None = None) -> RateByOutcome:
+        return RateByOutcome.of(safe, self.outcomes[self.episode], counted)
+
+    def _witness(self, rows: slice) -> Floats:
+        first, last, _ = rows.indices(len(self.trajectory))
+        witness = np.full((last - first, len(self.radii)), np.nan)
+        there = slice(*np.searchsorted(self.witnesses.state, (first, last)).tolist())
+        witness[self.witnesses.state[there] - first] = self.witnesses.observation[there]
+        return witness
+
+    def state_table(self, rows: slice = slice(None)) -> dict[str, NDArray[Any]]:
+        """Return the arrays of the state table.
+
+        Parameters
+        ----------
+        rows : slice
+            Which states, without steps; all by default.
+
+        Returns
+        -------
+        dict
+            One row for each of the states, and `EPISODE_COLUMNS` with one for each episode.
+        """
+        observations = self.observations[rows]
+        return {
+            "pose": self.poses[rows],
+            "observation": observations,
+            "eps": np.broadcast_to(self.radii, observations.shape),
+            "lower": self.lower[rows],
+            "upper": self.upper[rows],
+            "verdict": self.verdict[rows],
+            "episode": self.episode[rows],
+            "outcome": self.outcomes,
+            "witness": self._witness(rows),
+            **({} if self.horizon is None else self.horizon.state_table(rows)),
+        }
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: verdicts and rates."""
+        return table_of(self)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the report as plain data for `json.dumps`, with None where a value does not exist."""
+        verdict = self.verdict
+        return {
+            "schema_version": SCHEMA_VERSION,
+            "policy": {"path": str(self.policy_path), "sha256": self.policy_sha256},
+            "map": {"path": str(self.world_map.path), "sha256": self.world_map.sha256},
+            "eps": dict(self.eps) if isinstance(self.eps, Mapping) else self.eps,
+            "criterion": self.criterion,
+            "arithmetic": self.arithmetic,
+            "engine": dict(self.engine),
+            "states": len(self.trajectory),
+            "verdicts": {name: int((verdict == name).sum()) for name in VERDICTS},
+            "safety_rate": self.safety_rate.to_json(),
+            "sampled_safety_rate": self.sampled_safety_rate.to_json(),
+            "danger_rate": self.danger_rate.to_json(),
+            "contested_rate": self.contested_rate.to_json(),
+            "task": self.task(),
+            "reachable_width": self.reachable_width(),
+            "seconds": {stage: round(seconds, 6) for stage, seconds in self.seconds.items()},
+            "versions": dict(self.versions),
+            "assumptions": self.assumptions(),
+            "unsafe_states": self.unsafe_states(),
+            **({} if self.horizon is None else {"horizon": self.horizon.to_json()}),
+        }
+
+    def unsafe_states(self) -> list[dict[str, Any]]:
+        """Return where each unsafe state is: scenario, seconds since its start and pose, to be known again."""
+        trajectory = self.trajectory
+        return [
+            {
+                "state": int(state),
+                "scenario": trajectory.name_of(int(trajectory.episode[state])),
+                "time": round(float(trajectory.time[state]), 6),
+                "pose": trajectory.poses[state].round(6).tolist(),
+            }
+            for state in self.witnesses.state
+        ]
+
+    def task(self) -> dict[str, int | float | None]:
+        """Return how the episodes ended: simulated or recorded, never proved."""
+        known = self.outcomes[self.outcomes != "unknown"]
+        shares = {
+            f"{outcome}_rate": float((known == outcome).mean()) if known.size else None
+            for outcome in ("success", "collision", "timeout")
+        }
+        costs = self.trajectory.costs[np.isfinite(self.trajectory.costs)]
+        cost = float(costs.mean()) if costs.size else None
+        return {"episodes": self.trajectory.episodes, **shares, "average_cost": cost}
+
+    def reachable_width(self) -> dict[str, dict[str, Any]]:
+        """Return mean, standard deviation and maximum of the width of each action, where it was bounded."""
+        widths = self.reachable.width
+        widths = widths[np.isfinite(widths).all(axis=1)]
+        if not len(widths):
+            return {}
+        return {
+            action.name: {
+                "mean": float(width.mean()),
+                "std": float(width.std()),
+                "max": float(width.max()),
+                "unit": action.unit,
+            }
+            for action, width in zip(self.actions, widths.T, strict=True)
+        }
+
+    def assumptions(self) -> dict[str, Any]:
+        """Return what the verdicts rest on, by name."""
+        rules, footprint = self.rules, self.rules.footprint
+        outline = {
+            "point": "point (the LiDAR origin)",
+            "circle": f"disc of radius {footprint.radius:g} m",
+            "polygon": f"polygon of {len(footprint.polygon)} corners",
+        }[footprint.kind]
+        grid = self.world_map.obstacles.grid
+        taken = "free" if grid is not None and grid.unknown_is_free else "obstacles"
+        unknown = "" if grid is None else f"; unknown cells count as {taken}"
+        return {
+            "states": "; ".join([self.origin or "of unknown origin", *self.trajectory.notes]),
+            "before_the_network": self.maps.before,
+            "after_the_network": self.maps.after,
+            "footprint": outline,
+            "clearance": f"more than {rules.clearance.collision:g} m (danger: {rules.clearance.danger:g} m)",
+            "commands": (
+                f"clipped to v {rules.lower[0]:g} to {rules.upper[0]:g} m/s, "
+                f"omega {rules.lower[1]:g} to {rules.upper[1]:g} rad/s, reached at once"
+            ),
+            "motion": "differential drive without slip, from the exact pose of the state",
+            "horizon": f"one command, held for {rules.interval:g} s; each state by itself, not the whole run"
+            + ("" if self.horizon is None else f". {self.horizon.meaning}"),
+            "delay": f"{rules.delay:g} s" if rules.delay else "none",
+            "braking": f"{rules.deceleration:g} m/s^2" if rules.criterion == "braking" else "not asked",
+            "obstacles": f"do not move; whatever lies outside the arena is an obstacle{unknown}",
+            "sensor_error": "any value within eps of each observation entry, independently",
+        }

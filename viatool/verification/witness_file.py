@@ -1,0 +1,288 @@
+"""Counterexamples as a file that stands by itself, and their replay through the deployed program."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from viatool.arrays import Booleans, Floats
+from viatool.errors import ConfigurationError, InputError
+from viatool.loop.horizon import Crashes
+from viatool.policy import Policy
+from viatool.safety.case import Case
+from viatool.safety.nearest import describe_nearest
+from viatool.safety.situations import Situations
+from viatool.safety.witness import Witnesses
+from viatool.setting.rules import CRITERIA, Rules
+from viatool.trajectory import read_scenario, whole_file, write_scenario
+from viatool.verification.result import Result
+from viatool.world import Clearance, Footprint, Scenario, WorldMap
+
+SCHEMA_VERSION = 1
+
+
+@dataclass(frozen=True, eq=False)
+class WitnessFile:
+    """W recorded counterexamples.
+
+    Parameters
+    ----------
+    policy, world_map : dict
+        ``path`` and ``sha256`` of the policy and of the map.
+    rules : Rules
+        What they violate.
+    columns : tuple of int
+        Which actions are v and omega.
+    entries : tuple of dict
+        One for each counterexample, as in the file.
+    poses, previous, observations : ndarray
+        (W, 3), (W, 2) and (W, n): where the robot stood, the command before, and what it observed.
+    scenarios : tuple
+        W scenarios, None for the bare map.
+    """
+
+    policy: Mapping[str, str]
+    world_map: Mapping[str, str]
+    rules: Rules
+    columns: tuple[int, int]
+    entries: tuple[Mapping[str, Any], ...]
+    poses: Floats
+    previous: Floats
+    observations: Floats
+    scenarios: tuple[Scenario | None, ...]
+
+    def __len__(self) -> int:
+        """Return the number of counterexamples."""
+        return len(self.entries)
+
+    def case(self, world_map: WorldMap) -> Case:
+        """Return the states of the counterexamples within a map, under the rules of the file."""
+        situations = Situations.of(world_map, self.scenarios, self.poses, np.arange(len(self)))
+        return Case(self.rules, situations, self.previous)
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """What happened when W counterexamples were run again.
+
+    Parameters
+    ----------
+    actions : ndarray
+        (W, 2) commands that onnxruntime computed, as the robot carries them out.
+    seconds, clearance : ndarray
+        (W,) instant of the closest approach, and the metres that are left then.
+    poses : ndarray
+        (W, 3) where the robot is then.
+    violates : ndarray
+        (W,) bool: the clearance is not more than the collision distance.
+    nearest : tuple of str
+        W descriptions of the obstacle.
+    """
+
+    actions: Floats
+    seconds: Floats
+    clearance: Floats
+    poses: Floats
+    violates: Booleans
+    nearest: tuple[str, ...]
+
+
+def write_witnesses(path: str | os.PathLike[str], result: Result) -> None:
+    """Write the counterexamples of a result as JSON, whole or not at all."""
+    with whole_file(path) as draft:
+        draft.write_text(
+            json.dumps(witness_document(result), indent=1, allow_nan=False) + "\n", encoding="utf-8"
+        )
+
+
+def witness_document(result: Result) -> dict[str, Any]:
+    """Return the counterexamples of a result as plain data."""
+    entries = _entries(result, result.witnesses)
+    if result.horizon is not None:
+        crashes = result.horizon.crashes
+        entries += _entries(result, crashes.last, crashes)
+    return compose_witnesses(
+        result.policy_path, result.policy_sha256, result.world_map, result.columns, result.rules, entries
+    )
+
+
+def _entries(result: Result, found: Witnesses, crashes: Crashes | None = None) -> list[dict[str, Any]]:
+    """Return counterexamples as plain data; those at the end of runs with the intervals before."""
+    trajectory = result.trajectory
+    entries = []
+    for row, state in enumerate(found.state.tolist()):
+        scenario = trajectory.scenarios[trajectory.episode[state]]
+        about = {
+            "state": state,
+            "episode": int(trajectory.episode[state]),
+            "time": float(trajectory.time[state]),
+            "pose": trajectory.poses[state].tolist(),
+            "previous": None if result.previous is None else result.previous[state].tolist(),
+        }
+        if crashes is not None:
+            step = int(crashes.step[row])
+            about["time"] += step * result.rules.interval
+            about["pose"] = crashes.poses[row, step].tolist()
+            about["before"] = [
+                {
+                    name: getattr(crashes, f"{name}s")[row, k].tolist()
+                    for name in ("pose", "observation", "action")
+                }
+                for k in range(step)
+            ]
+        violation = found.violation(row, result.world_map, scenario, result.rules.footprint)
+        entries.append(about | violation | {"scenario": json.loads(write_scenario(scenario) or "null")})
+    return entries
+
+
+def compose_witnesses(
+    policy_path: Path,
+    policy_sha256: str,
+    world_map: WorldMap,
+    columns: Sequence[int],
+    rules: Rules,
+    entries: Sequence[Mapping[str, Any]],
+) -> dict[str, Any]:
+    """Return a witness file as plain data, around its entries."""
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "policy": {"path": str(policy_path), "sha256": policy_sha256},
+        "map": {"path": str(world_map.path), "sha256": world_map.sha256},
+        "columns": list(columns),
+        "rules": _rules_document(rules),
+        "witnesses": list(entries),
+    }
+
+
+def load_witnesses(path: str | os.PathLike[str]) -> WitnessFile:
+    """Read a witness file.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file is missing or is no witness file.
+    """
+    path = Path(path)
+    try:
+        return _read(json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not a text file"
+        raise ConfigurationError(f"cannot read the witnesses '{path}': {reason}", "check the path") from error
+    except (ValueError, KeyError, TypeError, IndexError, AttributeError, StopIteration, InputError) as error:
+        raise ConfigurationError(
+            f"'{path}' is not a witness file ({error!r})",
+            "write one with viatool verify ... --output witnesses:PATH",
+        ) from error
+
+
+def replay(policy: Policy, world_map: WorldMap, file: WitnessFile) -> Replay:
+    """Run counterexamples again: each alone through onnxruntime, along its exact path.
+
+    Parameters
+    ----------
+    policy : Policy
+        n inputs; its digest should be the one in the file.
+    world_map : WorldMap
+        The map; the clearances, footprint and limits of the file count.
+    file : WitnessFile
+        W counterexamples.
+
+    Returns
+    -------
+    Replay
+        Of W counterexamples.
+    """
+    count, size = len(file), file.observations.shape[1]
+    if count and size != policy.input_size:
+        raise ConfigurationError(
+            f"the witnesses have {size} observation entries, the policy takes {policy.input_size}",
+            "replay them with the policy that they were found for",
+        )
+    columns = list(file.columns)
+    if not all(0 <= column < policy.output_size for column in columns):
+        raise ConfigurationError(
+            f"the witnesses name the actions {columns}, the policy has {policy.output_size}",
+            "replay them with the policy that they were found for",
+        )
+    raw = [policy.run(row[None])[0, columns] for row in file.observations]
+    actions = file.rules.clip(np.array(raw, dtype=np.float64).reshape(count, 2))
+    clearance, seconds, poses = (
+        found[:, 0] for found in file.case(world_map).closest_approach(actions[:, None])
+    )
+    nearest = tuple(
+        describe_nearest(world_map, scenario, pose, file.rules.footprint)
+        for scenario, pose in zip(file.scenarios, poses, strict=True)
+    )
+    return Replay(actions, seconds, clearance, poses, clearance <= file.rules.clearance.collision, nearest)
+
+
+def _rules_document(rules: Rules) -> dict[str, Any]:
+    footprint = rules.footprint
+    return {
+        "criterion": rules.criterion,
+        "collision": rules.clearance.collision,
+        "danger": rules.clearance.danger,
+        "interval": rules.interval,
+        "deceleration": rules.deceleration,
+        "delay": rules.delay,
+        "lower": rules.lower.tolist(),
+        "upper": rules.upper.tolist(),
+        "footprint": {
+            "kind": footprint.kind,
+            "radius": footprint.radius,
+            "polygon": footprint.polygon.tolist(),
+        },
+    }
+
+
+def _read_rules(document: Mapping[str, Any]) -> Rules:
+    outline = document["footprint"]
+    return Rules(
+        criterion=next(name for name in CRITERIA if name == document["criterion"]),
+        clearance=Clearance(float(document["collision"]), float(document["danger"])),
+        footprint=Footprint(
+            outline["kind"],
+            float(outline["radius"]),
+            np.array(outline["polygon"], dtype=float).reshape(-1, 2),
+        ),
+        lower=np.array(document["lower"], dtype=np.float64),
+        upper=np.array(document["upper"], dtype=np.float64),
+        interval=float(document["interval"]),
+        deceleration=float(document["deceleration"]),
+        delay=float(document["delay"]),
+    )
+
+
+def _read(document: Mapping[str, Any]) -> WitnessFile:
+    entries = tuple(document["witnesses"])
+    linear, angular = document["columns"]
+    scenarios = tuple(
+        read_scenario("" if e["scenario"] is None else json.dumps(e["scenario"])) for e in entries
+    )
+    none = [0.0, 0.0]
+    return WitnessFile(
+        policy={name: str(document["policy"][name]) for name in ("path", "sha256")},
+        world_map={name: str(document["map"][name]) for name in ("path", "sha256")},
+        rules=_read_rules(document["rules"]),
+        columns=(int(linear), int(angular)),
+        entries=entries,
+        poses=_stacked([entry["pose"] for entry in entries], 3),
+        previous=_stacked([entry["previous"] or none for entry in entries], 2),
+        observations=_stacked([entry["observation"] for entry in entries]),
+        scenarios=scenarios,
+    )
+
+
+def _stacked(rows: list[list[float]], size: int | None = None) -> Floats:
+    """Return rows of one length as (W, size), (0, 0) without any."""
+    size = size if size is not None else len(rows[0]) if rows else 0
+    array = np.array(rows, dtype=np.float64).reshape(len(rows), size)
+    if not np.isfinite(array).all():
+        raise ValueError("a number is not finite")
+    return array
