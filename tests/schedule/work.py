@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from viatool.errors import EnclosureError
-from viatool.schedule import Piece, Span, reporter
+from viatool.schedule import Piece, Span, check_time, reporter
 
 
 def pieces(count: int, size: int = 10) -> list[Piece[list[int]]]:
@@ -116,3 +116,16 @@ class Chain:
             while len(self.answers) <= link:
                 yield None
             yield Piece(Span(link, link + 1), f"link {link}", [self.answers[link]])
+
+
+@dataclass(frozen=True)
+class Sleep:
+    """Takes so many seconds for each number, and looks at the time before each."""
+
+    seconds: float
+
+    def __call__(self, numbers: list[int]) -> list[int]:
+        for _ in numbers:
+            check_time()
+            time.sleep(self.seconds)
+        return numbers

@@ -6,7 +6,7 @@ import json
 import os
 import re
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -91,15 +91,17 @@ class Checkpoint:
                 "continue it with --resume, or give a new folder",
             )
 
-    def finished(self) -> Iterator[tuple[Span, dict[str, NDArray[Any]]]]:
-        """Yield the pieces that are finished, in their order, without any unit twice."""
+    def finished(
+        self, wanted: Callable[[Span], bool] = lambda span: True
+    ) -> Iterator[tuple[Span, dict[str, NDArray[Any]]]]:
+        """Yield the wanted ones of the pieces that are finished, in their order, without any unit twice."""
         spans = {}
         for path in self.folder.iterdir():
             named = _FINISHED.fullmatch(path.name)
             if named:
                 spans[Span(int(named[1]), int(named[2]))] = path
         reached = 0
-        for span in sorted(spans):
+        for span in sorted(filter(wanted, spans)):
             arrays = _read(spans[span]) if span.first >= reached else None
             if arrays is not None:
                 reached = span.last

@@ -22,6 +22,13 @@ class Progress(Protocol):
         """Tell something that shall stay on the screen."""
 
 
+class Staged(Protocol):
+    """Told how far a stage has come."""
+
+    def __call__(self, stage: str, done: int, total: int, /) -> None:
+        """Note that `done` of `total` units of `stage` are finished."""
+
+
 class Message(NamedTuple):
     """The fraction of a piece that is done, what is going on, and a line that shall stay, if there is one."""
 
