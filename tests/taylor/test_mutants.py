@@ -376,7 +376,7 @@ MUTANTS = [
         "radius",
     ),
     Mutant(
-        approximations("LeakyRelu", "chebyshev", 1), "approximation._straight_lines", "8 * _EPS", "0 * _EPS"
+        approximations("LeakyRelu", "chebyshev", 1), "approximation._straight_lines", "8 * LAST_PLACE", "0 * LAST_PLACE"
     ),
     Mutant(
         approximations("Softplus", "chebyshev", 1),
@@ -469,7 +469,7 @@ MUTANTS = [
     Mutant(
         deployed(chain(1, [[1.0]]), [[0.1], [1 / 3]]),
         "rounding.runtime_deviation",
-        "unit * reach + _SMALLEST_NORMAL[precision]",
+        "unit * reach + SMALLEST_NORMAL[precision]",
         "0 * reach",
     ),
     Mutant(
@@ -544,7 +544,7 @@ MUTANTS = [
     Mutant(
         deployed(Network((Input(1), Cast(0, 1, "float16"))), [[0.1], [1 / 3]]),
         "rounding.runtime_deviation",
-        "deviation + unit * size + _SMALLEST_NORMAL[precision]",
+        "deviation + unit * size + SMALLEST_NORMAL[precision]",
         "deviation",
     ),
 ]

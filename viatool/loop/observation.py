@@ -15,7 +15,8 @@ import numpy as np
 
 from viatool.arrays import Booleans, Floats
 from viatool.policy import ObservationChannel
-from viatool.sets.forms import ROUNDING, Forms, PoseBoxes
+from viatool.rounding import SIGHT_ROUNDING
+from viatool.sets.forms import Forms, PoseBoxes
 from viatool.sets.states import StateBoxes
 from viatool.sight.scan import enclose_scan
 from viatool.sight.shapes import Shapes
@@ -83,7 +84,7 @@ class Sensors:
         """Return the forms (C, 1) of the channels that see the goal."""
         away = (self.goal[0] + 1j * self.goal[1]) - boxes.places
         distance, reach = np.abs(away), boxes.extent
-        slack = ROUNDING * (self.shapes.scale + distance + np.abs(boxes.centre).sum(axis=1))
+        slack = SIGHT_ROUNDING * (self.shapes.scale + distance + np.abs(boxes.centre).sum(axis=1))
         least = distance - reach
         seen = least > np.maximum(reach, 1e-3)  # the goal is well outside of the box
         safe, inner = np.where(seen, distance, 1.0), np.where(seen, least, 1.0)

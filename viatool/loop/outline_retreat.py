@@ -35,6 +35,7 @@ import numpy as np
 from viatool.arrays import Booleans, Floats, Indices, Plane
 from viatool.motion.arcs import advance
 from viatool.motion.manoeuvre import Manoeuvre
+from viatool.rounding import SIGHT_ROUNDING
 from viatool.safety.enclosure import (
     MotionBoxes,
     command_deviation,
@@ -42,7 +43,7 @@ from viatool.safety.enclosure import (
     path_radii,
     pose_deviation,
 )
-from viatool.sets.forms import ROUNDING, PoseBoxes
+from viatool.sets.forms import PoseBoxes
 from viatool.sight.shapes import Shapes
 
 _PIECES = 6
@@ -141,7 +142,7 @@ def keep_outline_away(
     Sound: yes, by the derivation of the module; rounding is counted.
     """
     corners = outline[:, 0] + 1j * outline[:, 1]
-    slack = ROUNDING * (
+    slack = SIGHT_ROUNDING * (
         shapes.scale + float(np.abs(boxes.centre).sum(axis=1).max(initial=0.0)) + np.abs(corners).max()
     )
     circles, holds = len(shapes.radii), np.ones(len(boxes), dtype=bool)

@@ -20,7 +20,8 @@ import numpy as np
 from viatool.arrays import Booleans, Floats, Plane
 from viatool.loop.outline_retreat import keep_outline_away
 from viatool.motion.manoeuvre import Manoeuvre
-from viatool.sets.forms import ROUNDING, PoseBoxes
+from viatool.rounding import SIGHT_ROUNDING
+from viatool.sets.forms import PoseBoxes
 from viatool.setting.rules import Rules
 from viatool.sight.shapes import Shapes
 
@@ -53,7 +54,7 @@ def keep_away(
     Sound: yes. Footprints with corners turn, and drive backwards: `outline_retreat` has their argument.
     """
     away, radii = vectors_from_shapes(boxes, shapes)
-    slack = ROUNDING * (shapes.scale + np.abs(boxes.centre).sum(axis=1))[:, None]
+    slack = SIGHT_ROUNDING * (shapes.scale + np.abs(boxes.centre).sum(axis=1))[:, None]
     distance, reach = np.abs(away), boxes.extent[:, None]
     way = manoeuvre.longest(lower, upper)[:, None] + rules.footprint.reach
     far = distance - radii - reach - way > rules.clearance.collision + slack

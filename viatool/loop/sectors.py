@@ -22,12 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viatool.arrays import Floats, Indices
+from viatool.rounding import SLIGHTLY_MORE, SPARE
 from viatool.sets.forms import Forms, PoseBoxes
 from viatool.sets.states import StateBoxes
 
 HEADING = 2
-_MORE, _TINY = 1.0 + 2.0**-40, 2.0**-44
-"""Relative and absolute, in units of the numbers' size: what covers the rounding of the few operations of a bound."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +132,7 @@ def _within(
     middle = states.centre - k * states.centre[:, HEADING, None]
     rest = left_over(states, k)
     size = np.abs(states.centre) + np.abs(k) * (np.abs(states.centre[:, HEADING, None]) + 1.0)
-    rest = rest * _MORE + _TINY * (size + 1.0)
+    rest = rest * SLIGHTLY_MORE + SPARE * (size + 1.0)
     ends = np.stack([k[of] * a[:, None], k[of] * b[:, None]])
     lower = np.maximum(middle[of] + ends.min(axis=0) - rest[of], bounds[0][of])
     upper = np.minimum(middle[of] + ends.max(axis=0) + rest[of], bounds[1][of])

@@ -25,11 +25,10 @@ from viatool.loop.horizon import Horizon, Tubes
 from viatool.loop.question import Question
 from viatool.loop.sectors import Parts, cut_by_heading
 from viatool.loop.successor import Step, states_of, step
+from viatool.rounding import SPARE
 from viatool.safety.enclosure import MotionBoxes, enclose
 from viatool.safety.proof import prove_clearance
 from viatool.sets.forms import Forms
-
-_TINY = 2.0**-44
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,13 +53,13 @@ class Loop:
         """Tell in which parts every pose has reached the goal, (P,)."""
         goal = self.question.sensors.goal
         away = np.maximum(np.abs(parts.lower[:, :2] - goal), np.abs(parts.upper[:, :2] - goal))
-        return np.asarray(np.hypot(*away.T) * (1.0 + _TINY) < self.goal_radius)
+        return np.asarray(np.hypot(*away.T) * (1.0 + SPARE) < self.goal_radius)
 
     def beginning(self, poses: Floats, previous: Floats) -> Parts:
         """Return the parts of the tubes of B states: poses (B, 3) within their error, previous commands (B, 2)."""
         state = np.concatenate([poses, previous], axis=1)
         error = np.concatenate([self.horizon.pose_error, np.zeros(2)])
-        reach = error + _TINY * (np.abs(state) + 1.0) * (error > 0.0)
+        reach = error + SPARE * (np.abs(state) + 1.0) * (error > 0.0)
         tube = np.arange(len(state))
         parts = Parts(tube, state - reach, state + reach)
         return self._cut(tube, states_of(parts.cells), (parts.lower, parts.upper))

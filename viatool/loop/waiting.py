@@ -7,8 +7,9 @@ import numpy as np
 from viatool.arrays import Floats
 from viatool.motion.arcs import advance
 from viatool.motion.manoeuvre import Manoeuvre
+from viatool.rounding import SIGHT_ROUNDING
 from viatool.safety.enclosure import MotionBoxes, command_deviation, path_radii, pose_deviation
-from viatool.sets.forms import ROUNDING, PoseBoxes
+from viatool.sets.forms import PoseBoxes
 
 
 def after_waiting(boxes: PoseBoxes, waiting: Manoeuvre, lower: Floats, upper: Floats) -> PoseBoxes:
@@ -42,6 +43,6 @@ def after_waiting(boxes: PoseBoxes, waiting: Manoeuvre, lower: Floats, upper: Fl
     centre = advance(boxes.centre, held, seconds)
     turned = pose_deviation(cells, np.abs(held[:, 0]) * seconds, 0.0)[1]
     aside = command_deviation(cells, waiting, 0.0) + turned
-    slack = ROUNDING * (1.0 + np.abs(centre).sum(axis=1))
+    slack = SIGHT_ROUNDING * (1.0 + np.abs(centre).sum(axis=1))
     wider = np.stack([aside, aside, path_radii(cells, waiting)[1]], axis=1)
     return PoseBoxes(centre, boxes.radius + wider + slack[:, None])

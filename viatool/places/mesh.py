@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from viatool.arrays import Booleans, Floats, Indices
 from viatool.places.findings import Findings
 from viatool.places.tree import AXES, Lattice
+from viatool.rounding import SLIGHTLY_MORE, SPARE
 from viatool.sets.forms import PoseBoxes
 from viatool.sets.states import StateBoxes
 
@@ -160,7 +161,7 @@ class CellSet:
 def boxes_between(lower: Floats, upper: Floats) -> StateBoxes:
     """Return cells between two ends (C, 5), poses rounded outward."""
     middle = 0.5 * (lower[:, :3] + upper[:, :3])
-    radius = np.maximum(upper[:, :3] - middle, middle - lower[:, :3]) * (1.0 + 2.0**-40) + 2.0**-44
+    radius = np.maximum(upper[:, :3] - middle, middle - lower[:, :3]) * SLIGHTLY_MORE + SPARE
     return StateBoxes(PoseBoxes(middle, radius), lower[:, 3:], upper[:, 3:])
 
 

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viatool.arrays import Floats, Indices
+from viatool.rounding import SLIGHTLY_MORE, SPARE
 from viatool.sets.forms import PoseBoxes
 from viatool.sets.states import StateBoxes
 
 AXES = ("x", "y", "theta", "v", "omega")
-_OUTWARD = 1.0 + 2.0**-40
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +134,7 @@ class Lattice:
         """Return the cells of nodes, rounded outward."""
         lower, upper = self.bounds(nodes)
         middle = 0.5 * (lower + upper)
-        radius = np.maximum(upper - middle, middle - lower) * _OUTWARD + 2.0**-44
+        radius = np.maximum(upper - middle, middle - lower) * SLIGHTLY_MORE + SPARE
         return StateBoxes(PoseBoxes(middle[:, :3], radius[:, :3]), lower[:, 3:], upper[:, 3:])
 
     def volumes(self, nodes: Nodes) -> Floats:

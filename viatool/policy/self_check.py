@@ -22,10 +22,7 @@ from viatool.policy.maps import Scaling, leading_steps
 from viatool.policy.network import Activation, Affine, Cast, Input, Network, Node, Product
 from viatool.policy.runtime import Runtime
 from viatool.policy.specification import PolicySpecification
-
-UNIT_ROUNDOFF = {"bfloat16": 2.0**-8, "float16": 2.0**-11, "float32": 2.0**-24, "float64": 2.0**-53}
-_TINY = {"bfloat16": 2.0**-126, "float16": 2.0**-14, "float32": 2.0**-126, "float64": 2.0**-1022}
-_LARGEST = {"bfloat16": 3.3e38, "float16": 65504.0, "float32": 3.4e38, "float64": 1.7e308}
+from viatool.rounding import LARGEST, SMALLEST_NORMAL, UNIT_ROUNDOFF
 
 _MARGIN = 8.0
 """Values this close to overflow are not compared: a partial sum may have left the range."""
@@ -195,7 +192,7 @@ def propagate_rounding(network: Network, points: Floats) -> tuple[list[Floats], 
         for node, value in zip(network.nodes, values, strict=True):
             error = _error(node, value, values, errors)
             size = np.abs(value) + error
-            errors.append(np.where(size < _LARGEST[node.precision] / _MARGIN, error, np.inf))
+            errors.append(np.where(size < LARGEST[node.precision] / _MARGIN, error, np.inf))
     return values, errors
 
 
@@ -235,7 +232,7 @@ def simulate_rounding(
 
 def _error(node: Node, value: Floats, values: list[Floats], errors: list[Floats]) -> Floats:
     """Return how far the program may be from the value of a node when its sources have the given errors."""
-    unit, tiny = UNIT_ROUNDOFF[node.precision], _TINY[node.precision]
+    unit, tiny = UNIT_ROUNDOFF[node.precision], SMALLEST_NORMAL[node.precision]
     if isinstance(node, Input):
         return np.zeros_like(value)  # the points are representable
     if isinstance(node, Affine):
@@ -268,7 +265,7 @@ def _affine_error(
     stored = (terms == 0) & (node.roundings == 0)
     factor = np.where(copies | stored, 0.0, roundings / np.maximum(1 - roundings, 1e-3))
     error: Floats = inherited + factor * magnitude + (factor > 0) * terms * tiny
-    fits = magnitude < _LARGEST[node.precision] / _MARGIN  # a partial sum may be larger than the result
+    fits = magnitude < LARGEST[node.precision] / _MARGIN  # a partial sum may be larger than the result
     return np.where(fits, error, np.inf)
 
 

@@ -25,8 +25,8 @@ length ``l = v T`` and the turn ``phi = omega T`` of the whole path, where T is 
    the robot at most ``|D| + s |l| |delta|`` away from where it brings it from the centre pose, as the way to
    there is at most ``s |l|`` long and turns with the heading; the point q adds ``|q| |delta|``.
 5. *Rounding.* A distance is the result of fewer than 2^10 float64 operations on numbers below the scale
-   ``1 + |x| + |y| + |theta| + path`` plus the largest coordinate and radius of the map; 2^-38 of it (1e-10 m
-   for a map of some metres) is 2^14 units in the last place.
+   ``1 + |x| + |y| + |theta| + path`` plus the largest coordinate and radius of the map; `DISTANCE_ROUNDING` of it is
+   2^14 units in the last place.
 
 **Whole area.** The polygon test refuses a footprint that contains an obstacle. If the outline of every
 placement in the cell stays clear of an obstacle, that obstacle is inside all placements or none, as they
@@ -42,12 +42,12 @@ import numpy as np
 from viatool.arrays import Booleans, Floats, Indices
 from viatool.motion.arcs import advance
 from viatool.motion.manoeuvre import Manoeuvre
+from viatool.rounding import DISTANCE_ROUNDING
 from viatool.safety.situations import Situations
 from viatool.world import Footprint
 
 LINEAR, ANGULAR, FRACTION = 0, 1, 2
 POSE = 3  # the first of three columns
-_ROUNDING = 2.0**-38
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +150,7 @@ def enclose(
     length, turn = np.abs(actions[:, 0]) * seconds, np.abs(actions[:, 1]) * seconds
     rim = footprint.reach if footprint.kind == "polygon" else 0.0
     path = manoeuvre.longest(cells.lower[:, :2], cells.upper[:, :2])
-    rounding = _ROUNDING * (here.scale + np.abs(here.poses).sum(axis=1) + path + footprint.reach)
+    rounding = DISTANCE_ROUNDING * (here.scale + np.abs(here.poses).sum(axis=1) + path + footprint.reach)
     if footprint.kind == "polygon":
         middle = advance(here.poses, actions, seconds * centre[:, FRACTION])
         clearance = here.scenes.footprint_clearance(middle, footprint, here.scene)

@@ -9,13 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viatool.arrays import Floats, Plane
+from viatool.rounding import SIGHT_ROUNDING
 
-ROUNDING = 2.0**-36
-"""Metres for each metre of scale (extent of map, pose and range) that cover the rounding of a geometric quantity.
-
-A distance, a bearing or a range is the result of fewer than 2^10 float64 operations, each of which errs by at most
-2^-53 of a number below the scale, and no error is amplified by more than the 2^6 that `sight` allows slopes to be.
-"""
+ROUNDING = SIGHT_ROUNDING
 
 
 @dataclass(frozen=True, eq=False)

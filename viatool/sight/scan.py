@@ -34,7 +34,8 @@ from __future__ import annotations
 import numpy as np
 
 from viatool.arrays import Floats
-from viatool.sets.forms import ROUNDING, Forms, PoseBoxes
+from viatool.rounding import SIGHT_ROUNDING
+from viatool.sets.forms import Forms, PoseBoxes
 from viatool.sight.circles import see_circles
 from viatool.sight.edges import see_edges
 from viatool.sight.glimpses import Glimpses
@@ -64,7 +65,9 @@ def enclose_scan(boxes: PoseBoxes, shapes: Shapes, lidar: Lidar) -> Forms:
     Sound: yes, by the derivation of the module; rounding is counted. Cost: O(C (K + M)) and O(1) for each ray and shape
     that may meet.
     """
-    slack = ROUNDING * (shapes.scale + lidar.maximum_range + float(np.abs(boxes.centre).max(initial=0.0)))
+    slack = SIGHT_ROUNDING * (
+        shapes.scale + lidar.maximum_range + float(np.abs(boxes.centre).max(initial=0.0))
+    )
     parts = [see_circles(boxes, shapes, lidar, slack), see_edges(boxes, shapes, lidar, slack)]
     return _bins(parts, len(boxes), lidar, slack)
 

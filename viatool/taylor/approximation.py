@@ -14,6 +14,7 @@ import numpy as np
 
 from viatool.arrays import Booleans, Floats
 from viatool.errors import EnclosureError
+from viatool.rounding import LAST_PLACE
 from viatool.taylor.curve import CONSTANT, FALLING, RISING, UNKNOWN, Curve
 from viatool.taylor.interval import Interval, step_down, step_up
 
@@ -21,7 +22,6 @@ Approximation = Literal["chebyshev", "bernstein", "taylor"]
 
 _NEWTON_STEPS = 6
 _GRID = 24
-_EPS = 2.0**-52
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +89,7 @@ def _straight_lines(
     value = curve.value(middle)
     constant = value + slope * (centre - middle)
     reach = np.abs(centre) + np.abs(middle) + (upper - lower)
-    error = 8 * _EPS * (np.abs(value) + np.abs(slope) * reach)
+    error = 8 * LAST_PLACE * (np.abs(value) + np.abs(slope) * reach)
     return np.stack([constant, slope]), error
 
 
@@ -106,7 +106,7 @@ def _bent_lines(
         )
     offset = residual.lower / 2 + residual.upper / 2
     radius = np.maximum(residual.upper - offset, offset - residual.lower)
-    rounding = 4 * _EPS * (np.abs(offset) + np.abs(slope * centre)) + 1e-300
+    rounding = 4 * LAST_PLACE * (np.abs(offset) + np.abs(slope * centre)) + 1e-300
     return np.stack([offset + slope * centre, slope]), step_up(radius) + rounding
 
 

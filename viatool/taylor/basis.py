@@ -7,11 +7,8 @@ from functools import lru_cache
 from itertools import combinations_with_replacement
 
 import numpy as np
-from numpy.typing import NDArray
 
-from viatool.arrays import Floats
-
-Integers = NDArray[np.intp]
+from viatool.arrays import Floats, Indices
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,10 +23,10 @@ class Basis:
 
     variables: int
     order: int
-    factors: tuple[Integers, ...] = field(repr=False)
-    exponents: Integers = field(repr=False)
+    factors: tuple[Indices, ...] = field(repr=False)
+    exponents: Indices = field(repr=False)
     starts: tuple[int, ...]
-    products: tuple[tuple[Integers, ...], ...] = field(repr=False)
+    products: tuple[tuple[Indices, ...], ...] = field(repr=False)
 
     def of_degree(self, degree: int) -> slice:
         """Return where the monomials of one degree stand on the axis of degrees 1 to k."""

@@ -16,13 +16,10 @@ from itertools import pairwise
 
 import numpy as np
 import sympy
-from numpy.typing import NDArray
 
-from viatool.arrays import Booleans, Floats
+from viatool.arrays import Booleans, Floats, Indices
 from viatool.policy.activations import FLOAT_MODULES, ActivationFunction, X
 from viatool.taylor.interval import ENCLOSED_FUNCTIONS, Interval, interval_of
-
-Integers = NDArray[np.intp]
 
 REACH = 1e30
 """Pre-activations beyond this magnitude are not enclosed."""
@@ -53,11 +50,11 @@ class Cells:
     """
 
     edges: Floats
-    kinds: Integers
+    kinds: Indices
     hulls: tuple[Floats, Floats]
     table: tuple[Floats, Floats]
 
-    def locate(self, lower: Floats, upper: Floats) -> tuple[Integers, Integers]:
+    def locate(self, lower: Floats, upper: Floats) -> tuple[Indices, Indices]:
         """Return the cells of both ends; an end on an edge counts the edge as inside."""
         inner = self.edges[1:-1]
         if inner.size > _FEW:
@@ -154,7 +151,7 @@ class Curve:
             ),
         )
 
-    def end_slopes(self, lower: Floats, upper: Floats) -> tuple[tuple[Floats, Floats], Integers]:
+    def end_slopes(self, lower: Floats, upper: Floats) -> tuple[tuple[Floats, Floats], Indices]:
         """Return the slopes of a piecewise linear curve at both ends of intervals, and its shape between.
 
         Returns
@@ -175,7 +172,7 @@ class Curve:
         return int(self._pieces_and_bends[1][0, -1])
 
     @cached_property
-    def _pieces_and_bends(self) -> tuple[Floats, Integers]:
+    def _pieces_and_bends(self) -> tuple[Floats, Indices]:
         """Slopes (K,) of a piecewise linear curve, and its shape (K, K) from cell to cell."""
         slopes = np.diagonal(self.cells(1).table[0])
         bends = np.zeros((slopes.size, slopes.size), dtype=np.intp)
@@ -344,7 +341,7 @@ def _merged(
     return merged
 
 
-def _hull_table(kinds: Integers, hulls: tuple[Floats, Floats], nodes: Interval) -> tuple[Floats, Floats]:
+def _hull_table(kinds: Indices, hulls: tuple[Floats, Floats], nodes: Interval) -> tuple[Floats, Floats]:
     count = kinds.size
     lowest, highest = np.full((count, count), np.inf), np.full((count, count), -np.inf)
     for first in range(count):

@@ -8,8 +8,9 @@ import numpy as np
 
 from viatool.arrays import Floats
 from viatool.policy.network import Activation, Affine, Maximum, Minimum, Network, Node, Product
+from viatool.rounding import ENGINE_ROUNDOFF, SLIGHTLY_MORE
 from viatool.taylor.curve import curve_of
-from viatool.taylor.rounding import ENGINE_ROUNDOFF, SLIGHTLY_MORE, gamma
+from viatool.taylor.rounding import gamma
 
 Hull = tuple[Floats, Floats]
 

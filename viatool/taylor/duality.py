@@ -16,16 +16,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from viatool.arrays import Floats
+from viatool.arrays import Floats, Indices
 from viatool.policy.network import Activation, Network
+from viatool.rounding import ENGINE_ROUNDOFF, SLIGHTLY_MORE
 from viatool.taylor.curve import curve_of
 from viatool.taylor.model import Form, TaylorModel
 from viatool.taylor.propagation import Enclosure
-from viatool.taylor.rounding import ENGINE_ROUNDOFF, SLIGHTLY_MORE, gamma
-
-Indices = NDArray[np.intp]
+from viatool.taylor.rounding import gamma
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ import numpy as np
 from scipy import special
 
 from viatool.arrays import Floats
+from viatool.rounding import LAST_PLACE
 
-_EPS = 2.0**-52
 _TINY = 5e-324
 _LARGEST = float(np.finfo(np.float64).max)
 _FUNCTION_ULPS = 8  # numpy and scipy state at most 4 for exp, log, tanh, erf
@@ -23,12 +23,12 @@ _FUNCTION_ULPS = 8  # numpy and scipy state at most 4 for exp, log, tanh, erf
 
 def step_down(x: Floats, ulps: int | Floats = 1) -> Floats:
     """Return floats at least `ulps` units in the last place below `x`; infinity becomes the largest float."""
-    return np.minimum(x, _LARGEST) - (np.minimum(np.abs(x), _LARGEST) * (ulps * _EPS) + _TINY)
+    return np.minimum(x, _LARGEST) - (np.minimum(np.abs(x), _LARGEST) * (ulps * LAST_PLACE) + _TINY)
 
 
 def step_up(x: Floats, ulps: int | Floats = 1) -> Floats:
     """Return floats at least `ulps` units in the last place above `x`; -inf becomes the smallest float."""
-    return np.maximum(x, -_LARGEST) + (np.minimum(np.abs(x), _LARGEST) * (ulps * _EPS) + _TINY)
+    return np.maximum(x, -_LARGEST) + (np.minimum(np.abs(x), _LARGEST) * (ulps * LAST_PLACE) + _TINY)
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,13 +15,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from viatool.arrays import Floats
+from viatool.arrays import Floats, Indices
+from viatool.rounding import ENGINE_ROUNDOFF, SLIGHTLY_MORE
 from viatool.taylor.basis import Basis
-from viatool.taylor.rounding import ENGINE_ROUNDOFF, SLIGHTLY_MORE, gamma
-
-Integers = NDArray[np.intp]
+from viatool.taylor.rounding import gamma
 
 MOST_SYMBOLS = 2048
 """Symbols that a model takes through an affine map."""
@@ -41,7 +39,7 @@ class Diagonal:
         N neurons.
     """
 
-    index: Integers
+    index: Indices
     radius: Floats
     size: int
 
@@ -63,7 +61,7 @@ class Diagonal:
         np.put_along_axis(norms, self.index, np.abs(self.radius), axis=1)
         return norms
 
-    def rows(self, which: Integers) -> Diagonal:
+    def rows(self, which: Indices) -> Diagonal:
         """Return some of the states."""
         return Diagonal(self.index[which], self.radius[which], self.size)
 
@@ -72,11 +70,11 @@ class Diagonal:
         """Return S."""
         return int(self.index.shape[1])
 
-    def moved_neurons(self) -> Integers:
+    def moved_neurons(self) -> Indices:
         """Return the neuron that each symbol moves, (B, S)."""
         return self.index
 
-    def columns(self, neurons: Integers) -> Floats:
+    def columns(self, neurons: Indices) -> Floats:
         """Return the forms of C neurons (B, C) in each state, (B, C, S)."""
         return np.where(self.index[:, None, :] == neurons[:, :, None], self.radius[:, None, :], 0.0)
 
@@ -107,7 +105,7 @@ class Dense:
         """Return the L1 norm of each neuron's form, (B, N)."""
         return np.asarray(np.abs(self.coefficients).sum(axis=1))
 
-    def rows(self, which: Integers) -> Dense:
+    def rows(self, which: Indices) -> Dense:
         """Return some of the states."""
         return Dense(self.coefficients[which])
 
@@ -116,11 +114,11 @@ class Dense:
         """Return S."""
         return int(self.coefficients.shape[1])
 
-    def moved_neurons(self) -> Integers:
+    def moved_neurons(self) -> Indices:
         """Refuse: a dense form moves every neuron."""
         raise TypeError("only the symbols of a Diagonal move one neuron each")
 
-    def columns(self, neurons: Integers) -> Floats:
+    def columns(self, neurons: Indices) -> Floats:
         """Return the forms of C neurons (B, C) in each state, (B, C, S)."""
         return np.swapaxes(np.take_along_axis(self.coefficients, neurons[:, None, :], axis=2), 1, 2)
 
@@ -167,7 +165,7 @@ class TaylorModel:
         """Return a bound (B, N) on the absolute value of the model and of every partial sum of it."""
         return np.abs(self.constant) + self.radius + self.remainder
 
-    def rows(self, which: Integers) -> TaylorModel:
+    def rows(self, which: Indices) -> TaylorModel:
         """Return some of the states."""
         return TaylorModel(
             self.constant[which],

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.arrays import Booleans, Floats
+from viatool.arrays import Booleans, Floats, Indices
 from viatool.policy.network import Activation, Network
 from viatool.taylor.approximation import Approximation
 from viatool.taylor.curve import curve_of
@@ -28,8 +28,6 @@ from viatool.taylor.duality import (
 from viatool.taylor.model import Diagonal, Form
 from viatool.taylor.propagation import Box, Enclosure, propagate
 from viatool.taylor.refinement import Extrema, seeded_upper
-
-Indices = NDArray[np.intp]
 
 _RESERVE, _LAST_RESERVE = 1e-3, 1e-9
 """Weights of symbols that the multipliers have cancelled: they are split when nothing else is left."""

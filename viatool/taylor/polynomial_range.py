@@ -7,11 +7,10 @@ from functools import lru_cache
 from math import comb
 
 import numpy as np
-from numpy.typing import NDArray
 
-from viatool.arrays import Floats
+from viatool.arrays import Floats, Indices
+from viatool.rounding import SLIGHTLY_MORE
 from viatool.taylor.basis import Basis
-from viatool.taylor.rounding import SLIGHTLY_MORE
 
 
 def range_by_terms(linear: Floats, higher: Floats, basis: Basis) -> tuple[Floats, Floats]:
@@ -159,7 +158,7 @@ def _corner_maximum_of_any_order(linear: Floats, higher: Floats, basis: Basis) -
     return np.asarray(np.where(has_free, loose, value).sum(axis=1))
 
 
-def _scattered(values: Floats, target: NDArray[np.intp], variables: int) -> Floats:
+def _scattered(values: Floats, target: Indices, variables: int) -> Floats:
     select = np.zeros((variables, target.size))
     select[target, np.arange(target.size)] = 1.0
     return np.asarray(select @ values)

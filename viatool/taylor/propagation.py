@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from viatool.arrays import Floats
+from viatool.arrays import Floats, Indices
 from viatool.policy.activations import ActivationFunction, activation
 from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Network, Node, Product
+from viatool.rounding import ENGINE_ROUNDOFF, SLIGHTLY_MORE
 from viatool.taylor.approximation import Approximation, approximate
 from viatool.taylor.basis import Basis, monomial_basis
 from viatool.taylor.curve import curve_of
@@ -23,7 +23,7 @@ from viatool.taylor.model import (
     product_image,
 )
 from viatool.taylor.polynomial_range import range_by_corners, range_by_terms
-from viatool.taylor.rounding import ENGINE_ROUNDOFF, SLIGHTLY_MORE, gamma
+from viatool.taylor.rounding import gamma
 
 Hull = tuple[Floats, Floats]
 
@@ -47,7 +47,7 @@ class Box:
         radius = step_up(np.maximum(self.upper - centre, centre - self.lower))
         return np.where(self.lower == self.upper, 0.0, radius)
 
-    def rows(self, which: NDArray[np.intp] | slice) -> Box:
+    def rows(self, which: Indices | slice) -> Box:
         """Return some of the boxes."""
         return Box(self.lower[which], self.upper[which])
 
@@ -65,7 +65,7 @@ class Enclosure:
         """Return lower and upper bounds, (B, N)."""
         return self.lower, self.upper
 
-    def rows(self, which: NDArray[np.intp]) -> Enclosure:
+    def rows(self, which: Indices) -> Enclosure:
         """Return some of the states."""
         return Enclosure(self.model.rows(which), self.lower[which], self.upper[which])
 

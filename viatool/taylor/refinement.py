@@ -11,17 +11,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from viatool.arrays import Floats
+from viatool.arrays import Floats, Indices
 from viatool.policy.network import Network
 from viatool.taylor.approximation import Approximation
 from viatool.taylor.derivatives import Hull, gradient_bounds
 from viatool.taylor.duality import DualEffort, DualProblem, SymbolLayout, descend, relaxation_conditions
 from viatool.taylor.propagation import Box, Enclosure, propagate
 from viatool.taylor.rounding import runtime_deviation
-
-Indices = NDArray[np.intp]
 
 _ROUNDS = 4
 _FREE_TOGETHER = 4

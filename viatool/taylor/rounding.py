@@ -14,15 +14,8 @@ import numpy as np
 from viatool.arrays import Floats
 from viatool.errors import EnclosureError
 from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Network, Product
+from viatool.rounding import LARGEST, SLIGHTLY_MORE, SMALLEST_NORMAL, UNIT_ROUNDOFF
 from viatool.taylor.curve import curve_of
-
-UNIT_ROUNDOFF = {"bfloat16": 2.0**-8, "float16": 2.0**-11, "float32": 2.0**-24, "float64": 2.0**-53}
-_SMALLEST_NORMAL = {"bfloat16": 2.0**-126, "float16": 2.0**-14, "float32": 2.0**-126, "float64": 2.0**-1022}
-_LARGEST = {"bfloat16": 3.3e38, "float16": 65504.0, "float32": 3.4e38, "float64": 1.7e308}
-
-ENGINE_ROUNDOFF = 2.0**-53
-SLIGHTLY_MORE = 1 + 2.0**-40
-"""Factor that covers the rounding of the few float64 operations with which a bound itself is computed."""
 
 # Error of a runtime's activation in unit roundoffs of max(1, |f(x)|, |x|), times the amplitude of its parameters, at
 # least twice what was ever measured in onnxruntime; composites (Silu as x * sigmoid(x), ...) count each of their
@@ -122,13 +115,13 @@ def runtime_deviation(
         unit = UNIT_ROUNDOFF[precision]
         if isinstance(node, Input):
             reach = np.maximum(np.abs(lower), np.abs(upper))
-            deviation = np.zeros_like(lower) if engine else unit * reach + _SMALLEST_NORMAL[precision]
+            deviation = np.zeros_like(lower) if engine else unit * reach + SMALLEST_NORMAL[precision]
         elif isinstance(node, Affine):
             deviation = _affine_deviation(node, hulls, deviations, precision)
         elif isinstance(node, Activation):
             deviation = _activation_deviation(node, hulls[node.source], deviations[node.source], precision)
         elif isinstance(node, Product):
-            deviation = _product_deviation(node, hulls, deviations, unit) + _SMALLEST_NORMAL[precision]
+            deviation = _product_deviation(node, hulls, deviations, unit) + SMALLEST_NORMAL[precision]
         elif isinstance(node, Maximum | Minimum):
             deviation = np.maximum(deviations[node.left], deviations[node.right])
         else:
@@ -136,7 +129,7 @@ def runtime_deviation(
             deviation = deviations[node.source]
             if unit > UNIT_ROUNDOFF[network.nodes[node.source].precision] and not engine:
                 size = np.maximum(np.abs(lower), np.abs(upper)) + deviation
-                deviation = deviation + unit * size + _SMALLEST_NORMAL[precision]
+                deviation = deviation + unit * size + SMALLEST_NORMAL[precision]
         deviation = deviation * SLIGHTLY_MORE
         _check_overflow(lower, upper, deviation, precision)
         deviations.append(deviation)
@@ -160,7 +153,7 @@ def _affine_deviation(
     precision: str,
 ) -> Floats:
     factor, terms = affine_rounding(node, UNIT_ROUNDOFF[precision])
-    tiny = _SMALLEST_NORMAL[precision]
+    tiny = SMALLEST_NORMAL[precision]
     inherited = np.zeros((hulls[0][0].shape[0], node.size))
     size = inherited + np.abs(node.bias)
     for source, weight in zip(node.sources, node.weights, strict=True):
@@ -200,7 +193,7 @@ def _product_deviation(
 
 def _check_overflow(lower: Floats, upper: Floats, deviation: Floats, precision: str) -> None:
     size = np.maximum(np.abs(lower), np.abs(upper)) + deviation
-    if not (size < _LARGEST[precision]).all():
+    if not (size < LARGEST[precision]).all():
         raise EnclosureError(
             f"an intermediate value may leave the range of {precision} (up to {float(np.max(size)):.3g})",
             "make eps smaller, or check the weights and the units of the observation",

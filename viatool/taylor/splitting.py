@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from viatool.arrays import Booleans, Floats
 from viatool.policy.network import Activation, Network
@@ -18,8 +17,6 @@ from viatool.taylor.approximation import Approximation
 from viatool.taylor.curve import curve_of
 from viatool.taylor.parts import Parts, examine, whole_boxes
 from viatool.taylor.refinement import Extrema, refine_by_order, unfold
-
-Indices = NDArray[np.intp]
 
 _AT_ONCE = 8
 """Parts of one question that are split in one round."""
