@@ -10,3 +10,5 @@ Booleans = NDArray[np.bool_]
 Indices = NDArray[np.int64]
 Plane = NDArray[np.complex128]
 """Points x + iy, or directions."""
+Hull = tuple[Floats, Floats]
+"""Lower and upper bounds, of one shape."""

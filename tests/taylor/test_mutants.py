@@ -248,7 +248,7 @@ MUTANTS = [
     ),
     Mutant(
         real(chain(64, CANCELLING), ONES, 0.0),
-        "propagation._interval_image",
+        "propagation.interval_image",
         "2 * gamma(terms, ENGINE_ROUNDOFF) * size",
         "0 * size",
     ),
@@ -297,7 +297,7 @@ MUTANTS = [
     ),
     Mutant(
         real(CURVED, normal(3, 2), 0.5),
-        "propagation._interval_image",
+        "propagation.interval_image",
         "reach = reach + spread",
         "reach = reach",
     ),
@@ -376,7 +376,10 @@ MUTANTS = [
         "radius",
     ),
     Mutant(
-        approximations("LeakyRelu", "chebyshev", 1), "approximation._straight_lines", "8 * LAST_PLACE", "0 * LAST_PLACE"
+        approximations("LeakyRelu", "chebyshev", 1),
+        "approximation._straight_lines",
+        "8 * LAST_PLACE",
+        "0 * LAST_PLACE",
     ),
     Mutant(
         approximations("Softplus", "chebyshev", 1),
@@ -455,20 +458,20 @@ MUTANTS = [
     ),
     Mutant(
         real(extremum(Minimum), [0.0, 5.0], 0.1, refine="monotone"),
-        "derivatives.gradient_bounds",
+        "derivatives._bounds_pulled_back",
         "left, right = right, left",
         "pass",
     ),
     Mutant(
         real(extremum(Maximum), [0.0, 0.05], 0.1, refine="monotone"),
-        "derivatives.gradient_bounds",
+        "derivatives._bounds_pulled_back",
         "np.where(left[1] <= right[0], 0.0, 1.0)",
         "wins",
     ),
     # the deployed program
     Mutant(
         deployed(chain(1, [[1.0]]), [[0.1], [1 / 3]]),
-        "rounding.runtime_deviation",
+        "rounding._deviation",
         "unit * reach + SMALLEST_NORMAL[precision]",
         "0 * reach",
     ),
@@ -537,14 +540,14 @@ MUTANTS = [
             Network((Input(1), affine(0, [[1.0]]), affine(0, [[0.0]], [1.0]), Maximum(1, 2, 1))),
             [[1.1], [2.3]],
         ),
-        "rounding.runtime_deviation",
+        "rounding._deviation",
         "np.maximum(deviations[node.left], deviations[node.right])",
         "np.minimum(deviations[node.left], deviations[node.right])",
     ),
     Mutant(
         deployed(Network((Input(1), Cast(0, 1, "float16"))), [[0.1], [1 / 3]]),
-        "rounding.runtime_deviation",
-        "deviation + unit * size + SMALLEST_NORMAL[precision]",
+        "rounding._deviation",
+        "deviation + unit * _reach(hulls[index], deviation) + SMALLEST_NORMAL[precision]",
         "deviation",
     ),
 ]

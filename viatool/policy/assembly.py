@@ -297,10 +297,12 @@ def pruned(nodes: Sequence[Node], output: int) -> Network:
 
 
 def _renumbered(node: Node, number: dict[int, int]) -> Node:
-    if isinstance(node, Input):
-        return node
-    if isinstance(node, Affine):
-        return replace(node, sources=tuple(number[source] for source in node.sources))
-    if isinstance(node, Activation | Cast):
-        return replace(node, source=number[node.source])
-    return replace(node, left=number[node.left], right=number[node.right])
+    match node:
+        case Input():
+            return node
+        case Affine():
+            return replace(node, sources=tuple(number[source] for source in node.sources))
+        case Activation() | Cast():
+            return replace(node, source=number[node.source])
+        case Product() | Maximum() | Minimum():
+            return replace(node, left=number[node.left], right=number[node.right])

@@ -16,7 +16,7 @@ from viatool.policy.action_map import with_action_map
 from viatool.policy.graph import Graph, live, read_graph
 from viatool.policy.maps import Maps, is_elementwise, maps_of
 from viatool.policy.model_file import ModelFile, Port, actor_graph, open_model
-from viatool.policy.network import Activation, Affine, Network, Node
+from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Network, Node, Product
 from viatool.policy.policy import check_sizes, unsupported
 from viatool.policy.reader import Finding, read_network
 from viatool.policy.runtime import runtime_of
@@ -272,10 +272,16 @@ def layers_of(network: Network) -> list[Layer]:
 
 
 def _kind(node: Node) -> str:
-    if isinstance(node, Activation):
-        return node.function.name
-    if not isinstance(node, Affine):
-        return type(node).__name__.lower()
+    match node:
+        case Activation():
+            return node.function.name
+        case Affine():
+            return _kind_of_affine(node)
+        case Input() | Product() | Maximum() | Minimum() | Cast():
+            return type(node).__name__.lower()
+
+
+def _kind_of_affine(node: Affine) -> str:
     if not node.sources:
         return "constant"
     ones = all(np.isin(weight, (0.0, 1.0)).all() for weight in node.weights)
@@ -286,9 +292,12 @@ def _kind(node: Node) -> str:
 
 
 def _parameters(node: Node) -> int:
-    if not isinstance(node, Affine):
-        return 0
-    return sum(int(np.count_nonzero(weight)) for weight in node.weights) + int(np.count_nonzero(node.bias))
+    match node:
+        case Affine():
+            weights = sum(int(np.count_nonzero(weight)) for weight in node.weights)
+            return weights + int(np.count_nonzero(node.bias))
+        case Input() | Activation() | Product() | Maximum() | Minimum() | Cast():
+            return 0
 
 
 def _activations(network: Network) -> dict[str, int]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from viatool.arrays import Floats
-from viatool.policy.network import Activation, Affine, Cast, Input, Network, Node
+from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Network, Node, Product
 from viatool.policy.specification import ActionMap, PolicySpecification
 
 _LISTED = 6
@@ -93,13 +93,15 @@ def trailing_steps(network: Network) -> list[Step]:
 
 
 def _step(node: Node, functions: Sequence[str]) -> Step | None:
-    if isinstance(node, Activation):
-        return node if node.function.name in functions else None
-    if isinstance(node, Cast):
-        return Scaling(np.ones(node.size), np.zeros(node.size))
-    if isinstance(node, Affine) and is_elementwise(node):
-        return Scaling(np.diag(node.weights[0]).copy(), node.bias)
-    return None
+    match node:
+        case Activation():
+            return node if node.function.name in functions else None
+        case Cast():
+            return Scaling(np.ones(node.size), np.zeros(node.size))
+        case Affine():
+            return Scaling(np.diag(node.weights[0]).copy(), node.bias) if is_elementwise(node) else None
+        case Input() | Product() | Maximum() | Minimum():
+            return None
 
 
 def is_elementwise(node: Affine) -> bool:

@@ -19,7 +19,7 @@ import numpy as np
 from viatool.arrays import Floats
 from viatool.errors import PolicyError, SelfCheckError
 from viatool.policy.maps import Scaling, leading_steps
-from viatool.policy.network import Activation, Affine, Cast, Input, Network, Node, Product
+from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Network, Node, Product
 from viatool.policy.runtime import Runtime
 from viatool.policy.specification import PolicySpecification
 from viatool.rounding import LARGEST, SMALLEST_NORMAL, UNIT_ROUNDOFF
@@ -233,19 +233,21 @@ def simulate_rounding(
 def _error(node: Node, value: Floats, values: list[Floats], errors: list[Floats]) -> Floats:
     """Return how far the program may be from the value of a node when its sources have the given errors."""
     unit, tiny = UNIT_ROUNDOFF[node.precision], SMALLEST_NORMAL[node.precision]
-    if isinstance(node, Input):
-        return np.zeros_like(value)  # the points are representable
-    if isinstance(node, Affine):
-        return _affine_error(node, values, errors, unit, tiny)
-    if isinstance(node, Activation):
-        return _activation_error(node, values[node.source], value, errors[node.source], unit)
-    if isinstance(node, Product):
-        left, right = errors[node.left], errors[node.right]
-        error = np.abs(values[node.left]) * right + np.abs(values[node.right]) * left + left * right
-        return error + unit * (np.abs(value) + error) + tiny
-    if isinstance(node, Cast):
-        return errors[node.source] + unit * (np.abs(value) + errors[node.source]) + tiny
-    return np.maximum(errors[node.left], errors[node.right])
+    match node:
+        case Input():
+            return np.zeros_like(value)  # the points are representable
+        case Affine():
+            return _affine_error(node, values, errors, unit, tiny)
+        case Activation():
+            return _activation_error(node, values[node.source], value, errors[node.source], unit)
+        case Product():
+            left, right = errors[node.left], errors[node.right]
+            error = np.abs(values[node.left]) * right + np.abs(values[node.right]) * left + left * right
+            return error + unit * (np.abs(value) + error) + tiny
+        case Maximum() | Minimum():
+            return np.maximum(errors[node.left], errors[node.right])
+        case Cast():
+            return errors[node.source] + unit * (np.abs(value) + errors[node.source]) + tiny
 
 
 def _affine_error(

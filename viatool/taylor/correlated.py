@@ -14,9 +14,9 @@ import numpy as np
 from viatool.arrays import Floats
 from viatool.policy.network import Network
 from viatool.rounding import ENGINE_ROUNDOFF, SLIGHTLY_MORE
-from viatool.taylor.head import split_head
+from viatool.taylor.head import hulls_through, split_head
 from viatool.taylor.model import Dense, TaylorModel
-from viatool.taylor.propagation import Box, Enclosure, hulls_through, propagate
+from viatool.taylor.propagation import Box, Enclosure, propagate
 from viatool.taylor.refinement import extrema_of, refine_by_pieces, unfold
 from viatool.taylor.rounding import runtime_deviation
 

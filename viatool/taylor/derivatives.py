@@ -6,13 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from viatool.arrays import Floats
-from viatool.policy.network import Activation, Affine, Maximum, Minimum, Network, Node, Product
+from viatool.arrays import Floats, Hull
+from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Network, Node, Product
 from viatool.rounding import ENGINE_ROUNDOFF, SLIGHTLY_MORE
 from viatool.taylor.curve import curve_of
 from viatool.taylor.rounding import gamma
-
-Hull = tuple[Floats, Floats]
 
 
 def gradient_bounds(network: Network, hulls: Sequence[Hull], seed: Floats) -> Hull:
@@ -43,29 +41,44 @@ def gradient_bounds(network: Network, hulls: Sequence[Hull], seed: Floats) -> Hu
         node = network.nodes[index]
         if index not in adjoints:
             continue
-        centre, radius = adjoints.pop(index)
-        if isinstance(node, Affine):
-            for source, weight in zip(node.sources, node.weights, strict=True):
-                _accumulate(adjoints, source, _mapped(centre, radius, weight, node.roundings))
-        elif isinstance(node, Activation):
+        for source, contribution in _bounds_pulled_back(node, adjoints.pop(index), hulls):
+            _accumulate(adjoints, source, contribution)
+    shape = hulls[0][0].shape
+    centre, radius = adjoints.get(0, (np.zeros(shape), np.zeros(shape)))
+    return centre - radius, centre + radius
+
+
+def _bounds_pulled_back(node: Node, adjoint: Hull, hulls: Sequence[Hull]) -> list[tuple[int, Hull]]:
+    """Return what the adjoint of a node, as centre and radius, adds to those of its sources."""
+    centre, radius = adjoint
+    match node:
+        case Input():
+            return []
+        case Affine():
+            return [
+                (source, _mapped(centre, radius, weight, node.roundings))
+                for source, weight in zip(node.sources, node.weights, strict=True)
+            ]
+        case Activation():
             slopes = curve_of(node.function).range(*hulls[node.source], 1)
-            _accumulate(adjoints, node.source, _scaled(centre, radius, slopes.lower, slopes.upper))
-        elif isinstance(node, Product):
-            _accumulate(adjoints, node.left, _scaled(centre, radius, *hulls[node.right]))
-            _accumulate(adjoints, node.right, _scaled(centre, radius, *hulls[node.left]))
-        elif isinstance(node, Maximum | Minimum):
+            return [(node.source, _scaled(centre, radius, slopes.lower, slopes.upper))]
+        case Product():
+            return [
+                (node.left, _scaled(centre, radius, *hulls[node.right])),
+                (node.right, _scaled(centre, radius, *hulls[node.left])),
+            ]
+        case Maximum() | Minimum():
             left, right = hulls[node.left], hulls[node.right]
             if isinstance(node, Minimum):
                 left, right = right, left
             wins = np.where(left[0] >= right[1], 1.0, 0.0)
             may_win = np.where(left[1] <= right[0], 0.0, 1.0)
-            _accumulate(adjoints, node.left, _scaled(centre, radius, wins, may_win))
-            _accumulate(adjoints, node.right, _scaled(centre, radius, 1 - may_win, 1 - wins))
-        else:  # Cast
-            _accumulate(adjoints, node.sources[0], (centre, radius))
-    shape = hulls[0][0].shape
-    centre, radius = adjoints.get(0, (np.zeros(shape), np.zeros(shape)))
-    return centre - radius, centre + radius
+            return [
+                (node.left, _scaled(centre, radius, wins, may_win)),
+                (node.right, _scaled(centre, radius, 1 - may_win, 1 - wins)),
+            ]
+        case Cast():
+            return [(node.source, adjoint)]
 
 
 def gradient(network: Network, points: Floats, seed: Floats) -> Floats:
@@ -85,6 +98,8 @@ def gradient(network: Network, points: Floats, seed: Floats) -> Floats:
 
 def _pulled_back(node: Node, adjoint: Floats, values: Sequence[Floats]) -> list[tuple[int, Floats]]:
     match node:
+        case Input():
+            return []
         case Affine():
             return [
                 (source, adjoint @ weight) for source, weight in zip(node.sources, node.weights, strict=True)
@@ -96,8 +111,8 @@ def _pulled_back(node: Node, adjoint: Floats, values: Sequence[Floats]) -> list[
         case Maximum() | Minimum():
             left_wins = (values[node.left] >= values[node.right]) == isinstance(node, Maximum)
             return [(node.left, adjoint * left_wins), (node.right, adjoint * ~left_wins)]
-        case _:
-            return [(node.sources[0], adjoint)]
+        case Cast():
+            return [(node.source, adjoint)]
 
 
 def _accumulate(adjoints: dict[int, Hull], node: int, contribution: Hull) -> None:

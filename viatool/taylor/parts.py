@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.arrays import Booleans, Floats, Indices
+from viatool.arrays import Booleans, Floats, Hull, Indices
 from viatool.policy.network import Activation, Network
 from viatool.taylor.approximation import Approximation
 from viatool.taylor.curve import curve_of
-from viatool.taylor.derivatives import Hull
 from viatool.taylor.duality import (
     DualProblem,
     SymbolLayout,

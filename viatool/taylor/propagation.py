@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from viatool.arrays import Floats, Indices
+from viatool.arrays import Floats, Hull, Indices
 from viatool.policy.activations import ActivationFunction, activation
 from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Network, Node, Product
 from viatool.rounding import ENGINE_ROUNDOFF, SLIGHTLY_MORE
@@ -24,8 +24,6 @@ from viatool.taylor.model import (
 )
 from viatool.taylor.polynomial_range import range_by_corners, range_by_terms
 from viatool.taylor.rounding import gamma
-
-Hull = tuple[Floats, Floats]
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,19 +126,6 @@ def _limited(argument: Enclosure, limit: Hull) -> Enclosure:
     )
 
 
-def hulls_through(nodes: Sequence[Node], hulls: list[Hull]) -> list[Hull]:
-    """Continue hulls through further affine and activation nodes by interval arithmetic. **Sound:** yes."""
-    hulls = list(hulls)
-    for node in nodes:
-        if isinstance(node, Affine):
-            hulls.append(_interval_image([hulls[source] for source in node.sources], node))
-        else:
-            assert isinstance(node, Activation)
-            value = curve_of(node.function).range(*hulls[node.source])
-            hulls.append((value.lower, value.upper))
-    return hulls
-
-
 def _enclose(
     node: Node, index: int, known: list[Enclosure], box: Box, order: int, rule: Approximation
 ) -> Enclosure:
@@ -195,11 +180,11 @@ def _enclose_affine(node: Affine, known: list[Enclosure]) -> Enclosure:
         return Enclosure(TaylorModel(value, form, higher, {}, zero, zero, known[0].model.basis), value, value)
     sources = [known[source] for source in node.sources]
     model = affine_image([source.model for source in sources], node.weights, node.bias, node.roundings)
-    return _intersected(model, _interval_image([source.hull for source in sources], node))
+    return _intersected(model, interval_image([source.hull for source in sources], node))
 
 
-def _interval_image(sources: Sequence[Hull], node: Affine) -> Hull:
-    """Enclose an affine node by interval arithmetic in centre-radius form."""
+def interval_image(sources: Sequence[Hull], node: Affine) -> Hull:
+    """Enclose an affine node by interval arithmetic in centre-radius form. **Sound:** yes."""
     centre = np.broadcast_to(node.bias, (sources[0][0].shape[0], node.size))
     reach, size = np.zeros_like(centre), np.zeros_like(centre) + np.abs(node.bias)
     for (lower, upper), weight in zip(sources, node.weights, strict=True):

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from viatool.arrays import Floats, Indices
+from viatool.arrays import Floats, Hull, Indices
 from viatool.policy.network import Network
 from viatool.taylor.approximation import Approximation
-from viatool.taylor.derivatives import Hull, gradient_bounds
+from viatool.taylor.derivatives import gradient_bounds
 from viatool.taylor.duality import DualEffort, DualProblem, SymbolLayout, descend, relaxation_conditions
 from viatool.taylor.propagation import Box, Enclosure, propagate
 from viatool.taylor.rounding import runtime_deviation

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from viatool.arrays import Floats
+from viatool.arrays import Floats, Hull
 from viatool.errors import EnclosureError
 from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Network, Product
 from viatool.rounding import LARGEST, SLIGHTLY_MORE, SMALLEST_NORMAL, UNIT_ROUNDOFF
@@ -79,9 +79,7 @@ def affine_rounding(node: Affine, unit: float) -> tuple[Floats, Floats]:
     return gamma(rounded, unit), rounded
 
 
-def runtime_deviation(
-    network: Network, hulls: Sequence[tuple[Floats, Floats]], *, engine: bool = False
-) -> Floats:
+def runtime_deviation(network: Network, hulls: Sequence[Hull], *, engine: bool = False) -> Floats:
     """Bound how far a floating-point evaluation strays from the exact network, anywhere in a box.
 
     Parameters
@@ -110,30 +108,37 @@ def runtime_deviation(
     ``|W| E + gamma_n (|W| |x| + |b|)``, an activation ``E max|f'|`` plus its own error, a product the product rule.
     """
     deviations: list[Floats] = []
-    for node, (lower, upper) in zip(network.nodes, hulls, strict=True):
-        precision = "float64" if engine else node.precision
-        unit = UNIT_ROUNDOFF[precision]
-        if isinstance(node, Input):
-            reach = np.maximum(np.abs(lower), np.abs(upper))
-            deviation = np.zeros_like(lower) if engine else unit * reach + SMALLEST_NORMAL[precision]
-        elif isinstance(node, Affine):
-            deviation = _affine_deviation(node, hulls, deviations, precision)
-        elif isinstance(node, Activation):
-            deviation = _activation_deviation(node, hulls[node.source], deviations[node.source], precision)
-        elif isinstance(node, Product):
-            deviation = _product_deviation(node, hulls, deviations, unit) + SMALLEST_NORMAL[precision]
-        elif isinstance(node, Maximum | Minimum):
-            deviation = np.maximum(deviations[node.left], deviations[node.right])
-        else:
-            assert isinstance(node, Cast)
-            deviation = deviations[node.source]
-            if unit > UNIT_ROUNDOFF[network.nodes[node.source].precision] and not engine:
-                size = np.maximum(np.abs(lower), np.abs(upper)) + deviation
-                deviation = deviation + unit * size + SMALLEST_NORMAL[precision]
-        deviation = deviation * SLIGHTLY_MORE
-        _check_overflow(lower, upper, deviation, precision)
+    for index, (node, hull) in enumerate(zip(network.nodes, hulls, strict=True)):
+        deviation = _deviation(network, index, hulls, deviations, engine=engine) * SLIGHTLY_MORE
+        _check_overflow(*hull, deviation, "float64" if engine else node.precision)
         deviations.append(deviation)
     return deviations[-1]
+
+
+def _deviation(
+    network: Network, index: int, hulls: Sequence[Hull], deviations: Sequence[Floats], *, engine: bool
+) -> Floats:
+    """Bound how far a node strays, given how far those before it do."""
+    node = network.nodes[index]
+    precision = "float64" if engine else node.precision
+    unit = UNIT_ROUNDOFF[precision]
+    match node:
+        case Input():
+            reach = _reach(hulls[index], np.zeros(()))
+            return np.zeros_like(reach) if engine else unit * reach + SMALLEST_NORMAL[precision]
+        case Affine():
+            return _affine_deviation(node, hulls, deviations, precision)
+        case Activation():
+            return _activation_deviation(node, hulls[node.source], deviations[node.source], precision)
+        case Product():
+            return _product_deviation(node, hulls, deviations, unit) + SMALLEST_NORMAL[precision]
+        case Maximum() | Minimum():
+            return np.maximum(deviations[node.left], deviations[node.right])
+        case Cast():
+            deviation = deviations[node.source]
+            if engine or unit <= UNIT_ROUNDOFF[network.nodes[node.source].precision]:
+                return deviation
+            return deviation + unit * _reach(hulls[index], deviation) + SMALLEST_NORMAL[precision]
 
 
 def activation_error(name: str, precision: str) -> float:
@@ -142,13 +147,13 @@ def activation_error(name: str, precision: str) -> float:
     return units * UNIT_ROUNDOFF[precision]
 
 
-def _reach(hull: tuple[Floats, Floats], deviation: Floats) -> Floats:
+def _reach(hull: Hull, deviation: Floats) -> Floats:
     return np.maximum(np.abs(hull[0]), np.abs(hull[1])) + deviation
 
 
 def _affine_deviation(
     node: Affine,
-    hulls: Sequence[tuple[Floats, Floats]],
+    hulls: Sequence[Hull],
     deviations: Sequence[Floats],
     precision: str,
 ) -> Floats:
@@ -164,9 +169,7 @@ def _affine_deviation(
     return inherited + factor * size + 2 * terms * tiny
 
 
-def _activation_deviation(
-    node: Activation, hull: tuple[Floats, Floats], inherited: Floats, precision: str
-) -> Floats:
+def _activation_deviation(node: Activation, hull: Hull, inherited: Floats, precision: str) -> Floats:
     curve = curve_of(node.function)
     lower, upper = hull[0] - inherited, hull[1] + inherited
     slope = curve.range(lower, upper, 1)
@@ -182,7 +185,7 @@ def _activation_deviation(
 
 
 def _product_deviation(
-    node: Product, hulls: Sequence[tuple[Floats, Floats]], deviations: Sequence[Floats], unit: float
+    node: Product, hulls: Sequence[Hull], deviations: Sequence[Floats], unit: float
 ) -> Floats:
     left, right = (
         _reach(hulls[node.left], deviations[node.left]),
