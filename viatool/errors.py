@@ -59,5 +59,12 @@ class SelfCheckError(ViatoolError):
     """The loaded network and onnxruntime disagree: no verdict may rest on this import."""
 
 
+class BoundsError(ViatoolError):
+    """Bounds are NaN or the wrong way round: an error of this program, on which no verdict may rest."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(message, "set VIATOOL_TRACEBACK=1, run again and report the traceback as a bug")
+
+
 class WorkError(ViatoolError):
     """Work could not be carried out, whatever it was about: a worker died, or the cluster was lost."""

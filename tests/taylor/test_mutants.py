@@ -11,7 +11,7 @@ import inspect
 import sys
 import textwrap
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,7 +24,7 @@ from tests.taylor.containment import escape_of_exact_values, escape_of_gradients
 from tests.taylor.test_curve import wrong_approximations, wrong_ranges
 from tests.taylor.test_interval import wrong_functions, wrong_operations
 from tests.taylor.test_wide import wrong_foldings
-from viatool.errors import EnclosureError
+from viatool.errors import BoundsError, EnclosureError
 from viatool.policy.activations import ActivationFunction, activation
 from viatool.policy.network import (
     Activation,
@@ -556,5 +556,5 @@ MUTANTS = [
 @pytest.mark.parametrize("mutant", MUTANTS, ids=str)
 def test_the_check_passes_with_the_rule_and_fails_without(mutant: Mutant) -> None:
     assert mutant.check() <= 0
-    with mutated(mutant), np.errstate(all="ignore"):
+    with mutated(mutant), np.errstate(all="ignore"), suppress(BoundsError):  # which the engine itself notices
         assert mutant.check() > 0

@@ -112,9 +112,10 @@ def check_network(
             "report this model: it was read wrongly",
         )
     difference = np.abs(actions - expected)
-    excess = np.where(np.isnan(difference), np.inf, difference) - tolerance
-    worst = np.unravel_index(np.argmax(excess), excess.shape)
-    if excess[worst] > 0:
+    apart = ~(difference <= tolerance)
+    if apart.any():
+        excess = np.where(apart, np.nan_to_num(difference - tolerance, nan=np.inf), -np.inf)
+        worst = np.unravel_index(np.argmax(excess), excess.shape)
         raise SelfCheckError(
             f"the loaded network and onnxruntime disagree in action {worst[1]}: {expected[worst]:.9g} "
             f"against {actions[worst]:.9g}, where rounding explains {tolerance[worst]:.2g}",

@@ -13,7 +13,8 @@ from viatool.arrays import Floats, Indices
 from viatool.policy.network import Network
 from viatool.safety.case import Case
 from viatool.safety.nearest import describe_nearest
-from viatool.taylor.derivatives import gradient
+from viatool.taylor.attained import climb
+from viatool.taylor.propagation import Box
 from viatool.world import Footprint, Scenario, WorldMap
 
 MARGIN = 1e-7
@@ -276,18 +277,8 @@ class _Search:
         """Go from corner to corner along the gradient of a combination of commands, (B, n)."""
         combination = np.zeros((len(start), self.network.output_size))
         combination[:, self.columns] = direction
-        low, high = self.observations - self.radii, self.observations + self.radii
-        best = point = np.clip(start, low, high)
-        value = (self.network(best) * combination).sum(axis=1)
-        for _ in range(_STEPS):
-            slope = gradient(self.network, point, combination)
-            corner = np.where(slope > 0.0, high, np.where(slope < 0.0, low, point))
-            reached = (self.network(corner) * combination).sum(axis=1)
-            better = (reached > value)[:, None]
-            value = np.maximum(value, reached)
-            best = np.where(better, corner, best)
-            point = np.where(better, corner, 0.5 * (best + corner))
-        return np.asarray(best)
+        box = Box(self.observations - self.radii, self.observations + self.radii)
+        return climb(self.network, box, combination, start, steps=_STEPS)[0]
 
     def _random(self, generator: np.random.Generator) -> Floats:
         """Return a random corner of each box, (B, n)."""

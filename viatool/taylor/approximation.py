@@ -227,11 +227,21 @@ def approximate(
     Polynomial
         Coefficients ``(degree+1, K)``, error ``(K,)``; where a line does better, the line.
 
+    Raises
+    ------
+    EnclosureError
+        If an end is not a number, or the curve has no finite range on an interval.
+
     Notes
     -----
     **Sound:** yes. For Chebyshev nodes inside one smooth piece the error is the interpolation remainder
     ``max|f^(k+1)| h^(k+1) / (2^k (k+1)!)``; else ``f - p`` is enclosed on a grid, with its curvature between the nodes.
     """
+    if np.isnan(lower).any() or np.isnan(upper).any():
+        raise EnclosureError(
+            f"nothing is known of the argument of {curve.function.name}: its bounds overflowed",
+            "make eps smaller, or check the weights before this node",
+        )
     line = approximate_linearly(curve, lower, upper, rule, centre)
     if degree == 1 or not lower.size:
         return line

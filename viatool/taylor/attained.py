@@ -1,4 +1,4 @@
-"""The actions that are really attained in a box: the inner side of every bound."""
+"""The actions that are really attained in a box: the inner side of every bound, and a search for extreme ones."""
 
 from __future__ import annotations
 
@@ -11,8 +11,51 @@ from viatool.taylor.propagation import Box
 from viatool.taylor.refinement import Extrema
 
 
-def climb(network: Network, box: Box, extrema: Extrema, *, steps: int = 4) -> Floats:
-    """Search boxes for extreme actions, corner by corner along the gradient.
+def climb(
+    network: Network, box: Box, seed: Floats, start: Floats, *, steps: int = 4
+) -> tuple[Floats, Floats]:
+    """Go from corner to corner of boxes along the gradient of a combination of the actions.
+
+    Parameters
+    ----------
+    network : Network
+        n inputs, A outputs.
+    box : Box
+        P boxes.
+    seed : ndarray
+        ``(P, A)``: the combination ``seed . actions`` that shall grow.
+    start : ndarray
+        ``(P, n)``: where the search begins; what lies outside of its box is moved to the nearest point of it.
+    steps : int
+        Corners that are tried.
+
+    Returns
+    -------
+    ndarray
+        ``(P, n)``: the best points that were found in the boxes.
+    ndarray
+        ``(P,)``: ``seed . actions`` there, in float64.
+
+    Notes
+    -----
+    Each step jumps to the corner that the gradient at the present point names; after a step that does not improve, the
+    next starts half-way. **Sound:** as an inner bound, yes.
+    """
+    best = point = np.clip(start, box.lower, box.upper)
+    value = (network(best) * seed).sum(axis=1)
+    for _ in range(steps):
+        slope = gradient(network, point, seed)
+        corner = np.where(slope > 0, box.upper, np.where(slope < 0, box.lower, point))
+        reached = (network(corner) * seed).sum(axis=1)
+        better = reached > value
+        best = np.where(better[:, None], corner, best)
+        value = np.where(better, reached, value)
+        point = np.where(better[:, None], corner, best / 2 + corner / 2)
+    return best, np.asarray(value)
+
+
+def attained_values(network: Network, box: Box, extrema: Extrema, *, steps: int = 4) -> Floats:
+    """Search B boxes for extreme actions.
 
     Parameters
     ----------
@@ -23,30 +66,13 @@ def climb(network: Network, box: Box, extrema: Extrema, *, steps: int = 4) -> Fl
     extrema : Extrema
         ``2 A B`` questions about them; the search starts from the middle of each question's face.
     steps : int
-        Corners that are tried.
+        As for `climb`.
 
     Returns
     -------
     ndarray
         ``(2 A B,)``: values of ``seed . actions`` in float64, each attained at a point of its box.
-
-    Notes
-    -----
-    Each step jumps to the corner that the gradient at the present point names; after a step that does not improve, the
-    next starts half-way. **Sound:** as an inner bound, yes.
     """
     copies = extrema.bound.size // box.lower.shape[0] if extrema.bound.size else 0
-    lower, upper = np.tile(box.lower, (copies, 1)), np.tile(box.upper, (copies, 1))
-    seed = extrema.seed
-    best = np.clip(extrema.box.centre, lower, upper)
-    value = (network(best) * seed).sum(axis=1)
-    point = best
-    for _ in range(steps):
-        slope = gradient(network, point, seed)
-        corner = np.where(slope > 0, upper, np.where(slope < 0, lower, point))
-        reached = (network(corner) * seed).sum(axis=1)
-        better = reached > value
-        best = np.where(better[:, None], corner, best)
-        value = np.where(better, reached, value)
-        point = np.where(better[:, None], corner, best / 2 + corner / 2)
-    return np.asarray(value)
+    boxes = Box(np.tile(box.lower, (copies, 1)), np.tile(box.upper, (copies, 1)))
+    return climb(network, boxes, extrema.seed, extrema.box.centre, steps=steps)[1]

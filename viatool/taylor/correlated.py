@@ -18,7 +18,7 @@ from viatool.taylor.head import hulls_through, split_head
 from viatool.taylor.model import Dense, TaylorModel
 from viatool.taylor.propagation import Box, Enclosure, propagate
 from viatool.taylor.refinement import extrema_of, refine_by_pieces, unfold
-from viatool.taylor.rounding import runtime_deviation
+from viatool.taylor.rounding import runtime_deviation, widen
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +28,7 @@ class CorrelatedReach:
     Parameters
     ----------
     lower, upper : ndarray
-        ``(B, A)``, guaranteed.
+        ``(B, A)``, guaranteed; infinite where nothing is known.
     influence : ndarray
         ``(B, V + n, A)``: how much each symbol moves an action before its squash, to first order; no bound.
     """
@@ -45,9 +45,9 @@ class LinearReach:
     Parameters
     ----------
     lower, upper : ndarray
-        ``(B, A)``, guaranteed; often tighter than what the forms say.
+        ``(B, A)``, guaranteed; often tighter than what the forms say, infinite where nothing is known.
     centre, rest : ndarray
-        ``(B, A)``; rest is at least 0.
+        ``(B, A)``; rest is at least 0, and infinite where the form says nothing.
     slope : ndarray
         ``(B, V, A)``.
     """
@@ -131,8 +131,7 @@ def reach_correlated(
         hulls = hulls_through(head, hulls)
         lower, upper = hulls[-1]
         deviation = runtime_deviation(network, hulls) if arithmetic == "float32" else np.zeros_like(lower)
-    lower, upper = np.nextafter(lower - deviation, -np.inf), np.nextafter(upper + deviation, np.inf)
-    return CorrelatedReach(lower, upper, influence)
+    return CorrelatedReach(*widen(lower, upper, deviation), influence)
 
 
 def reach_linear(
@@ -171,5 +170,5 @@ def reach_linear(
     rest = np.abs(linear[:, common:]).sum(axis=1) + model.remainder + deviation
     rest = rest + sum(form.norms() for form in model.symbols.values())
     rest = rest * SLIGHTLY_MORE + 4 * linear.shape[1] * ENGINE_ROUNDOFF * model.magnitude
-    lower, upper = np.nextafter(lower - deviation, -np.inf), np.nextafter(upper + deviation, np.inf)
-    return LinearReach(lower, upper, model.constant, linear[:, :common], rest)
+    rest = np.where(np.isnan(rest), np.inf, rest)
+    return LinearReach(*widen(lower, upper, deviation), model.constant, linear[:, :common], rest)

@@ -131,11 +131,12 @@ class Curve:
     def range(self, lower: Floats, upper: Floats, derivative: int = 0) -> Interval:
         """Enclose a derivative over intervals ``[lower, upper]``.
 
-        **Sound:** yes; a derivative over a jump of the function is the whole line.
+        **Sound:** yes; a derivative over a jump of the function is the whole line, and so is everything over an
+        interval with an end that is not a number.
         """
         cells = self.cells(derivative)
         first, last = cells.locate(lower, upper)
-        beyond = (lower < -REACH) | (upper > REACH)
+        beyond = ~((lower >= -REACH) & (upper <= REACH))
         if cells.is_stepwise:
             return Interval(
                 np.where(beyond, -np.inf, cells.table[0][first, last]),

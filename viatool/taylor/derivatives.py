@@ -133,9 +133,9 @@ def _mapped(centre: Floats, radius: Floats, weight: Floats, roundings: int) -> H
 
 def _scaled(centre: Floats, radius: Floats, lower: Floats, upper: Floats) -> Hull:
     """Multiply ``centre +- radius`` by ``[lower, upper]``."""
-    middle = lower / 2 + upper / 2
-    half = np.maximum(upper - middle, middle - lower)
     with np.errstate(invalid="ignore", over="ignore"):
+        middle = lower / 2 + upper / 2
+        half = np.maximum(upper - middle, middle - lower)
         product = centre * middle
         spread = np.abs(centre) * half + radius * (np.abs(middle) + half)
         spread = (spread + 2 * ENGINE_ROUNDOFF * np.abs(product)) * SLIGHTLY_MORE + 1e-300

@@ -11,6 +11,7 @@ from viatool.arrays import Floats, Hull, Indices
 from viatool.policy.activations import ActivationFunction, activation
 from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Network, Node, Product
 from viatool.rounding import ENGINE_ROUNDOFF, SLIGHTLY_MORE
+from viatool.sets.bounds import require_ordered
 from viatool.taylor.approximation import Approximation, approximate
 from viatool.taylor.basis import Basis, monomial_basis
 from viatool.taylor.curve import curve_of
@@ -28,10 +29,19 @@ from viatool.taylor.rounding import gamma
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """Input boxes ``[lower, upper]``, (B, n) each."""
+    """Input boxes ``[lower, upper]``, (B, n) each.
+
+    Raises
+    ------
+    BoundsError
+        If an end is not a number, or a lower one is above its upper one: of an empty box everything would hold.
+    """
 
     lower: Floats
     upper: Floats
+
+    def __post_init__(self) -> None:
+        require_ordered("inputs", self.lower, self.upper)
 
     @property
     def centre(self) -> Floats:
@@ -99,6 +109,13 @@ def propagate(
     list of Enclosure
         One for each node; the last is that of the actions. Meaningless for a box in which no point keeps to the limits.
 
+    Raises
+    ------
+    EnclosureError
+        If an activation has no finite enclosure.
+    BoundsError
+        If a hull is crossed although there are no limits.
+
     Notes
     -----
     **Sound:** yes, for the exact network; float64 rounding of the engine is in the remainders.
@@ -115,7 +132,17 @@ def propagate(
         last = enclosures[-1]
         lower, upper = model_range(last.model, thorough=True)
         enclosures[-1] = Enclosure(last.model, np.maximum(last.lower, lower), np.minimum(last.upper, upper))
+    if not limits:  # else crossed hulls are how a box without a point shows
+        for enclosure in enclosures:
+            _require_no_crossing(enclosure)
     return enclosures
+
+
+def _require_no_crossing(enclosure: Enclosure) -> None:
+    """Refuse a hull that holds nothing; one that is not a number says nothing, and nothing is concluded from it."""
+    crossed = enclosure.lower > enclosure.upper
+    if crossed.any():
+        require_ordered("values of a node", enclosure.lower[crossed], enclosure.upper[crossed])
 
 
 def _limited(argument: Enclosure, limit: Hull) -> Enclosure:

@@ -13,11 +13,11 @@ from viatool.arrays import Floats
 from viatool.errors import ConfigurationError, EnclosureError
 from viatool.policy.network import Network
 from viatool.taylor.approximation import Approximation
-from viatool.taylor.attained import climb
+from viatool.taylor.attained import attained_values
 from viatool.taylor.head import hulls_through, split_head, values_through
 from viatool.taylor.propagation import Box, propagate
 from viatool.taylor.refinement import extrema_of, refine_by_pieces, refine_monotone, unfold
-from viatool.taylor.rounding import runtime_deviation
+from viatool.taylor.rounding import runtime_deviation, widen
 from viatool.taylor.splitting import Effort, refine_by_splitting
 
 Refinement = Literal["none", "monotone", "split"]
@@ -156,6 +156,8 @@ def reach(
         If shapes do not fit, eps is negative or not finite, or an option is unknown.
     EnclosureError
         If no finite enclosure exists.
+    BoundsError
+        If bounds come out the wrong way round, which is a fault of viatool.
 
     Notes
     -----
@@ -231,7 +233,7 @@ def _reach_chunk(network: Network, box: Box, settings: _Settings) -> ReachableSe
         extrema = refine_by_pieces(trunk, extrema, passes)
     elif settings.refine != "none":
         extrema = refine_monotone(trunk, extrema, passes, order=settings.order, rule=settings.rule)
-    found = climb(trunk, box, extrema, steps=1 if settings.refine == "none" else 4)
+    found = attained_values(trunk, box, extrema, steps=1 if settings.refine == "none" else 4)
     if settings.refine != "none":
         extrema, found = refine_by_splitting(
             trunk, extrema, found, rule=settings.rule, effort=settings.effort
@@ -247,10 +249,4 @@ def _reach_chunk(network: Network, box: Box, settings: _Settings) -> ReachableSe
             "an action has no finite bounds on some box",
             "make eps smaller, or check the weights and the units of the observation",
         )
-    return ReachableSet(
-        np.nextafter(lower - deviation, -np.inf),
-        np.nextafter(upper + deviation, np.inf),
-        smallest,
-        largest,
-        deviation,
-    )
+    return ReachableSet(*widen(lower, upper, deviation), smallest, largest, deviation)

@@ -15,6 +15,7 @@ from viatool.arrays import Floats, Hull
 from viatool.errors import EnclosureError
 from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Network, Product
 from viatool.rounding import LARGEST, SLIGHTLY_MORE, SMALLEST_NORMAL, UNIT_ROUNDOFF
+from viatool.sets.bounds import require_ordered
 from viatool.taylor.curve import curve_of
 
 # Error of a runtime's activation in unit roundoffs of max(1, |f(x)|, |x|), times the amplitude of its parameters, at
@@ -55,9 +56,9 @@ def gamma(terms: int | Floats, unit: float) -> Floats:
         If ``n u >= 1``: so many terms in so low a precision have no error bound.
     """
     product = np.asarray(terms, dtype=np.float64) * unit
-    if (product >= 0.5).any():
+    if not (product < 0.5).all():
         raise EnclosureError(
-            f"a sum of {int(np.max(terms))} terms in a precision of unit roundoff {unit:g} has no useful error bound",
+            f"a sum of {np.max(terms):g} terms in a precision of unit roundoff {unit:g} has no useful error bound",
             "export the policy in float32",
         )
     return np.asarray(product / (1 - product) * SLIGHTLY_MORE)
@@ -139,6 +140,24 @@ def _deviation(
             if engine or unit <= UNIT_ROUNDOFF[network.nodes[node.source].precision]:
                 return deviation
             return deviation + unit * _reach(hulls[index], deviation) + SMALLEST_NORMAL[precision]
+
+
+def widen(lower: Floats, upper: Floats, deviation: Floats) -> Hull:
+    """Turn bounds of the exact network into bounds of what is at most `deviation` away, all (B, A).
+
+    Raises
+    ------
+    BoundsError
+        If a lower bound is above its upper one.
+
+    Notes
+    -----
+    **Sound:** yes, rounded outward. A bound that is not a number becomes infinite: nothing is known.
+    """
+    lower, upper = np.where(np.isnan(lower), -np.inf, lower), np.where(np.isnan(upper), np.inf, upper)
+    require_ordered("actions", lower, upper)
+    lower, upper = np.nextafter(lower - deviation, -np.inf), np.nextafter(upper + deviation, np.inf)
+    return np.where(np.isnan(lower), -np.inf, lower), np.where(np.isnan(upper), np.inf, upper)
 
 
 def activation_error(name: str, precision: str) -> float:

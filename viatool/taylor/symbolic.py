@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from viatool.errors import ConfigurationError
+from viatool.errors import ConfigurationError, EnclosureError
 from viatool.rounding import SLIGHTLY_MORE
 from viatool.taylor.approximation import Approximation
 from viatool.taylor.model import TaylorModel
@@ -71,6 +71,11 @@ def symbolic_actions(
     list of SymbolicAction
         One for each action; for every error within eps the action lies within the remainder of the polynomial.
 
+    Raises
+    ------
+    EnclosureError
+        If an action has no finite enclosure.
+
     Notes
     -----
     **Sound:** yes up to the printing of the coefficients, which are exact float64 numbers in the expression.
@@ -88,6 +93,10 @@ def symbolic_actions(
     spread = sum((form.norms() for form in model.symbols.values()), model.remainder)[0] * SLIGHTLY_MORE
     if arithmetic == "float32":
         spread = spread + runtime_deviation(policy.network, [enclosure.hull for enclosure in passes])[0]
+    if not np.isfinite(spread).all():
+        raise EnclosureError(
+            "an action has no finite remainder", "make eps smaller, or check the weights of the policy"
+        )
     entries = [sympy.Symbol(f"d_{name}", real=True) for name in entry_names(policy)]
     scaled = [
         entry / radius if radius > 0 else sympy.Integer(0)
