@@ -122,12 +122,13 @@ def _is_float(constant: Constant | None) -> bool:
 
 
 def _relative(error: Array, value: Array) -> int:
-    """Return an error in roundings of each element; elements without an error may be zero."""
+    """Return an error in roundings of each element.
+
+    Elements without an error may be zero; those that are not finite are refused by name where they are used.
+    """
     error, size = np.broadcast_arrays(error, np.abs(np.asarray(value, dtype=np.float64)))
-    if not np.isfinite(size).all():
-        return 0  # refused by name where it is used
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.where(error == 0, 0.0, error / size)
+        share = np.where((error == 0) | ~np.isfinite(size), 0.0, error / size)
     most = float(share.max(initial=0.0))
     if not most <= _MOST:
         raise _no_bound()
