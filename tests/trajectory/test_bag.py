@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from tests.bags import (
     KINDS,
@@ -243,10 +244,124 @@ def wrong(name, messages):
     }[name]()
 
 
-def tilted():
+def tilted(roll=0.0, pitch=0.3, turn=0.0):
+    """Return the transform of a LiDAR that is turned about z, then pitched about its y, then rolled about its x."""
     message = static_transform("base_link", "laser", 0, (0.0, 0.0, 0.0))
-    message.fields["transforms"][0]["transform"]["rotation"] = {"x": 1.0, "y": 0.0, "z": 0.0, "w": 0.0}
+    message.fields["transforms"][0]["transform"]["rotation"] = rotation(roll, pitch, turn)
     return message
+
+
+def rotation(roll, pitch, turn):
+    x, y, z, w = Rotation.from_euler("ZYX", [turn, pitch, roll]).as_quat().tolist()
+    return {"x": x, "y": y, "z": z, "w": w}
+
+
+def mounted(messages, roll, pitch, turn, *, upside_down):
+    """Return messages of a drive whose LiDAR sits so on the robot: its rays as it would have recorded them."""
+    messages = [m for m in copy.deepcopy(messages) if m.topic != "/tf_static"]
+    for message in messages:
+        if message.topic == "/scan":
+            fields = message.fields
+            angles = fields["angle_min"] + fields["angle_increment"] * np.arange(180)  # on the robot
+            if upside_down:
+                fields["ranges"], angles = fields["ranges"][::-1].copy(), turn - angles[::-1]
+            else:
+                angles = angles - turn
+            fields["angle_min"], fields["angle_max"] = float(angles[0]), float(angles[-1])
+    return [*messages, tilted(roll, pitch, turn)]
+
+
+# Rolled by half a turn, and the same as a pitch by half a turn, which faces backwards as well.
+UPSIDE_DOWN = {
+    "rolled": (np.pi, 0.0, 0.0),
+    "rolled and turned": (np.pi, 0.0, 0.7),
+    "pitched": (0.0, np.pi, np.pi),
+    "nearly level": (np.pi - 0.01, 0.01, -0.4),
+}
+
+
+@pytest.mark.parametrize("name", UPSIDE_DOWN)
+def test_a_lidar_that_hangs_upside_down_counts_its_rays_from_the_other_side(tmp_path, plain, name):
+    roll, pitch, turn = UPSIDE_DOWN[name]
+    heading = np.arctan2(*(Rotation.from_euler("ZYX", [turn, pitch, roll]).as_matrix()[1::-1, 0]))
+    messages = mounted(plain[0], roll, pitch, heading, upside_down=True)
+    messages[-1] = tilted(roll, pitch, turn)
+    states = read(tmp_path, messages)
+    np.testing.assert_allclose(states.observations, plain[1].observations, atol=5e-5)
+    assert "upside down" in told(states)
+    assert "upside down" not in told(read(tmp_path / "upright", plain[0]))
+
+
+def test_a_base_that_lies_upside_down_in_the_tree_turns_its_children_over(tmp_path, plain):
+    """The robot's own frame points downwards (as in marine robots) and the LiDAR's upwards: the sensor hangs in it."""
+    messages = [m for m in copy.deepcopy(plain[0]) if m.topic != "/tf_static"]
+    plate = tilted(np.pi, 0.0, 0.5)
+    plate.fields["transforms"][0]["child_frame_id"] = "plate"
+    laser = tilted(np.pi, 0.0, 0.5)  # rolled back; a turn within the plate runs the other way
+    laser.fields["transforms"][0]["header"] = header(0, "plate")
+    states = read(tmp_path, [*messages, plate, laser])
+    np.testing.assert_allclose(states.observations, plain[1].observations, atol=5e-5)
+    assert "upside down" not in told(states)
+
+
+@pytest.mark.parametrize(
+    ("roll", "pitch", "degrees"), [(0.0, 0.3, "17.2"), (0.03, 0.0, "1.7"), (np.pi - 0.2, 0.0, "168.5")]
+)
+def test_a_lidar_that_is_not_level_is_refused_with_its_tilt(tmp_path, plain, roll, pitch, degrees):
+    messages = [*plain[0], tilted(roll, pitch, 0.4)]
+    with pytest.raises(TrajectoryError, match=rf"'laser' is tilted within 'base_link' by {degrees} degrees"):
+        read(tmp_path, messages)
+    assert len(read(tmp_path / "level", [*plain[0], tilted(0.01, 0.01, 0.0)])) == len(plain[1])
+
+
+def test_a_robot_that_lies_upside_down_is_refused(tmp_path, plain, drifted):
+    over = copy.deepcopy([m for m in plain[0] if m.topic == "/odom"][5].fields["pose"])
+    over["pose"]["orientation"] = rotation(np.pi, 0.0, 0.3)
+    with pytest.raises(TrajectoryError, match="odometry message 5 has the robot upside down"):
+        read(tmp_path, changed(plain[0], "/odom", 5, pose=over))
+    messages = copy.deepcopy(drifted[0])
+    for message in messages:
+        if message.topic == "/tf":
+            message.fields["transforms"][0]["transform"]["rotation"] = rotation(np.pi, 0.0, 0.7)
+    with pytest.raises(TrajectoryError, match="'odom' lies upside down in 'map'"):
+        read(tmp_path / "tree", messages)
+
+
+@pytest.mark.parametrize("kind", ["mcap", "sqlite3"])
+def test_the_folder_of_a_bag_that_lost_its_metadata_is_read(tmp_path, plain, kind):
+    folder = write_bag(tmp_path / "run", plain[0], kind)
+    whole = load_trajectory(folder, SPECIFICATION, SETTINGS)
+    (folder / "metadata.yaml").unlink()
+    (folder / "notes.txt").write_text("copied by hand", encoding="utf-8")
+    states = load_trajectory(folder, SPECIFICATION, SETTINGS)
+    np.testing.assert_array_equal(states.observations, whole.observations)
+    assert states.scenarios[0].name == "run"
+
+
+@pytest.mark.parametrize("kind", ["mcap", "sqlite3"])
+def test_the_parts_of_a_split_bag_without_metadata_are_read_in_their_order(tmp_path, plain, kind):
+    half = plain[0][len(plain[0]) // 2].received
+    frames = [m for m in plain[0] if m.topic == "/tf_static"]
+    late = [m for m in plain[0] if m.received >= half]
+    parts = [[m for m in plain[0] if m.received < half], [*frames, *late]]
+    (tmp_path / "run").mkdir()
+    for number, messages in enumerate(parts):
+        file = only_file(write_bag(tmp_path / f"part{number}", messages, kind))
+        file.rename(tmp_path / "run" / f"run_{number}{file.suffix}")
+    states = load_trajectory(tmp_path / "run", SPECIFICATION, SETTINGS)
+    np.testing.assert_allclose(states.poses, plain[1].poses, atol=1e-12)
+    (tmp_path / "run" / f"run_0{file.suffix}").rename(tmp_path / "run" / f"other{file.suffix}")
+    with pytest.raises(
+        TrajectoryError, match=r"holds 2 files \(other.*, run_1.*\) and no metadata.yaml"
+    ) as caught:
+        load_trajectory(tmp_path / "run", SPECIFICATION, SETTINGS)
+    assert "name one of the files" in caught.value.hint
+
+
+def test_a_folder_that_is_no_bag_is_named_as_a_folder(tmp_path):
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(TrajectoryError, match=r"empty' is a folder without metadata.yaml and without a .bag"):
+        load_trajectory(tmp_path / "empty", SPECIFICATION, SETTINGS)
 
 
 @pytest.mark.parametrize(

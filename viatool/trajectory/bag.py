@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from array import array
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -15,7 +16,7 @@ import numpy as np
 from viatool.arrays import Floats, Indices
 from viatool.errors import TrajectoryError, ViatoolError
 from viatool.trajectory.scans import Scans
-from viatool.trajectory.transforms import Transforms, heading_of
+from viatool.trajectory.transforms import Transforms, heading_of, side_of
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
 
 SUFFIXES = (".bag", ".mcap", ".db3")
+METADATA = "metadata.yaml"
 ODOMETRY = "nav_msgs/msg/Odometry"
 SCAN = "sensor_msgs/msg/LaserScan"
 STAMPED = ("geometry_msgs/msg/TwistStamped", ODOMETRY)
@@ -70,8 +72,40 @@ class Topics:
 
 
 def is_bag(path: Path) -> bool:
-    """Tell whether a path is a bag: a .bag, .mcap or .db3 file, or the folder of a ROS 2 bag."""
-    return path.suffix.lower() in SUFFIXES or (path / "metadata.yaml").is_file()
+    """Tell whether a path is a bag: a .bag, .mcap or .db3 file, or a folder that holds one or its metadata.yaml."""
+    return path.suffix.lower() in SUFFIXES or (path / METADATA).is_file() or bool(_files_in(path))
+
+
+def _files_in(folder: Path) -> list[Path]:
+    """Return the files of bags in a folder, by name; none of what is no folder."""
+    if not folder.is_dir():
+        return []
+    return sorted(entry for entry in folder.iterdir() if entry.suffix.lower() in SUFFIXES and entry.is_file())
+
+
+def _parts(path: Path) -> list[Path]:
+    """Return what to open for a bag: itself, or the files of a folder that lost its metadata.yaml.
+
+    Raises
+    ------
+    TrajectoryError
+        If it cannot be told that the files of such a folder are the parts of one recording.
+    """
+    if not path.is_dir() or (path / METADATA).is_file():
+        return [path]
+    files = _files_in(path)
+    if len(files) == 1:
+        return files
+    numbered = {file: re.fullmatch(r"(.*)_(\d+)(\.\w+)", file.name) for file in files}
+    parts = sorted((match[1], match[3], int(match[2]), file) for file, match in numbered.items() if match)
+    one = len({part[:2] for part in parts}) == 1
+    if one and [part[2] for part in parts] == list(range(len(files))):  # as ros2 bag splits a recording
+        return [part[3] for part in parts]
+    raise TrajectoryError(
+        f"the folder holds {len(files)} files ({', '.join(file.name for file in files)}) and no {METADATA} that would "
+        "say how they belong together",
+        f"name one of the files, or write the {METADATA} anew with 'ros2 bag reindex'",
+    )
 
 
 @contextmanager
@@ -81,7 +115,7 @@ def open_bag(path: Path, topics: Topics, *, commands: bool) -> Iterator[Bag]:
     Parameters
     ----------
     path : Path
-        A ROS 1 bag, a ROS 2 folder, or a single mcap or sqlite3 file.
+        A ROS 1 bag, a ROS 2 folder (also one without its metadata.yaml), or a single mcap or sqlite3 file.
     topics : Topics
         Which topics.
     commands : bool
@@ -120,7 +154,7 @@ def _opened(path: Path) -> Iterator[AnyReader]:
     from rosbags.typesys import Stores, get_typestore
 
     with _readable():
-        reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+        reader = AnyReader(_parts(path), default_typestore=get_typestore(Stores.ROS2_HUMBLE))
         reader.open()
     try:
         yield reader
@@ -186,8 +220,14 @@ def _read_odometry(reader: AnyReader, connections: list[Connection]) -> Odometry
     stamps, poses, frames = array("q"), array("d"), set()
     for _, message in _messages(reader, connections):
         pose = message.pose.pose
+        rotation = _quaternion(pose.orientation)
+        if side_of(rotation) < 0:
+            raise TrajectoryError(
+                f"odometry message {len(stamps)} has the robot upside down",
+                "check the node that published it",
+            )
         stamps.append(_stamp(message.header))
-        poses.extend((pose.position.x, pose.position.y, heading_of(_quaternion(pose.orientation))))
+        poses.extend((pose.position.x, pose.position.y, heading_of(rotation)))
         frames.add((_frame(message.header.frame_id), _frame(message.child_frame_id)))
     table = np.array(poses).reshape(-1, 3)
     bad = np.flatnonzero(~np.isfinite(table).all(axis=1))

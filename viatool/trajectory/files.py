@@ -60,6 +60,11 @@ def load_trajectory(
     path = Path(path)
     if is_bag(path) and path.exists():
         return _named(path, lambda: load_bag(path, specification, bag or BagSettings()))
+    if path.is_dir():
+        raise TrajectoryError(
+            f"trajectory '{path}' is a folder without metadata.yaml and without a {', '.join(BAGS)} file",
+            "give the folder of a ROS 2 bag, or a file",
+        )
     if not path.is_file():
         raise TrajectoryError(f"trajectory '{path}' is not a file", "check the path")
     reader = _READERS.get(path.suffix.lower())

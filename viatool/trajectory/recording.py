@@ -16,7 +16,7 @@ from viatool.trajectory.bag import Bag, Topics, open_bag
 from viatool.trajectory.rows import Rows
 from viatool.trajectory.scans import Readings, Scans, bin_scans
 from viatool.trajectory.trajectory import Trajectory
-from viatool.trajectory.transforms import compose, interpolate
+from viatool.trajectory.transforms import compose, interpolate, turns_between
 
 if TYPE_CHECKING:
     from viatool.policy import LidarSpecification, ObservationChannel, PolicySpecification
@@ -142,6 +142,15 @@ def _needs(
     return next((channel.lidar for channel in free if channel.kind == "lidar"), None), needed
 
 
+@dataclass(frozen=True)
+class _Mount:
+    """How a LiDAR sits on the robot: heading in rad, side (-1: upside down), distance from the origin in m."""
+
+    yaw: float = 0.0
+    side: int = 1
+    away: float = 0.0
+
+
 class _Gathered:
     """Makes states of scans, some at a time, and remembers what was assumed and left out.
 
@@ -159,7 +168,7 @@ class _Gathered:
         self.bag, self.lidar, self.settings = bag, lidar, settings
         self.first = self.scans = self.kept = self.waiting = 0
         self.lost = dict.fromkeys(_REASONS, 0)
-        self.mounted: tuple[float, float] | None = None
+        self.mounted: _Mount | None = None
         self.seen = Readings()
 
     def states(self, scans: Scans, channels: Sequence[ObservationChannel]) -> tuple[Indices, Floats, Floats]:
@@ -192,7 +201,12 @@ class _Gathered:
         poses, known = interpolate(odometry.stamps, odometry.poses, at, gap)
         if odometry.frame == self._frame:
             return poses, known
-        drift, seen = self.bag.transforms.locate(odometry.frame, self._frame, at, gap)
+        drift, seen, side = self.bag.transforms.locate(odometry.frame, self._frame, at, gap)
+        if side < 0:
+            raise TrajectoryError(
+                f"the odometry's frame '{odometry.frame}' lies upside down in '{self._frame}'",
+                "record odometry in a frame whose z axis points upwards (REP 103)",
+            )
         return compose(drift, poses), known & seen
 
     @property
@@ -205,26 +219,27 @@ class _Gathered:
             return np.zeros((len(scans), 0))
         if self.mounted is None:
             self.mounted = self._mount(scans.frame)
-        yaw, _ = self.mounted
-        return bin_scans(scans, self.lidar, yaw, self.seen)
+        return bin_scans(scans, self.lidar, self.mounted.yaw, self.mounted.side, self.seen)
 
-    def _mount(self, sensor: str) -> tuple[float, float]:
-        """Return the heading of the LiDAR on the robot, and its distance from the robot's origin."""
+    def _mount(self, sensor: str) -> _Mount:
+        """Return how the LiDAR sits on the robot."""
         robot = self.bag.odometry.child
         if sensor == robot:
-            return 0.0, 0.0
-        mount = self.bag.transforms.mount(sensor, robot, self.settings.gap)
+            return _Mount()
+        mount, side = self.bag.transforms.mount(sensor, robot, self.settings.gap)
         if not len(mount):
             raise TrajectoryError(
                 f"the transforms between the robot '{robot}' and the LiDAR '{sensor}' are never known at one time",
                 "record /tf and /tf_static throughout",
             )
-        if np.abs(mount - mount[0]).max() > 1e-3:
+        moved = mount - mount[0]
+        moved[:, 2] = turns_between(mount[0, 2], mount[:, 2])
+        if np.abs(moved).max() > 1e-3:
             raise TrajectoryError(
                 f"the LiDAR '{sensor}' moves on the robot '{robot}'", "record a LiDAR that is fixed to it"
             )
         x, y, yaw = mount[0].tolist()
-        return yaw, float(np.hypot(x, y))
+        return _Mount(yaw, side, float(np.hypot(x, y)))
 
     def _previous(self, scans: Scans) -> tuple[Floats, Booleans]:
         """Return the command before each scan, (S, 2), and whether it is known; standing still before the first."""
@@ -247,9 +262,13 @@ class _Gathered:
             notes = [f"odometry is given in the frame '{frame}', taken as the map's"]
         else:
             notes = [f"odometry in '{odometry}', moved by the recorded transform from '{frame}'"]
-        _, away = self.mounted or (0.0, 0.0)
-        if away > 1e-3:
-            notes.append(f"the LiDAR stands {away:.3f} m from the robot's origin; poses are the origin's")
+        mounted = self.mounted or _Mount()
+        if mounted.away > 1e-3:
+            notes.append(
+                f"the LiDAR stands {mounted.away:.3f} m from the robot's origin; poses are the origin's"
+            )
+        if mounted.side < 0:
+            notes.append("the LiDAR is mounted upside down; its rays count from the other side")
         if self.lidar is not None:
             notes += self.seen.notes(self.lidar)
         if self.waiting:

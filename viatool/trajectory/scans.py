@@ -78,7 +78,7 @@ class Readings:
         return found
 
 
-def bin_scans(scans: Scans, lidar: LidarSpecification, yaw: float, seen: Readings) -> Floats:
+def bin_scans(scans: Scans, lidar: LidarSpecification, yaw: float, side: int, seen: Readings) -> Floats:
     """Return the least distance in each bin, as the simulated sensor does.
 
     Parameters
@@ -89,6 +89,8 @@ def bin_scans(scans: Scans, lidar: LidarSpecification, yaw: float, seen: Reading
         What the policy observes: each recorded ray belongs to the bin of the nearest specified ray.
     yaw : float
         Heading of the sensor on the robot, in radians.
+    side : int
+        1 for a sensor that stands upright, -1 for one that hangs upside down: its rays then run clockwise.
     seen : Readings
         Counts on.
 
@@ -107,7 +109,7 @@ def bin_scans(scans: Scans, lidar: LidarSpecification, yaw: float, seen: Reading
     kinds, kind = np.unique(shapes, axis=0, return_inverse=True)
     for index, (first, step, least, largest, rays) in enumerate(kinds):
         rows = np.flatnonzero(kind.reshape(-1) == index)
-        bins = _bin_of_rays(first + step * np.arange(int(rays)) + yaw, lidar)
+        bins = _bin_of_rays(side * (first + step * np.arange(int(rays))) + yaw, lidar)
         chosen = np.flatnonzero(bins >= 0)
         chosen = chosen[np.argsort(bins[chosen], kind="stable")]
         _check_bins(bins[chosen], lidar, first, step, int(rays))

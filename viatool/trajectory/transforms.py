@@ -1,4 +1,8 @@
-"""Transforms between the frames of a recording, seen from above."""
+"""Transforms between the frames of a recording, seen from above.
+
+A level frame lies upright in its parent (side 1) or upside down (side -1): rolled by half a turn, its y axis points the
+other way, and what turns to the left in it turns to the right seen from above.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +14,7 @@ import numpy as np
 from viatool.arrays import Booleans, Floats, Indices
 from viatool.errors import TrajectoryError
 
-_TILT = 0.02  # how far from upright a frame may be, as the sine of the angle
+_TILT = 0.02  # rad from level, 1.1 degrees: over 5 m, a beam then leaves the plane of the scan by 10 cm
 
 
 @dataclass
@@ -20,6 +24,7 @@ class _Edge:
     parent: str
     stamps: array[int] = field(default_factory=lambda: array("q"))
     poses: array[float] = field(default_factory=lambda: array("d"))  # x, y, theta one after the other
+    side: int = 1
     static: bool = False
     complaint: TrajectoryError | None = None
     _sorted: tuple[Indices, Floats] | None = None
@@ -43,7 +48,7 @@ class _Edge:
 
 
 class Transforms:
-    """The tree of frames, each planar in its parent; stamps in nanoseconds."""
+    """The tree of frames, each level in its parent, upright or upside down; stamps in nanoseconds."""
 
     def __init__(self) -> None:
         self._edges: dict[str, _Edge] = {}
@@ -59,13 +64,13 @@ class Transforms:
         static: bool,
     ) -> None:
         """Add one observed transform; what is wrong with it counts only if the frame is asked for."""
-        edge = self._edges.setdefault(child, _Edge(parent))
-        yaw = heading_of(quaternion)
+        yaw, side = heading_of(quaternion), side_of(quaternion)
+        edge = self._edges.setdefault(child, _Edge(parent, side=side))
         if edge.complaint is None:
             edge.complaint = _complain(edge, child, parent, (*translation, yaw), quaternion)
         edge.add(stamp, (*translation, yaw), static=static)
 
-    def locate(self, child: str, parent: str, stamps: Indices, gap: float) -> tuple[Floats, Booleans]:
+    def locate(self, child: str, parent: str, stamps: Indices, gap: float) -> tuple[Floats, Booleans, int]:
         """Return how one frame lies in another.
 
         Parameters
@@ -79,21 +84,22 @@ class Transforms:
 
         Returns
         -------
-        tuple of ndarray
-            (N, 3) x, y, theta, and (N,) bool whether it is known at that time.
+        tuple
+            (N, 3) x, y, theta, (N,) bool whether it is known at that time, and the side, 1 or -1.
 
         Raises
         ------
         TrajectoryError
-            If the frames are not connected, or not upright in each other.
+            If the frames are not connected, or not level in each other.
         """
         up, down = self._between(child, parent)
-        inner, inner_known = self._climb(up, stamps, gap)
-        outer, outer_known = self._climb(down, stamps, gap)
-        return compose(invert(outer), inner), inner_known & outer_known
+        inner, inner_known, inner_side = self._climb(up, stamps, gap)
+        outer, outer_known, outer_side = self._climb(down, stamps, gap)
+        poses = compose(invert(outer, outer_side), inner, outer_side)
+        return poses, inner_known & outer_known, inner_side * outer_side
 
-    def mount(self, child: str, parent: str, gap: float) -> Floats:
-        """Return how one frame lay in another whenever a frame between them was observed, (K, 3).
+    def mount(self, child: str, parent: str, gap: float) -> tuple[Floats, int]:
+        """Return how one frame lay in another whenever a frame between them was observed, (K, 3), and its side.
 
         Raises
         ------
@@ -105,8 +111,8 @@ class Transforms:
             edge.observed()[0] for edge in map(self._edges.__getitem__, (*up, *down)) if not edge.static
         ]
         stamps = np.unique(np.concatenate([np.zeros(0 if moving else 1, np.int64), *moving]))
-        poses, known = self.locate(child, parent, stamps, gap)
-        return poses[known]
+        poses, known, side = self.locate(child, parent, stamps, gap)
+        return poses[known], side
 
     def _between(self, child: str, parent: str) -> tuple[list[str], list[str]]:
         """Return the frames that lie below the common ancestor of two frames, from each of them upwards."""
@@ -142,9 +148,9 @@ class Transforms:
         if edge is not None and edge.complaint is not None:
             raise edge.complaint
 
-    def _climb(self, frames: list[str], stamps: Indices, gap: float) -> tuple[Floats, Booleans]:
-        """Return how the first of the frames lies in the parent of the last."""
-        poses, known = np.zeros((len(stamps), 3)), np.ones(len(stamps), dtype=bool)
+    def _climb(self, frames: list[str], stamps: Indices, gap: float) -> tuple[Floats, Booleans, int]:
+        """Return how the first of the frames lies in the parent of the last, when that is known, and its side."""
+        poses, known, side = np.zeros((len(stamps), 3)), np.ones(len(stamps), dtype=bool), 1
         for frame in frames:
             edge = self._edges[frame]
             self._check(frame)
@@ -153,8 +159,8 @@ class Transforms:
             else:
                 around, seen = interpolate(*edge.observed(), stamps, gap)
                 known = known & seen
-            poses = compose(around, poses)
-        return poses, known
+            poses, side = compose(around, poses, edge.side), side * edge.side
+        return poses, known, side
 
 
 def _complain(
@@ -165,7 +171,6 @@ def _complain(
     quaternion: tuple[float, float, float, float],
 ) -> TrajectoryError | None:
     """Return what makes a transform useless, if anything does."""
-    x, y, z, w = quaternion
     if edge.parent != parent:
         return TrajectoryError(
             f"frame '{child}' lies in '{edge.parent}' and in '{parent}'", "record one tree of transforms"
@@ -174,12 +179,29 @@ def _complain(
         return TrajectoryError(
             f"a transform from '{parent}' to '{child}' is not finite", "check the node that published it"
         )
-    if 2.0 * np.hypot(w * x + y * z, w * y - x * z) > _TILT or x * x + y * y >= 0.5:
+    tilt, side = tilt_of(quaternion), side_of(quaternion)
+    if not min(tilt, np.pi - tilt) <= _TILT:
         return TrajectoryError(
-            f"frame '{child}' is tilted within '{parent}'",
+            f"frame '{child}' is tilted within '{parent}' by {np.degrees(tilt):.1f} degrees, expected 0 (upright) or "
+            f"180 (upside down) within {np.degrees(_TILT):.1f}",
             "record the scan of a level LiDAR; others do not see a plane of the map",
         )
+    if side != edge.side:
+        return TrajectoryError(
+            f"frame '{child}' turns over within '{parent}'", "record a LiDAR that is fixed"
+        )
     return None
+
+
+def tilt_of(quaternion: tuple[float, float, float, float]) -> float:
+    """Return the angle between the z axes of a frame and its parent, in [0, pi] rad; NaN for what is no number."""
+    x, y, z, w = quaternion
+    return float(np.arctan2(2.0 * np.hypot(w * x + y * z, w * y - x * z), w * w + z * z - x * x - y * y))
+
+
+def side_of(quaternion: tuple[float, float, float, float]) -> int:
+    """Return 1 for a frame whose z axis points upwards, -1 for one that lies upside down."""
+    return -1 if tilt_of(quaternion) > 0.5 * np.pi else 1
 
 
 def heading_of(quaternion: tuple[float, float, float, float]) -> float:
@@ -191,20 +213,25 @@ def heading_of(quaternion: tuple[float, float, float, float]) -> float:
     return float(np.arctan2(2.0 * (w * z + x * y), length - 2.0 * (y * y + z * z)))
 
 
-def compose(outer: Floats, inner: Floats) -> Floats:
-    """Return poses (N, 3) given within frames that lie at `outer` (N, 3), seen from outside."""
-    cosine, sine = np.cos(outer[:, 2]), np.sin(outer[:, 2])
-    x = outer[:, 0] + cosine * inner[:, 0] - sine * inner[:, 1]
-    y = outer[:, 1] + sine * inner[:, 0] + cosine * inner[:, 1]
-    return np.column_stack([x, y, _wrap(outer[:, 2] + inner[:, 2])])
+def compose(outer: Floats, inner: Floats, side: int = 1) -> Floats:
+    """Return poses (N, 3) given within frames that lie at `outer` (N, 3) on a side, seen from outside."""
+    cosine, sine, across = np.cos(outer[:, 2]), np.sin(outer[:, 2]), side * inner[:, 1]
+    x = outer[:, 0] + cosine * inner[:, 0] - sine * across
+    y = outer[:, 1] + sine * inner[:, 0] + cosine * across
+    return np.column_stack([x, y, _wrap(outer[:, 2] + side * inner[:, 2])])
 
 
-def invert(poses: Floats) -> Floats:
-    """Return the poses (N, 3) of the outer frames within the inner ones."""
+def invert(poses: Floats, side: int = 1) -> Floats:
+    """Return the poses (N, 3) of the outer frames within the inner ones, which lie on a side of them."""
     cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])
     x = -cosine * poses[:, 0] - sine * poses[:, 1]
-    y = sine * poses[:, 0] - cosine * poses[:, 1]
-    return np.column_stack([x, y, -poses[:, 2]])
+    y = side * (sine * poses[:, 0] - cosine * poses[:, 1])
+    return np.column_stack([x, y, -side * poses[:, 2]])
+
+
+def turns_between(first: Floats, second: Floats) -> Floats:
+    """Return the turns from headings to others, in (-pi, pi]."""
+    return _wrap(second - first)
 
 
 def interpolate(stamps: Indices, poses: Floats, at: Indices, gap: float) -> tuple[Floats, Booleans]:
@@ -232,7 +259,7 @@ def interpolate(stamps: Indices, poses: Floats, at: Indices, gap: float) -> tupl
     known = (stamps[before] <= at) & (at <= stamps[after]) & (span <= gap)
     share = np.where(span > 0.0, (at - stamps[before]) * 1e-9 / np.where(span > 0.0, span, 1.0), 0.0)
     step = poses[after] - poses[before]
-    step[:, 2] = _wrap(step[:, 2])
+    step[:, 2] = turns_between(poses[before, 2], poses[after, 2])
     found = poses[before] + share[:, None] * step
     found[:, 2] = _wrap(found[:, 2])
     return found, np.asarray(known, dtype=bool)
