@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import re
 import sys
 import traceback
 
@@ -73,7 +74,7 @@ def compose(message: str, hint: str = "") -> str:
     text = f"error: {message}\nhint: {hint}" if hint else f"error: {message}"
     # Names of files and fields come from others and shall not steer the terminal.
     text = "".join(character if character.isprintable() or character == "\n" else "?" for character in text)
-    return text.replace("::", ": :")  # nor give a command to a CI system that reads the log
+    return re.sub(":(?=:)", ": ", text)  # nor give a command to a CI system that reads the log
 
 
 def _usage(error: click.UsageError) -> str:

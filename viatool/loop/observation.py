@@ -78,7 +78,7 @@ class Sensors:
             np.concatenate([part.centre for part in parts], axis=1),
             np.concatenate([part.slope for part in parts], axis=2),
             np.concatenate([part.rest for part in parts], axis=1),
-        )
+        ).checked()
 
     def _goal_forms(self, boxes: PoseBoxes) -> dict[str, Forms]:
         """Return the forms (C, 1) of the channels that see the goal."""

@@ -68,7 +68,9 @@ def keep_away(
     retreats = np.abs(off) + opening + slack < 0.5 * np.pi
     retreats &= ((lower[:, 0] >= 0.0) & (left - right < np.pi))[:, None]
     stays = (lower[:, 0] == 0.0) & (upper[:, 0] == 0.0)
-    return np.asarray(stays | (far | retreats).all(axis=1))
+    # Neither reads all of these, so what is NaN would be proved by what is not.
+    known = np.isfinite(distance).all(axis=1) & (lower <= upper).all(axis=1)
+    return np.asarray(known & (stays | (far | retreats).all(axis=1)))
 
 
 def turns(manoeuvre: Manoeuvre, lower: Floats, upper: Floats) -> tuple[Floats, Floats]:

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from viatool.arrays import Floats, Indices
 from viatool.rounding import SLIGHTLY_MORE, SPARE
+from viatool.sets.bounds import require_ordered
 from viatool.sets.forms import Forms, PoseBoxes
 from viatool.sets.states import StateBoxes
 
@@ -97,6 +98,7 @@ def cut_by_heading(
     Sound: yes. Every set is covered from its first heading to its last one, whatever the rounding of the sectors' ends.
     """
     low, high = bounds
+    require_ordered("states after an interval", low, high, finite=True, rounding=SPARE)
     there, first, which = np.unique(tube, return_index=True, return_inverse=True)
     if not len(there):
         return Parts(tube, low, high)

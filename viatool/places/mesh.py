@@ -18,11 +18,13 @@ from viatool.arrays import Booleans, Floats, Indices
 from viatool.places.findings import Findings
 from viatool.places.tree import AXES, Lattice
 from viatool.rounding import SLIGHTLY_MORE, SPARE
+from viatool.sets.bounds import require_ordered
 from viatool.sets.forms import PoseBoxes
 from viatool.sets.states import StateBoxes
 
 _THETA = 2
 _AT_ONCE = 1 << 20
+_MOST = np.iinfo(np.int16).max
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +75,11 @@ class Mesh:
         """Return the number of cells."""
         return int(np.prod(self.count))
 
+    @property
+    def countable(self) -> bool:
+        """Tell whether the numbers of `Ranges` suffice, headings for two turns."""
+        return int((self.count * np.where(np.arange(len(AXES)) == _THETA, 2, 1)).max()) <= _MOST
+
     def bounds(self, number: Indices) -> tuple[Floats, Floats]:
         """Return lower and upper ends of cells, (C, 5), the same numbers for neighbours."""
         index = np.stack(np.unravel_index(number, self.count), axis=1)
@@ -86,6 +93,7 @@ class Mesh:
         Sound: yes; a state on the border of two cells is in both, and either will do. What lies beyond the mesh is
         left out.
         """
+        require_ordered("states after an interval", lower, upper, finite=True, rounding=SPARE)
         first = np.floor((lower - self.origin) / self.size)
         first -= self.origin + first * self.size > lower
         last = np.ceil((upper - self.origin) / self.size) - 1.0

@@ -249,6 +249,11 @@ def look_ahead(
         raise ConfigurationError(
             f"{len(mesh):,} smallest cells are too many to look ahead", "make the smallest cells larger"
         )
+    if not mesh.countable:
+        raise ConfigurationError(
+            f"{int(mesh.count.max()):,} smallest cells side by side are too many to look ahead",
+            "make the smallest cells larger",
+        )
     status = mesh.statuses(lattice, findings)
     status[_without_free_pose(question, mesh) & (status > BLOCKED)] = BLOCKED  # parts of larger leaves
     reached = _within(mesh, goal, outlook.goal_radius) & (status != BLOCKED)

@@ -10,6 +10,7 @@ from viatool.arrays import Booleans, Floats
 from viatool.motion.manoeuvre import Manoeuvre
 from viatool.safety.enclosure import MotionBoxes, enclose
 from viatool.safety.situations import Situations
+from viatool.sets.bounds import require_ordered
 from viatool.world import Footprint
 
 
@@ -79,23 +80,32 @@ def prove_clearance(
     Proof
         Of B states.
 
+    Raises
+    ------
+    BoundsError
+        If an action box or a box of poses is empty or NaN.
+
     Notes
     -----
     Sound: yes, `proved` by the enclosure of every piece; `refuted` likewise, by a command that fails for
-    certain. The pieces of one state cover its box at every level: a piece leaves only when it is proved.
+    certain. The pieces of one state cover its box at every level: a piece leaves only when it is proved,
+    and what is NaN is neither proved nor refuted.
     Cost: one distance query per state that the first test decides, and a few per level for one that lies on
     the edge.
     """
     effort = effort or Effort()
+    require_ordered("commands", lower, upper)
+    if situations.radii is not None:
+        require_ordered("half-widths of poses", np.zeros_like(situations.radii), situations.radii)
     proved, refuted = np.ones(len(lower), dtype=bool), np.zeros(len(lower), dtype=bool)
     cells = MotionBoxes.whole(lower, upper, situations.radii)
     for level in range(effort.levels + 1):
         found = enclose(cells, situations, manoeuvre, footprint)
         refuted[cells.state[found.attained < threshold]] = True
-        open_ = (found.least <= threshold) & ~refuted[cells.state]
+        open_ = ~(found.least > threshold) & ~refuted[cells.state]
         cells, shares = cells.select(open_), found.shares[open_]
         crowded = np.bincount(cells.state, minlength=len(lower)) > effort.cells
-        hopeless = cells.state[shares.sum(axis=1) < effort.tolerance]
+        hopeless = cells.state[~(shares.sum(axis=1) >= effort.tolerance)]
         crowded[hopeless] = True
         if level == effort.levels:
             crowded[cells.state] = True

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from viatool.arrays import Floats, Plane
 from viatool.rounding import SIGHT_ROUNDING
+from viatool.sets.bounds import require_ordered
 
 ROUNDING = SIGHT_ROUNDING
 
@@ -36,6 +37,12 @@ class PoseBoxes:
     def select(self, which: NDArray[Any] | slice) -> PoseBoxes:
         """Return some of the boxes."""
         return PoseBoxes(self.centre[which], self.radius[which])
+
+    def checked(self) -> PoseBoxes:
+        """Return the boxes themselves; BoundsError if one of them is empty, unbounded or NaN."""
+        require_ordered("half-widths of poses", np.zeros_like(self.radius), self.radius, finite=True)
+        require_ordered("poses", self.centre, self.centre, finite=True)
+        return self
 
     @property
     def places(self) -> Plane:
@@ -78,6 +85,12 @@ class Forms:
         return cls(
             middle, np.zeros((len(middle), 3, middle.shape[1])), np.maximum(upper - middle, middle - lower)
         )
+
+    def checked(self) -> Forms:
+        """Return the forms themselves; BoundsError if one of them is unbounded or NaN, or its rest negative."""
+        require_ordered("rests of linear forms", np.zeros_like(self.rest), self.rest, finite=True)
+        require_ordered("linear forms", self.lower, self.upper, finite=True)
+        return self
 
     @property
     def lower(self) -> Floats:

@@ -8,6 +8,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from viatool.arrays import Floats
+from viatool.sets.bounds import require_ordered
 from viatool.sets.forms import PoseBoxes
 
 
@@ -34,3 +35,9 @@ class StateBoxes:
     def select(self, which: NDArray[Any] | slice) -> StateBoxes:
         """Return some of the cells."""
         return StateBoxes(self.poses.select(which), self.previous_lower[which], self.previous_upper[which])
+
+    def checked(self) -> StateBoxes:
+        """Return the cells themselves; BoundsError if one of them is empty, unbounded or NaN."""
+        self.poses.checked()
+        require_ordered("commands before", self.previous_lower, self.previous_upper, finite=True)
+        return self

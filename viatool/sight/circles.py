@@ -21,7 +21,7 @@ def see_circles(boxes: PoseBoxes, shapes: Shapes, lidar: Lidar, slack: float) ->
     grown = shapes.radii + boxes.extent[:, None] + slack
     heading = np.angle(away) - boxes.centre[:, 2, None]
     half = half_angle(grown, distance) + boxes.turn[:, None] + slack
-    near = distance - grown < lidar.maximum_range
+    near = ~(distance - grown >= lidar.maximum_range)
     rays = Rays.between(boxes, lidar, heading - half, heading + half, near)
     w, far = np.conj(rays.along) * away[rays.box, rays.shape], distance[rays.box, rays.shape]
     error, radius = turning_error(far, rays), shapes.radii[rays.shape]

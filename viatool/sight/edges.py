@@ -21,7 +21,8 @@ def see_edges(boxes: PoseBoxes, shapes: Shapes, lidar: Lidar, slack: float) -> G
     first, second = (ends - boxes.places[:, None] for ends in (shapes.first, shapes.second))  # (C, M)
     distance = normal.real * first.real + normal.imag * first.imag
     spread = np.abs(normal.real) * boxes.radius[:, 0, None] + np.abs(normal.imag) * boxes.radius[:, 1, None]
-    near = (distance - spread < lidar.maximum_range + slack) & (distance + spread > -slack)
+    beyond, behind = distance - spread >= lidar.maximum_range + slack, distance + spread <= -slack
+    near = ~(beyond | behind)
     rays = Rays.between(boxes, lidar, *_bearings(boxes, first, second, distance, slack), near)
     at = (rays.box, rays.shape)
     missed, crossed, least, most = _between_ends(rays, first[at], second[at], slack)

@@ -103,6 +103,8 @@ def _rays_between(
     """Return box, shape and ray, (T,) each, of all rays between two bearings (C, N), wherever they are near."""
     box, shape = np.nonzero(near)
     low, high = low[box, shape], high[box, shape]
+    known = low <= high  # every ray may meet what lies in no known direction
+    low, high = np.where(known, low, -np.pi), np.where(known, high, np.pi)
     half = 0.5 * lidar.field_of_view if lidar.rays > 1 else 0.0
     step = lidar.field_of_view / max(lidar.rays - 1, 1)
     high = np.minimum(high, low + 2.0 * np.pi)

@@ -68,6 +68,7 @@ def enclose_scan(boxes: PoseBoxes, shapes: Shapes, lidar: Lidar) -> Forms:
     slack = SIGHT_ROUNDING * (
         shapes.scale + lidar.maximum_range + float(np.abs(boxes.centre).max(initial=0.0))
     )
+    boxes.checked()
     parts = [see_circles(boxes, shapes, lidar, slack), see_edges(boxes, shapes, lidar, slack)]
     return _bins(parts, len(boxes), lidar, slack)
 
