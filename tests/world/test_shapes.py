@@ -16,7 +16,7 @@ from viatool.world import (
     simple_polygon,
     wall_polygons,
 )
-from viatool.world.shapes import centroid, is_convex, signed_area
+from viatool.world.rings import centroid, is_convex, signed_area
 
 
 def test_a_box_has_its_size_and_yaw() -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from viatool.errors import TrajectoryError
+from viatool.errors import MapError, TrajectoryError
 
 if TYPE_CHECKING:
     from viatool.world import Scenario
@@ -35,7 +35,7 @@ def read_scenario(text: str) -> Scenario | None:
     Raises
     ------
     TrajectoryError
-        If the text is not such a JSON object.
+        If the text is not such a JSON object, or holds an obstacle that is none.
     """
     if not text:
         return None
@@ -47,12 +47,13 @@ def read_scenario(text: str) -> Scenario | None:
         circles = np.array(fields["circles"], dtype=np.float64).reshape(-1, 3)
         x, y, theta = (float(value) for value in fields["start"])
         goal_x, goal_y = (float(value) for value in fields["goal"])
-        name = str(fields["name"])
-    except (ValueError, TypeError, KeyError) as error:
+        return Scenario(str(fields["name"]), (x, y, theta), (goal_x, goal_y), Obstacles(circles, polygons))
+    except MapError as error:
+        raise TrajectoryError(
+            f"trajectory has the scenario '{text[:80]}': {error.message}", error.hint
+        ) from error
+    except (ValueError, TypeError, KeyError, OverflowError) as error:
         raise TrajectoryError(
             f"trajectory has the scenario '{text[:80]}', which cannot be read: {error}",
             "leave the scenario empty, or copy it from a trajectory that viatool wrote",
         ) from error
-    return Scenario(
-        name=name, start=(x, y, theta), goal=(goal_x, goal_y), obstacles=Obstacles(circles, polygons)
-    )

@@ -8,10 +8,11 @@ from viatool.world.map_server import MapServerFile
 from viatool.world.occupancy import Cell, OccupancyGrid
 from viatool.world.reachability import unreachable_scenarios
 from viatool.world.reading import load_map
+from viatool.world.rings import simple_polygon
 from viatool.world.robot import ROBOTS, Footprint, Lidar, Robot, bin_ranges
 from viatool.world.scenario import Scenario
 from viatool.world.scenes import Scenes
-from viatool.world.shapes import Obstacles, box_polygon, simple_polygon, wall_polygons
+from viatool.world.shapes import Obstacles, box_polygon, wall_polygons
 from viatool.world.world_map import Clearance, WorldMap
 
 __all__ = [

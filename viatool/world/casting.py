@@ -134,7 +134,7 @@ def _circle_rows(places: Plane, turn: Plane, around: Surroundings) -> tuple[Plan
     """Return c/q and 1/q, (K, B), and which fans stand within a circle, (B,)."""
     centres = around.centres - places
     power = np.square(centres.real) + np.square(centres.imag) - np.square(around.radii)
-    within = np.any(power <= 0.0, axis=0)
+    within = ~np.all(power > 0.0, axis=0)
     inverse = 1.0 / np.maximum(power, _TOUCHING)
     centres *= turn
     centres *= inverse
@@ -145,7 +145,7 @@ def _line_rows(places: Plane, turn: Plane, around: Surroundings) -> tuple[Plane,
     """Return n/h, (L, B), and which fans stand beyond a line, (B,)."""
     normals = around.normals
     distance = around.offsets - (normals.real * places.real + normals.imag * places.imag)
-    beyond = np.any(distance <= 0.0, axis=0)
+    beyond = ~np.all(distance > 0.0, axis=0)
     return normals * turn / np.maximum(distance, _TOUCHING), np.asarray(beyond)
 
 

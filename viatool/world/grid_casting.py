@@ -49,7 +49,7 @@ def march_rays(places: Plane, rays: Plane, squares: NDArray[np.uint8], limit: fl
     Returns
     -------
     ndarray
-        (N,) distances to the first blocked cell.
+        (N,) distances to the first blocked cell; 0 for a ray that is not finite.
 
     Notes
     -----
@@ -57,6 +57,11 @@ def march_rays(places: Plane, rays: Plane, squares: NDArray[np.uint8], limit: fl
     square through one side, never through a corner.
     """
     ranges = np.full(len(places), limit)
+    known = np.isfinite(places) & np.isfinite(rays)
+    if not known.all():  # a ray from nowhere, or to nowhere, is not free
+        ranges[:] = 0.0
+        ranges[known] = march_rays(places[known], rays[known], squares, limit)
+        return ranges
     rows, columns = squares.shape
     x, y, dx, dy = places.real + 1.0, places.imag + 1.0, rays.real, rays.imag
     i = np.clip(np.floor(x), 0, columns - 1).astype(np.int64)

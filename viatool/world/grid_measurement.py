@@ -47,11 +47,10 @@ class RowTables:
         return cls(left, right)
 
     def place(self, points: Plane) -> Plane:
-        """Return points (B,) of the grid in the grid with its rim; what is farther out moves into the rim."""
+        """Return points (B,) of the grid in the grid with its rim; what is farther out, or NaN, moves into the rim."""
         rows, columns = self.left.shape
-        return np.asarray(
-            np.clip(points.real + 1.0, 0.0, columns) + 1j * np.clip(points.imag + 1.0, 0.0, rows)
-        )
+        x = np.fmin(np.fmax(points.real + 1.0, 0.0), columns)
+        return np.asarray(x + 1j * np.fmin(np.fmax(points.imag + 1.0, 0.0), rows))
 
     def cell(self, coordinate: Floats, axis: int) -> Indices:
         """Return the row (axis 0) or column (axis 1) of coordinates."""
@@ -149,13 +148,15 @@ def enclosed_cells(corners: Plane, counts: NDArray[np.int32]) -> Booleans:
     Returns
     -------
     ndarray
-        (B,) bool.
+        (B,) bool; an outline that is not finite is taken to surround one.
     """
+    known = np.isfinite(corners).all(axis=0)
+    corners = np.where(known, corners, 0.0)
     following = np.roll(corners, -1, axis=0)
     rows, columns = counts.shape[0], counts.shape[1] - 1
     lowest = np.maximum(np.floor(corners.imag.min(axis=0)), 0.0).astype(np.int64)
     highest = np.minimum(np.floor(corners.imag.max(axis=0)), rows - 1).astype(np.int64)
-    found = np.zeros(corners.shape[1], dtype=bool)
+    found: Booleans = np.logical_not(known)
     for step in range(int((highest - lowest).max(initial=-1)) + 1):
         row = np.minimum(lowest + step, rows - 1)
         line = row + 0.5

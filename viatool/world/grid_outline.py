@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from viatool.arrays import Booleans, Indices
-from viatool.world.shapes import signed_area
+from viatool.world.rings import signed_area
 
 if TYPE_CHECKING:
     from shapely import Polygon

@@ -15,9 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viatool.arrays import Booleans, Floats, Plane
+from viatool.errors import MapError
 from viatool.world.casting import Ranges
 from viatool.world.grid_casting import free_squares, march_rays
 from viatool.world.grid_measurement import RowTables, enclosed_cells, point_distances, segment_distances
+from viatool.world.rings import LARGEST, LEAST_EDGE, fit
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -45,12 +47,34 @@ class OccupancyGrid:
         Pose x, y, yaw of the lower left corner of the lower left cell; metres and radians.
     unknown_is_free : bool
         Whether unknown cells count as free; by default they are obstacles.
+
+    Raises
+    ------
+    MapError
+        If there is no cell, the side of a cell is not a length above 0, or the origin is not finite.
     """
 
     cells: NDArray[np.uint8]
     resolution: float
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     unknown_is_free: bool = False
+
+    def __post_init__(self) -> None:
+        if self.cells.ndim != 2 or not self.cells.size:
+            raise MapError(
+                f"occupancy grid has cells of shape {self.cells.shape}, expected (rows, columns)",
+                "give some cells",
+            )
+        if not (self.resolution > LEAST_EDGE and fit(self.resolution)):
+            raise MapError(
+                f"occupancy grid has cells of {self.resolution} m, expected a length above 0",
+                "correct the resolution",
+            )
+        if not fit(self.origin).all():
+            raise MapError(
+                f"occupancy grid has the origin {self.origin}, expected finite numbers of at most {LARGEST:g}",
+                "correct the origin",
+            )
 
     @cached_property
     def blocked(self) -> Booleans:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from viatool.errors import MapError
+from viatool.world.rings import LARGEST, fit
 from viatool.world.shapes import Obstacles
 
 
@@ -21,9 +23,24 @@ class Scenario:
         Position x, y to be reached, in metres.
     obstacles : Obstacles
         Present besides the map's own.
+
+    Raises
+    ------
+    MapError
+        If a number of the start or the goal is not finite.
     """
 
     name: str
     start: tuple[float, float, float]
     goal: tuple[float, float]
     obstacles: Obstacles = field(default_factory=Obstacles)
+
+    def __post_init__(self) -> None:
+        for what in ("start", "goal"):
+            given = getattr(self, what)
+            if not fit(given).all():
+                raise MapError(
+                    f"{what} of scenario '{self.name}' is {tuple(map(float, given))}, expected finite numbers of at "
+                    f"most {LARGEST:g}",
+                    f"correct the {what}",
+                )

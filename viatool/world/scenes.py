@@ -19,9 +19,10 @@ from viatool.world.measurement import (
     winding_number,
 )
 from viatool.world.region import blocked_region
+from viatool.world.rings import is_convex
 from viatool.world.robot import Footprint, Lidar
 from viatool.world.scenario import Scenario
-from viatool.world.shapes import Obstacles, is_convex
+from viatool.world.shapes import Obstacles
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -59,7 +60,8 @@ class Scenes:
     -----
     Methods take B points with the index of the situation that each belongs to. Costs grow with B times the
     number of shapes, which suits up to some hundred edges; a grid of cells is its own index, so its size does
-    not matter.
+    not matter. A point or a pose that is not finite counts as contact: whatever is no number becomes a distance of
+    0 (`np.fmax` ignores NaN, `np.minimum` passes it on).
     """
 
     def __init__(self, arena: Floats, shared: Obstacles, circles: Floats, edges: Floats) -> None:
@@ -152,6 +154,7 @@ class Scenes:
             if self._grid is not None:
                 met = self._grid.cast(place, heading, rays, lidar.maximum_range)
                 np.minimum(ranges, met.astype(ranges.dtype), out=ranges)
+            ranges[~(np.isfinite(place) & np.isfinite(heading))] = 0.0
             return ranges
 
         places = as_plane(poses)
@@ -236,7 +239,7 @@ class Scenes:
             (B,) metres; 0 where the footprint touches an obstacle or leaves the arena.
         """
         if footprint.kind != "polygon":
-            return np.maximum(self.clearance(poses[:, :2], scene) - footprint.radius, 0.0)
+            return np.fmax(self.clearance(poses[:, :2], scene) - footprint.radius, 0.0)
 
         def measure(place: Floats, index: Indices) -> Floats:
             return self._polygon_clearance(place, footprint.polygon, index)
@@ -291,7 +294,7 @@ class Scenes:
             nearest = np.minimum(nearest, away)
         if self._grid is not None:
             nearest = np.minimum(nearest, self._grid.clearance(points))
-        return np.maximum(nearest, 0.0)
+        return np.fmax(nearest, 0.0)
 
     def _arena_clearance(self, points: Plane) -> Floats:
         """Return the distance (B,) to the arena's walls, at most 0 outside."""
@@ -317,7 +320,7 @@ class Scenes:
             nearest = np.minimum(nearest, away)
         if self._grid is not None:
             nearest = np.minimum(nearest, self._grid.segment_clearance(starts, ends))
-        return np.maximum(nearest, 0.0)
+        return np.fmax(nearest, 0.0)
 
     def _polygon_clearance(self, poses: Floats, polygon: Floats, scene: Indices) -> Floats:
         corners = as_plane(poses) + np.exp(1j * poses[:, 2]) * as_plane(polygon)[:, None]  # (n, B)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -12,6 +11,15 @@ from numpy.typing import ArrayLike
 
 from viatool.arrays import Floats
 from viatool.errors import MapError
+from viatool.world.rings import (
+    LARGEST,
+    centroid,
+    finite_points,
+    fit,
+    ring_edges,
+    simple_polygon,
+    without_repeats,
+)
 
 if TYPE_CHECKING:
     from viatool.world.occupancy import OccupancyGrid
@@ -30,9 +38,14 @@ class Obstacles:
     circles : ndarray
         (K, 3) x, y, radius in metres.
     polygons : tuple of ndarray
-        (n, 2) corners of simple polygons, counter-clockwise, the first corner not repeated.
+        (n, 2) corners of simple polygons; kept counter-clockwise, without repeated corners.
     grid : OccupancyGrid, optional
         Square cells, of which those that are not free are obstacles.
+
+    Raises
+    ------
+    MapError
+        If a circle has no radius, a number is not finite, or a polygon is not simple.
     """
 
     circles: Floats = field(default_factory=_no_circles)
@@ -40,9 +53,9 @@ class Obstacles:
     grid: OccupancyGrid | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "circles", np.asarray(self.circles, dtype=np.float64).reshape(-1, 3))
-        polygons = tuple(np.asarray(polygon, dtype=np.float64) for polygon in self.polygons)
-        object.__setattr__(self, "polygons", polygons)
+        object.__setattr__(self, "circles", _checked_circles(self.circles))
+        polygons = (simple_polygon(ring, f"polygon {index}") for index, ring in enumerate(self.polygons))
+        object.__setattr__(self, "polygons", tuple(polygons))
 
     def __len__(self) -> int:
         """Return the number of shapes, without the cells of a grid."""
@@ -70,31 +83,18 @@ class Obstacles:
         return np.concatenate([self.circles[:, :2], *(centroid(polygon)[None] for polygon in self.polygons)])
 
 
-def ring_edges(ring: Floats) -> Floats:
-    """Return the edges of one closed ring of n corners, (n, 4)."""
-    return np.concatenate([ring, np.roll(ring, -1, axis=0)], axis=1)
-
-
-def signed_area(ring: Floats) -> float:
-    """Return the area of a ring in m^2, positive when its corners run counter-clockwise."""
-    x, y = (ring - ring.mean(axis=0)).T
-    return float(0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
-
-
-def centroid(ring: Floats) -> Floats:
-    """Return the centre of area of a simple ring, (2,)."""
-    origin = ring.mean(axis=0)
-    first = ring - origin
-    second = np.roll(first, -1, axis=0)
-    cross = first[:, 0] * second[:, 1] - second[:, 0] * first[:, 1]
-    return np.asarray(origin + ((first + second) * cross[:, None]).sum(axis=0) / (3.0 * cross.sum()))
-
-
-def is_convex(ring: Floats) -> bool:
-    """Tell whether a simple counter-clockwise ring is convex; straight corners are allowed."""
-    along = np.roll(ring, -1, axis=0) - ring
-    turn = along[:, 0] * np.roll(along[:, 1], -1) - along[:, 1] * np.roll(along[:, 0], -1)
-    return bool(np.all(turn >= 0.0))
+def _checked_circles(circles: ArrayLike) -> Floats:
+    """Return circles (K, 3), refusing by name those that are none."""
+    given = np.asarray(circles, dtype=np.float64).reshape(-1, 3)
+    wrong = np.flatnonzero(~(fit(given).all(axis=1) & (given[:, 2] > 0.0)))
+    if wrong.size:
+        x, y, radius = given[wrong[0]].tolist()
+        raise MapError(
+            f"circle {wrong[0]} has the centre ({x:g}, {y:g}) and the radius {radius:g} m, expected finite numbers of "
+            f"at most {LARGEST:g} m and a radius above 0",
+            "correct the circle, or leave it out",
+        )
+    return given
 
 
 def box_polygon(center: ArrayLike, size: ArrayLike, yaw: ArrayLike = 0.0) -> Floats:
@@ -131,46 +131,19 @@ def wall_polygons(points: ArrayLike, thickness: float) -> tuple[Floats, ...]:
         (n, 2) corners of the wall's middle line, n at least 2, in metres.
     thickness : float
         Full width of the wall in metres. Every segment is longer by half of it at both ends, so that the
-        boxes of a bent wall leave no notch at the bends.
+        boxes of a bent wall leave no notch at the bends. A corner that repeats the one before it is dropped.
+
+    Raises
+    ------
+    MapError
+        If the wall has no length or a number is not finite.
     """
-    corner = np.asarray(points, dtype=np.float64)
+    corner = without_repeats(finite_points(points, "wall"), closed=False)
+    if len(corner) < 2:
+        raise MapError("wall has no length: all of its corners are one", "move its corners apart")
     boxes = []
     for first, second in pairwise(corner):
         dx, dy = second - first
         length = float(np.hypot(dx, dy))
         boxes.append(box_polygon(0.5 * (first + second), (length + thickness, thickness), np.arctan2(dy, dx)))
     return tuple(boxes)
-
-
-def simple_polygon(points: Sequence[Sequence[float]] | Floats, name: str = "polygon") -> Floats:
-    """Return corners as a simple counter-clockwise ring.
-
-    Parameters
-    ----------
-    points : array_like
-        (n, 2) corners in metres, in either direction; a repeated first corner at the end is dropped.
-    name : str
-        What to call the polygon in an error.
-
-    Raises
-    ------
-    MapError
-        If it has fewer than three corners or no area, or crosses or touches itself.
-    """
-    from shapely import Polygon, is_valid_reason
-
-    ring = np.asarray(points, dtype=np.float64)
-    if len(ring) > 1 and np.array_equal(ring[0], ring[-1]):
-        ring = ring[:-1]
-    if len(ring) < 3:
-        raise MapError(f"{name} has {len(ring)} distinct corners, expected at least 3", "add the corners")
-    outline = Polygon(ring)
-    if not outline.is_valid:
-        reason = str(is_valid_reason(outline)).replace("[", " at (").replace("]", ")").replace(" )", ")")
-        raise MapError(
-            f"{name} is not a simple polygon: {reason}",
-            "list the corners once around the outline, without crossing it",
-        )
-    if outline.area <= 0.0:
-        raise MapError(f"{name} has no area", "move its corners apart")
-    return ring if signed_area(ring) > 0.0 else ring[::-1].copy()
