@@ -425,6 +425,8 @@ def test_scans_without_any_measurement_leave_nothing_to_evaluate(tmp_path, plain
 def test_what_a_bag_does_not_hold_is_asked_for(tmp_path, plain):
     with pytest.raises(ConfigurationError, match="observes its goal"):
         read(tmp_path, plain[0], settings=BagSettings())
+    with pytest.raises(ConfigurationError, match="goal of the bag is"):
+        BagSettings(goal=(float("nan"), 0.0))
     with pytest.raises(PolicyError, match="no"):
         load_trajectory(tmp_path / "run", None, SETTINGS)
     unfixed = specification()

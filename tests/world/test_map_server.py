@@ -63,9 +63,50 @@ def test_transparent_pixels_are_unknown_except_in_raw_mode(tmp_path: Path) -> No
     assert grid_of(write_map(tmp_path, pixels, image="map.png", mode="raw")).cells.tolist() == [[U, U, F, F]]
 
 
-def test_colours_count_by_their_mean(tmp_path: Path) -> None:
-    pixels = [[[255, 255, 255], [255, 0, 0], [0, 0, 0], [206, 206, 206], [205, 205, 205]]]
-    assert grid_of(write_map(tmp_path, pixels, image="map.png")).cells.tolist() == [[F, O, O, F, U]]
+COLOURS = [
+    [255, 255, 255],
+    [255, 0, 0],
+    [0, 255, 0],
+    [0, 0, 255],
+    [120, 255, 120],
+    [206, 206, 206],
+]
+# Luma by nav2's (306 r + 601 g + 117 b) >> 10: 255, 76, 149, 29, 199, 206. Means: 255, 85, 85, 85, 165, 206.
+
+
+@pytest.mark.parametrize("image", ["map.png", "map.ppm", "map.bmp"])
+def test_colours_count_by_their_luma_and_where_their_mean_says_otherwise_it_is_told(
+    tmp_path: Path, image: str
+) -> None:
+    path = write_map(tmp_path, [COLOURS], image=image, occupied_thresh=0.5, free_thresh=0.25)
+    with pytest.warns(MapWarning, match=r"image: is coloured, and 2 of its cells"):
+        world = load_map(path)
+    assert world.obstacles.grid is not None
+    assert world.obstacles.grid.cells.tolist() == [[F, O, U, O, F, F]]
+
+
+def test_raw_colours_count_by_their_luma(tmp_path: Path) -> None:
+    pixels = [[[60, 0, 0], [0, 0, 255], [0, 40, 0]]]  # luma 17, 29, 23; mean 20, 85, 13
+    path = write_map(tmp_path, pixels, image="map.png", mode="raw", free_thresh=0.23, occupied_thresh=0.28)
+    assert grid_of(path).cells.tolist() == [[F, O, F]]
+
+
+@pytest.mark.parametrize("mode", ["RGB", "RGBA", "P", "L", "LA", "1"])
+def test_a_map_without_colour_is_the_same_in_every_kind_of_pixels(tmp_path: Path, mode: str) -> None:
+    path = write_map(tmp_path, [[0]], image="map.png")
+    grey = Image.fromarray(np.array([[254, 0, 254, 254, 0]], np.uint8))
+    grey.convert("1", dither=Image.Dither.NONE).convert(mode).save(tmp_path / "map.png")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert load_map(path).obstacles.grid.cells.tolist() == [[F, O, F, F, O]]  # type: ignore[union-attr]
+
+
+def test_a_palette_counts_by_its_colours_and_their_opacity(tmp_path: Path) -> None:
+    path = write_map(tmp_path, [[0]], image="map.png")
+    image = Image.fromarray(np.array([[0, 1, 2, 3]], np.uint8)).convert("P")
+    image.putpalette([255, 255, 255, 0, 0, 255, 250, 250, 250, 0, 0, 0])
+    image.save(tmp_path / "map.png", transparency=bytes([255, 255, 100, 255]))
+    assert grid_of(path).cells.tolist() == [[F, O, U, O]]
 
 
 @pytest.mark.parametrize(
@@ -75,9 +116,16 @@ def test_colours_count_by_their_mean(tmp_path: Path) -> None:
         (b"P5\n3 1\n255\n\xff\xcd\x00", [F, U, O]),
         (b"P5\n3 1\n65535\n\xff\xff\xcd\xcd\x00\x00", [F, U, O]),
         (b"P5\n2 1\n100\n\x64\x00", [F, O]),
+        (b"P5 # made by hand\n# twice\n3 # wide\n1\n255\n\xff\xcd\x00\n", [F, U, O]),
+        (b"P2 3 1 65535 65535 # white\n52685 0", [F, U, O]),
+        (b"P1\n3 1\n0 1\n0\n", [F, O, F]),
+        (b"P1\n3 1\n010", [F, O, F]),
+        (b"P4\n9 1\n\x40\x80", [F, O, F, F, F, F, F, F, O]),
+        (b"P3\n1 1\n255\n255 255 255\n", [F]),
+        (b"P6\n2 1\n255\n\xff\xff\xff\x00\x00\x00", [F, O]),
     ],
 )
-def test_every_kind_of_pgm_is_read(tmp_path: Path, content: bytes, expected: list[Cell]) -> None:
+def test_every_kind_of_netpbm_is_read(tmp_path: Path, content: bytes, expected: list[Cell]) -> None:
     path = write_map(tmp_path, [[0]])
     (tmp_path / "map.pgm").write_bytes(content)
     assert grid_of(path).cells.tolist() == [expected]
@@ -138,8 +186,12 @@ def test_odd_maps_are_read_with_a_warning(tmp_path: Path, changes: dict[str, obj
         ({"image": "map.yaml"}, ["map.yaml:1: image", "not an image"]),
         ({"resolution": 0.0}, ["map.yaml:2: resolution", "greater than 0"]),
         ({"resolution": ".nan"}, ["map.yaml:2: resolution", "finite"]),
+        ({"resolution": -0.05}, ["map.yaml:2: resolution", "greater than 0"]),
+        ({"resolution": 1e-12}, ["map.yaml:2: resolution", "cells of 1e-12 m"]),
+        ({"resolution": 1e6}, ["map.yaml:2: resolution", "outline of 2 x 1 cells"]),
         ({"resolution": None}, ["map.yaml:1: resolution", "required"]),
         ({"origin": [0.0, ".nan", 0.0]}, ["map.yaml:3: origin[1]"]),
+        ({"origin": [0.0, 0.0, ".inf"]}, ["map.yaml:3: origin[2]"]),
         ({"origin": "home"}, ["map.yaml:3: origin", "expected a list"]),
         ({"negate": 2}, ["map.yaml:4: negate"]),
         ({"occupied_thresh": 65}, ["map.yaml:5: occupied_thresh", "less than or equal to 1"]),
@@ -172,6 +224,20 @@ def test_wrong_fields_give_one_clear_message(
     "content",
     [
         b"P5\n40 40\n255\n" + bytes(700),  # truncated
+        b"P5\n40 40\n255\n" + bytes(1601),  # another image's header
+        b"P5\n40 40\n65535\n" + bytes(1600),
+        b"P5\n2 1\n100\n\x65\x00",  # brighter than the largest sample
+        b"P5\n2 1\n70000\n" + bytes(4),
+        b"P6\n2 1\n255\n" + bytes(5),
+        b"P4\n9 2\n" + bytes(3),
+        b"P1\n2 2\n0 1 0\n",
+        b"P1\n2 1\n0 7\n",
+        b"P2\n2 1\n255\n12 13 14\n",
+        b"P2\n2 1\n255\n12 -3\n",
+        b"P2\n2 1\n255\n12 300\n",
+        b"P2\n2 1\n255\n12 " + 30 * b"9",
+        b"P5\n",
+        b"P5 2 1 255",
         b"P5\n40",
         b"P5\n0 0\n255\n",
         b"P2\n2 1\n255\n12\n",
@@ -188,12 +254,14 @@ def test_broken_images_give_one_clear_message(tmp_path: Path, content: bytes) ->
     assert raised.value.hint
 
 
-def test_a_truncated_png_is_not_read(tmp_path: Path) -> None:
+@pytest.mark.parametrize("image", ["map.png", "map.bmp", "map.jpg", "map.tif", "map.gif", "map.webp"])
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
+def test_a_truncated_image_is_not_read(tmp_path: Path, image: str, share: float) -> None:
     rng = np.random.default_rng(0)
-    path = write_map(tmp_path, rng.integers(0, 255, (60, 60)), image="map.png")
-    whole = (tmp_path / "map.png").read_bytes()
-    (tmp_path / "map.png").write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(MapError, match="not a whole image"):
+    path = write_map(tmp_path, rng.integers(0, 255, (60, 60)), image=image)
+    whole = (tmp_path / image).read_bytes()
+    (tmp_path / image).write_bytes(whole[: int(share * len(whole))])
+    with pytest.raises(MapError, match=r"not a whole image|not an image"):
         load_map(path)
 
 

@@ -48,12 +48,23 @@ class BagSettings:
         transform is needed.
     gap : float
         Seconds over which poses are interpolated and a command counts as the previous one.
+
+    Raises
+    ------
+    ConfigurationError
+        If the goal is not finite.
     """
 
     goal: tuple[float, float] | None = None
     topics: Topics = field(default_factory=Topics)
     frame: str = "map"
     gap: float = 0.5
+
+    def __post_init__(self) -> None:
+        if self.goal is not None and not np.isfinite(self.goal).all():
+            raise ConfigurationError(
+                f"the goal of the bag is {self.goal}, expected finite numbers", "give metres"
+            )
 
 
 def load_bag(path: Path, specification: PolicySpecification | None, settings: BagSettings) -> Trajectory:

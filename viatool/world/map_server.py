@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -12,10 +11,11 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from viatool.errors import MapError
-from viatool.world.complaints import validated, wrong
+from viatool.world.complaints import located, validated, wrong
 from viatool.world.grey_image import GreyImage, read_image
 from viatool.world.map_file import Number, Pose, Positive, Unknown
 from viatool.world.occupancy import Cell, OccupancyGrid
+from viatool.world.rings import simple_polygon
 from viatool.world.yaml_text import YamlDocument
 
 _GREY_UNKNOWN = 205  # what map_saver writes for unknown cells
@@ -124,10 +124,14 @@ def read_map_server(document: YamlDocument, unknown: Unknown = "obstacle") -> Se
     if max(image.levels.shape) > _SIDE:
         size = f"{image.levels.shape[1]} x {image.levels.shape[0]}"
         raise wrong(document, ("image",), f"'{path}' has {size} cells", f"use at most {_SIDE} along a side")
-    cells = classify(image, given)[::-1]  # the top row of the image is the last row of the grid
-    grid = OccupancyGrid(
-        np.ascontiguousarray(cells), given.resolution, given.origin, unknown_is_free=unknown == "free"
-    )
+    cells = np.ascontiguousarray(classify(image, given)[::-1])  # the image's top row is the grid's last
+
+    def build() -> OccupancyGrid:
+        made = OccupancyGrid(cells, given.resolution, given.origin, unknown_is_free=unknown == "free")
+        simple_polygon(made.outline, f"outline of {cells.shape[1]} x {cells.shape[0]} cells")
+        return made
+
+    grid = located(document, ("resolution",), build)
     return ServedMap(grid, path, content, tuple(_warnings(document, given, image, grid)))
 
 
@@ -146,21 +150,26 @@ def classify(image: GreyImage, given: MapServerFile) -> NDArray[np.uint8]:
     ndarray
         (H, W) uint8 of `Cell`, row 0 at the top.
     """
-    shade = np.arange(image.white + 1) / image.white
-    if given.mode == "raw":
-        percent = np.rint(255.0 * shade)
-        occupied, free = percent >= 100.0 * given.occupied_thresh, percent <= 100.0 * given.free_thresh
-        occupied &= percent <= 100.0
-    else:
-        share = shade if given.negate else 1.0 - shade
-        occupied, free = share >= given.occupied_thresh, share <= given.free_thresh
-    kind = np.full(len(shade), Cell.UNKNOWN, np.uint8)
-    kind[occupied] = Cell.OCCUPIED
-    kind[free] = Cell.FREE  # applied last, as map_server does
-    cells: NDArray[np.uint8] = kind[image.levels]
+    cells = classes(given)[image.levels]
     if image.transparent is not None and given.mode != "raw":
         cells[image.transparent] = Cell.UNKNOWN
     return cells
+
+
+def classes(given: MapServerFile) -> NDArray[np.uint8]:
+    """Return what each level of grey stands for, (256,) uint8 of `Cell`, computed in float32 as map_server does."""
+    shade = np.arange(256, dtype=np.float32) / np.float32(255.0)
+    if given.mode == "raw":
+        percent = np.arange(256)
+        occupied, free = percent >= 100.0 * given.occupied_thresh, percent <= 100.0 * given.free_thresh
+        occupied &= percent <= 100
+    else:
+        share = shade if given.negate else np.float32(1.0) - shade
+        occupied, free = share >= np.float32(given.occupied_thresh), share <= np.float32(given.free_thresh)
+    kind = np.full(256, Cell.UNKNOWN, np.uint8)
+    kind[occupied] = Cell.OCCUPIED
+    kind[free] = Cell.FREE  # applied last, as map_server does
+    return kind
 
 
 def _warnings(
@@ -175,11 +184,18 @@ def _warnings(
         )
     shade = _GREY_UNKNOWN / 255.0
     share = shade if given.negate else 1.0 - shade
-    if given.mode != "raw" and share <= given.free_thresh and _has_grey(image, _GREY_UNKNOWN):
+    if given.mode != "raw" and share <= given.free_thresh and (image.levels == _GREY_UNKNOWN).any():
         found.append(
             f"{document.place(('free_thresh',))}: free_thresh: {given.free_thresh:g} makes grey {_GREY_UNKNOWN}, "
             f"which map_saver writes for unknown cells, free; a value below {share:.3f} keeps them unknown"
         )
+    if image.mean is not None:
+        differ = int(np.count_nonzero(classes(given)[image.levels] != classes(given)[image.mean]))
+        if differ:
+            found.append(
+                f"{document.place(('image',))}: image: is coloured, and {differ:,} of its cells are others for a "
+                "map_server that takes the mean of red, green and blue (ROS 1, and nav2 before luma); save it in grey"
+            )
     for key in sorted(map(str, given.model_extra or {})):
         found.append(f"{document.place((key,))}: {key}: is not a field of map_server, and is ignored")
     if not (grid.cells == Cell.FREE).any():
@@ -190,9 +206,3 @@ def _warnings(
             "check the thresholds"
         )
     return found
-
-
-def _has_grey(image: GreyImage, grey: int) -> bool:
-    """Tell whether some opaque pixel has a grey of 0 to 255."""
-    level = grey * image.white / 255.0
-    return level == math.floor(level) and bool((image.levels == int(level)).any())
