@@ -19,8 +19,7 @@ from viatool.loop.question import Question
 from viatool.places.mesh import CellSet, Mesh, boxes_between
 from viatool.places.passages import follow
 from viatool.places.tree import Lattice
-from viatool.setting.layout import Layout
-from viatool.setting.rules import Rules
+from viatool.setting.setting import Setting
 
 
 def main() -> None:
@@ -31,14 +30,13 @@ def main() -> None:
     options.add_argument("--cells", type=int, default=1500)
     given = options.parse_args()
     policy, world = load_policy(given.policy), load_map(given.map)
-    rules = Rules.of(world, "swept")
-    question = Question.of(policy, world, world.scenarios[0], Layout.of(policy, given.eps), rules)
+    question = Question.of(policy, Setting.of(policy, world, given.eps), world.scenarios[0])
     generator = np.random.default_rng(0)
     print(
         "side m   free cells   ms a cell for 1, 2, 4 intervals   whole map, CPU min   cells led to   sums MB"
     )
     for side in (0.125, 0.0625, 0.03125):
-        lattice = Lattice.over(world.bounds, (rules.lower, rules.upper), (side, side, 0))
+        lattice = Lattice.over(world.bounds, (question.rules.lower, question.rules.upper), (side, side, 0))
         mesh = Mesh.of(lattice)
         drawn = generator.integers(0, len(mesh), 4 * given.cells)
         free = ~question.blocked(boxes_between(*mesh.bounds(drawn)).poses)

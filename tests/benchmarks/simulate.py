@@ -21,7 +21,9 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 
 from viatool.policy import load_policy
-from viatool.simulate import Conditions, make_simulator, simulate, with_robot
+from viatool.setting.reconcile import with_robot
+from viatool.setting.setting import Setting
+from viatool.simulate import Conditions, make_simulator, simulate
 from viatool.simulate.models import MODELS
 from viatool.world import ROBOTS, Obstacles, Scenario, WorldMap, load_map
 
@@ -130,11 +132,16 @@ def measure_agreement(episodes: int, workers: int, lidar: str) -> None:
     policy, lab = load_policy("via"), load_map("lab")
     assert lab.generator is not None
     scenarios = lab.generator.draw(episodes, 7)
-    rates = []
+    rates, setting = [], Setting.of(policy, lab, 0.0, scenarios=scenarios)
     for engine in ("kinematic", "bullet"):
         chosen = lidar if engine == "bullet" else None
         found = simulate(
-            policy, lab, scenarios, engine=engine, seed=7, workers=workers, lidar=chosen
+            policy,
+            setting,
+            engine=engine,
+            seed=7,
+            workers=workers,
+            lidar=chosen,
         ).statistics
         rates.append(100.0 * found.success.rate)
         counts = [f"{name} {getattr(found, name).count}" for name in ("success", "collision", "timeout")]

@@ -19,8 +19,8 @@ import numpy as np
 from tests.loop.noisy_runs import runs
 from viatool import load_map, load_policy
 from viatool.loop.horizon import Horizon
-from viatool.setting.layout import Layout
-from viatool.setting.rules import Rules
+from viatool.setting.received import commands_observed
+from viatool.setting.setting import Setting
 from viatool.simulate import roll_out
 from viatool.verification.horizon import HorizonQuestion
 from viatool.world import Scenes, bin_ranges
@@ -44,18 +44,18 @@ def main() -> None:
     given = options.parse_args()
     world, policy = load_map(given.map), load_policy(given.policy)
     trajectory = roll_out(policy, world, seed=given.seed)
-    layout, horizon = Layout.of(policy, given.eps), Horizon(given.steps)
-    outlook = HorizonQuestion(policy, world, layout, Rules.of(world, "swept"), horizon)
+    setting = Setting.of(policy, world, given.eps)
+    outlook = HorizonQuestion(policy, setting, Horizon(given.steps))
     chosen = np.arange(0, len(trajectory), given.every)
     poses, episode = trajectory.poses[chosen], trajectory.episode[chosen]
-    previous = layout.previous(trajectory, outlook.rules, horizon)[chosen]
+    previous = commands_observed(setting, trajectory)[chosen]
     start = time.process_time()
     tubes, crashes = outlook.examine(
         trajectory.scenarios, poses, previous, episode, np.ones(len(chosen), dtype=bool), first=0, seed=0
     )
     tube_seconds = time.process_time() - start
     start = time.process_time()
-    driven = Driven(policy, world, layout.radii, given, np.random.default_rng(given.seed + 1))
+    driven = Driven(policy, world, setting.radii, given, np.random.default_rng(given.seed + 1))
     for index, scenario in enumerate(trajectory.scenarios):
         rows = np.flatnonzero(episode == index)
         for first in range(0, len(rows), AT_ONCE):

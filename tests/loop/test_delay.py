@@ -119,12 +119,11 @@ def test_sampling_catches_certificates_that_forget_the_dead_time(monkeypatch):
 def test_the_command_before_counts_where_it_leads_into_a_wall():
     """At the rim, heading for the wall at x = 2: after standing all is well, after driving it is not."""
     from viatool.sets.states import StateBoxes
-    from viatool.setting.layout import Layout
-    from viatool.setting.rules import Rules
+    from viatool.setting.setting import Setting
+    from viatool.setting.wishes import Wishes
 
-    asked = Question.of(
-        POLICY, ROOM, SCENARIO, Layout.of(POLICY, 0.01), Rules.of(ROOM, "braking", delay=DELAY)
-    )
+    wishes = Wishes("braking", delay=DELAY)
+    asked = Question.of(POLICY, Setting.of(POLICY, ROOM, 0.01, wishes), SCENARIO)
     boxes = PoseBoxes(np.array([[1.5, 0.0, 0.0]] * 2), np.full((2, 3), 0.01))
     before = np.array([[0.0, 0.0], [0.5, 0.0]])
     stop = np.zeros((2, 2))

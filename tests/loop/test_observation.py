@@ -11,8 +11,8 @@ from viatool.loop import observation
 from viatool.loop.question import Question
 from viatool.sets.forms import PoseBoxes
 from viatool.sets.states import StateBoxes
-from viatool.setting.layout import Layout
-from viatool.setting.rules import Rules
+from viatool.setting.setting import Setting
+from viatool.setting.wishes import Wishes
 
 LAB, POLICY = load_map(Path("maps/lab.yaml")), load_policy(Path("policies/via.onnx"))
 SCENARIO = LAB.scenarios[0]
@@ -20,7 +20,7 @@ EPS = 0.01
 
 
 def question():
-    return Question.of(POLICY, LAB, SCENARIO, Layout.of(POLICY, EPS), Rules.of(LAB, "braking"))
+    return Question.of(POLICY, Setting.of(POLICY, LAB, EPS, Wishes("braking")), SCENARIO)
 
 
 def cells(generator, count=150, side=0.03):
@@ -104,11 +104,11 @@ def test_commands_lie_within_their_bounds_whatever_the_sensors_err():
     generator = np.random.default_rng(3)
     asked = question()
     for side in (0.005, 0.02):
-        assert commands_outside(asked, generator, cells(generator, side=side), asked.layout.radii) <= 0.0
+        assert commands_outside(asked, generator, cells(generator, side=side), asked.setting.radii) <= 0.0
 
 
 def test_onnxruntime_catches_bounds_that_forget_the_sensor_error():
     generator, asked = np.random.default_rng(4), question()
-    radii = asked.layout.radii.copy()
-    asked.layout.radii[:] = 0.0
+    radii = asked.setting.radii.copy()
+    asked.setting.radii[:] = 0.0
     assert commands_outside(asked, generator, cells(generator, side=0.002), radii) > 0.0

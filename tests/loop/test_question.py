@@ -13,8 +13,8 @@ from tests.loop.plant import Plant
 from viatool import load_map, load_policy
 from viatool.loop.question import Question
 from viatool.sets.forms import PoseBoxes
-from viatool.setting.layout import Layout
-from viatool.setting.rules import Rules
+from viatool.setting.setting import Setting
+from viatool.setting.wishes import Wishes
 from viatool.world import Footprint, simple_polygon
 
 ROOM, POLICY = load_map(Path("maps/room.yaml")), load_policy(Path("policies/via.onnx"))
@@ -31,9 +31,8 @@ def free_poses_of_blocked_boxes(name):
     """Blocked boxes, and how many sampled poses of them are free."""
     generator, footprint = np.random.default_rng(0), FOOTPRINTS[name]
     world = ROOM.with_clearance(0.15, None)
-    asked = Question.of(
-        POLICY, world, SCENARIO, Layout.of(POLICY, 0.01), Rules.of(world, "braking", footprint=footprint)
-    )
+    wishes = Wishes("braking", footprint=footprint)
+    asked = Question.of(POLICY, Setting.of(POLICY, world, 0.01, wishes), SCENARIO)
     centre = generator.uniform((-2, -2, -math.pi), (2, 2, math.pi), (1500, 3))
     boxes = PoseBoxes(centre, generator.uniform(0.0, 0.1, (1500, 3)) * [1.0, 1.0, 3.0])
     blocked = np.flatnonzero(asked.blocked(boxes))

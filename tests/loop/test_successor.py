@@ -14,13 +14,12 @@ from viatool.loop.successor import advance_forms, displacement, fold, hull, stat
 from viatool.places import passages
 from viatool.sets.forms import Forms, PoseBoxes
 from viatool.sets.states import StateBoxes
-from viatool.setting.layout import Layout
-from viatool.setting.rules import Rules
+from viatool.setting.setting import Setting
 
 ROOM, POLICY = load_map(Path("maps/room.yaml")), load_policy(Path("policies/via.onnx"))
 SCENARIO = ROOM.scenarios[0]
 ROBOT = Plant(POLICY, ROOM, SCENARIO, 0.01)
-QUESTION = Question.of(POLICY, ROOM, SCENARIO, Layout.of(POLICY, 0.01), Rules.of(ROOM, "swept"))
+QUESTION = Question.of(POLICY, Setting.of(POLICY, ROOM, 0.01), SCENARIO)
 
 
 def cells(generator, count, side, share):

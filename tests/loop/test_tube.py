@@ -10,8 +10,8 @@ from viatool import load_map, load_policy
 from viatool.loop.horizon import Horizon
 from viatool.loop.question import Question
 from viatool.loop.tube import Loop
-from viatool.setting.layout import Layout
-from viatool.setting.rules import Rules
+from viatool.setting.setting import Setting
+from viatool.setting.wishes import Wishes
 from viatool.simulate import roll_out
 from viatool.world import Scenes
 
@@ -22,8 +22,7 @@ ROUNDING = 1e-7  # of a grazing ray, times what the policy makes of it
 
 
 def loop(scenario=LAB.scenarios[0], eps=EPS, **horizon):
-    layout = Layout.of(POLICY, eps)
-    question = Question.of(POLICY, LAB, scenario, layout, Rules.of(LAB, "swept"))
+    question = Question.of(POLICY, Setting.of(POLICY, LAB, eps), scenario)
     return Loop(question, 0.5, Horizon(**({"steps": STEPS} | horizon)))
 
 
@@ -40,7 +39,7 @@ def noisy(some, poses, previous, seed=0):
     z = generator.uniform(-1, 1, (count, RUNS, 3))
     z[:, : RUNS // 2] = np.sign(z[:, : RUNS // 2])
     starts = (poses[:, None] + z * error).reshape(-1, 3)
-    errors = sensor_errors(generator, Layout.of(POLICY, EPS).radii, count * RUNS, some.horizon.steps)
+    errors = sensor_errors(generator, Setting.of(POLICY, LAB, EPS).radii, count * RUNS, some.horizon.steps)
     errors = errors.reshape(RUNS, count, *errors.shape[1:]).swapaxes(0, 1).reshape(errors.shape)
     scenario = next(s for s in LAB.scenarios if s.goal == tuple(some.question.sensors.goal))
     found = runs(POLICY, LAB, scenario, (starts, np.repeat(previous, RUNS, axis=0)), errors)
@@ -74,7 +73,7 @@ def test_noisy_runs_stay_in_their_tubes(episode, error):
 
 
 def blind_to_errors(some):
-    object.__setattr__(some.question.layout, "radii", np.zeros(26))
+    object.__setattr__(some.question.setting.errors, "radii", np.zeros(26))
 
 
 def blind_to_jumps(some):
@@ -129,7 +128,7 @@ def test_no_run_comes_nearer_than_the_clearance_of_its_tube(criterion):
     world = LAB.with_clearance(
         float(np.median(here)) - 0.05, 5.0
     )  # some tubes begin, and some come, too near
-    question = Question.of(POLICY, world, scenario, Layout.of(POLICY, EPS), Rules.of(world, criterion))
+    question = Question.of(POLICY, Setting.of(POLICY, world, EPS, Wishes(criterion)), scenario)
     some = Loop(question, 0.5, Horizon(STEPS))
     tubes, (found, commands) = some.follow(poses, previous), noisy(some, poses, previous)
     left = np.inf

@@ -15,6 +15,7 @@ import pytest
 
 import viatool
 from tests.hall import MAP, write_policy
+from tests.renamed import renamed
 from viatool.report import REPORTERS, Check
 from viatool.report.outputs import Output, content_of
 from viatool.verification.result import Result
@@ -59,13 +60,8 @@ def named(result: Result, name: str) -> Result:
     return replace(
         result,
         policy_path=Path(name.replace("\0", "")),
-        world_map=replace(result.world_map, name=name, path=Path(name)),
+        setting=renamed(result.setting, name),
         trajectory=replace(trajectory, scenarios=scenarios, notes=(name,)),
-        channels=tuple(c.model_copy(update={"name": name, "unit": name}) for c in result.channels),
-        actions=tuple(
-            replace(action, name=f"{name}{i}", unit=name) for i, action in enumerate(result.actions)
-        ),
-        eps={name: 0.01},
         versions={**result.versions, name: name},
         origin=name,
     )

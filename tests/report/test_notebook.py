@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 import viatool
 from tests.hall import MAP, write_policy
+from tests.renamed import renamed
 from viatool.verification.result import Result
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -33,9 +34,7 @@ def test_a_notebook_shows_the_rates(result: Result) -> None:
 
 
 def test_a_notebook_is_safe_from_names(result: Result) -> None:
-    named = replace(
-        result, world_map=replace(result.world_map, name="<script>x</script>"), eps={"<img src=x>": 0.1}
-    )
+    named = replace(result, setting=renamed(result.setting, "<img src=x>"))
     tags: set[str] = set()
 
     class Tags(HTMLParser):

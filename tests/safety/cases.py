@@ -28,20 +28,22 @@ def make_cases(world, criterion, seed, count=60, reach=0.12, scenario=None, **ru
     poses = near_states(world, scenario, rules.footprint, generator, count, reach)
     situations = Situations.of(world, [scenario], poses, np.zeros(count, dtype=np.int64))
     spread = rules.upper - rules.lower
-    previous = generator.uniform(rules.lower, rules.upper, (count, 2))
     centre = generator.uniform(rules.lower - 0.1 * spread, rules.upper + 0.1 * spread, (count, 2))
     radius = generator.choice([0.0, 0.01, 0.15], (count, 2)) * spread
-    return Case(rules, situations, previous), centre - radius, centre + radius
+    under_way = generator.uniform(rules.lower, rules.upper, (count, rules.dead_time.commands, 2))
+    return Case(rules, situations, under_way), centre - radius, centre + radius
 
 
 def driven(case, index, commands):
     """Brute-force poses (A, T, 3) of A commands in one state, over all that the criterion asks."""
     rules, count = case.rules, len(commands)
     start, waiting = np.tile(case.situations.poses[index], (count, 1)), []
-    if rules.delay:
-        held = np.tile(case.previous[index], (count, 1))
-        waiting = [drive_all(start, *held.T, np.linspace(0.0, rules.delay, 12)[None])]
-        start = waiting[0][:, -1]
+    whole = int(rules.delay / rules.interval + 1e-9)
+    pieces = [rules.delay - whole * rules.interval] + [rules.interval] * whole
+    for seconds, command in zip([s for s in pieces if s > 1e-9], case.under_way[index], strict=True):
+        held = np.tile(command, (count, 1))
+        waiting.append(drive_all(start, *held.T, np.linspace(0.0, seconds, 12)[None]))
+        start = waiting[-1][:, -1]
     if rules.criterion == "braking":
         rim = rim_of(rules.footprint)
         acting = drive_and_stop(start, *commands.T, rules.interval, rules.deceleration, rim, 20)

@@ -11,7 +11,8 @@ import pytest
 
 from tests.needs import WITHOUT_PYBULLET
 from viatool.errors import ConfigurationError
-from viatool.simulate import Conditions, NavigationSimulator, Simulator, make_simulator, with_robot
+from viatool.setting.reconcile import with_robot
+from viatool.simulate import Conditions, NavigationSimulator, Simulator, make_simulator
 from viatool.simulate.models import MODELS
 from viatool.world import ROBOTS, Lidar, Obstacles, Scenario, Scenes, WorldMap, load_map
 

@@ -114,5 +114,5 @@ def test_what_does_not_fit_is_refused(seeker: GoalSeeker, lab: WorldMap) -> None
     with pytest.raises(ConfigurationError, match=r"acts every 0.2 s.*every 0.1 s"):
         roll_out(GoalSeeker(slow), lab)
     headless = seeker.spec.model_copy(update={"action": ACTIONS[:1]})
-    with pytest.raises(PolicyError, match="no action of the policy is of kind linear"):
+    with pytest.raises(PolicyError, match="no action of the policy is of kind 'linear'"):
         roll_out(GoalSeeker(headless), lab)

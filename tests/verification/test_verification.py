@@ -23,7 +23,8 @@ DISTANCES = {"clearance": 0.6, "danger": 0.8}
 KEYS = {
     "schema_version", "policy", "map", "eps", "criterion", "arithmetic", "engine", "states", "verdicts",
     "safety_rate", "sampled_safety_rate", "danger_rate", "contested_rate", "task", "reachable_width",
-    "seconds", "versions", "assumptions", "unsafe_states",
+    "seconds", "versions", "assumptions",
+    "premises", "unsafe_states",
 }  # fmt: skip
 
 

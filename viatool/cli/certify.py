@@ -47,8 +47,10 @@ if TYPE_CHECKING:
 @click.option(
     "--clearance", type=options.QuantityType("m"), help="Collision distance d_col instead of the map's."
 )
-@click.option("--interval", type=options.QuantityType("s"), help="Control interval instead of the robot's.")
+@options.interval_option
 @options.delay_option
+@options.robot_option
+@options.prefer_option
 @click.option(
     "--footprint",
     type=FootprintType(),
@@ -197,6 +199,8 @@ _PASSED_ON = (
     "deceleration",
     "interval",
     "delay",
+    "robot",
+    "prefer",
     "footprint",
     "arithmetic",
     "seed",
@@ -213,16 +217,10 @@ def choose_scenario(given: Mapping[str, Any], world_map: WorldMap) -> Scenario:
     """
     from dataclasses import replace
 
-    from viatool.errors import ConfigurationError
     from viatool.world import Scenario
 
     goal, number = given["goal"], given["scenario"]
     if number is None and goal is not None:
         return Scenario(f"goal {goal[0]:g},{goal[1]:g}", (*goal, 0.0), goal)
-    if (number or 0) >= len(world_map.scenarios):
-        raise ConfigurationError(
-            f"map '{world_map.path}' has {len(world_map.scenarios)} scenarios, so none of number {number or 0}",
-            "count from 0, or give --goal X,Y",
-        )
-    scenario = world_map.scenarios[number or 0]
+    scenario = world_map.numbered(number or 0)
     return scenario if goal is None else replace(scenario, goal=goal)

@@ -78,9 +78,39 @@ def collect_eps(ctx: click.Context, param: click.Parameter, values: tuple[Eps, .
     return radii
 
 
-def plain_eps(radii: Mapping[str, float]) -> float | Mapping[str, float]:
-    """Return one number where no channel has a radius of its own."""
-    return radii[""] if set(radii) == {""} else radii
+class PreferType(click.ParamType):  # type: ignore[type-arg]  # generic only in newer click
+    """``policy`` or ``map`` for every matter, or ``limits=map`` for one; converted to (matter, party)."""
+
+    name = "prefer"
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
+        """Show what may be written."""
+        return "[MATTER=]policy|map"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, str]:
+        """Read one preference; what may be named is checked where it is used."""
+        if isinstance(value, tuple):
+            return value
+        matter, _, party = value.rpartition("=")
+        return matter, party
+
+
+def collect_preferences(
+    ctx: click.Context, param: click.Parameter, values: tuple[tuple[str, str], ...]
+) -> dict[str, str]:
+    """Gather the repeated ``--prefer`` by matter; the key ``""`` holds the answer for all others."""
+    preferred: dict[str, str] = {}
+    for matter, party in values:
+        if preferred.setdefault(matter, party) != party:
+            raise click.BadParameter("one matter is given both parties", ctx=ctx, param=param)
+    return preferred
+
+
+def plain_eps(radii: Mapping[str, float]) -> float | Mapping[str, float] | None:
+    """Return one number where no channel has a radius of its own, None where none is given."""
+    return radii[""] if set(radii) == {""} else radii or None
 
 
 def limit_threads(ctx: click.Context, param: click.Parameter, threads: int | None) -> int | None:
@@ -199,6 +229,22 @@ clearance_option = click.option(
 danger_option = click.option(
     "--danger", type=QuantityType("m"), help="Danger distance d_danger instead of the map's."
 )
+interval_option = click.option(
+    "--interval", type=QuantityType("s"), help="Control interval instead of the policy's and the robot's."
+)
+robot_option = click.option(
+    "--robot",
+    metavar="NAME",
+    help="A robot that is known by name (see the docs on maps), with its limits, instead of the map's.",
+)
+prefer_option = click.option(
+    "--prefer",
+    type=PreferType(),
+    multiple=True,
+    callback=collect_preferences,
+    help="Which counts where policy and map contradict each other in interval, limits or lidar; without it they must "
+    "agree. With limits=map, commands are clipped to the robot's. Repeatable.",
+)
 footprint_option = click.option(
     "--footprint",
     type=FootprintType(),
@@ -299,7 +345,7 @@ delay_option = click.option(
     type=QuantityType("s", zero=True),
     default=0.0,
     show_default=True,
-    help="Dead time for which the previous command goes on.",
+    help="Dead time until a command acts; the commands before it go on until then.",
 )
 
 
@@ -309,11 +355,11 @@ def clearance_options(command: Command) -> Command:
         (
             clearance_option,
             danger_option,
-            click.option(
-                "--interval", type=QuantityType("s"), help="Control interval instead of the robot's."
-            ),
+            interval_option,
             footprint_option,
             delay_option,
+            robot_option,
+            prefer_option,
         )
     ):
         command = option(command)

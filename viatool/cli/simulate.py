@@ -15,7 +15,6 @@ from viatool.cli.terminal import open_console, show_progress
 if TYPE_CHECKING:
     from viatool.report import Output
     from viatool.simulate import Conditions, Simulation
-    from viatool.world import WorldMap
 
 
 @click.command()
@@ -37,7 +36,9 @@ if TYPE_CHECKING:
 @condition_options
 @options.clearance_option
 @options.danger_option
+@options.interval_option
 @options.footprint_option
+@options.prefer_option
 @click.option(
     "--horizon",
     type=click.IntRange(min=1),
@@ -104,16 +105,22 @@ def _output(text: str) -> Output:
 
 def _simulate(given: Mapping[str, Any]) -> Simulation:
     from viatool.policy import load_policy
+    from viatool.setting.setting import Setting
+    from viatool.setting.wishes import Wishes
     from viatool.simulate import simulate
 
     policy = load_policy(given["policy"], given["spec_path"])
-    world_map = _world(given)
+    world_map = options.open_map(given["map_path"], given["unknown"])
     scenarios = options.draw_scenarios(world_map, given["scenarios"], given["seed"])
+    wishes = Wishes(
+        **{name: given[name] for name in ("clearance", "danger", "interval", "footprint", "robot", "prefer")},
+        delay=given["delay"] or 0.0,
+    )
+    setting = Setting.of(policy, world_map, 0.0, wishes, scenarios)
     with show_progress(quiet=given["quiet"]) as progress:
         return simulate(
             policy,
-            world_map,
-            scenarios,
+            setting,
             engine=given["engine"],
             conditions=_conditions(given),
             horizon=given["horizon"],
@@ -122,23 +129,6 @@ def _simulate(given: Mapping[str, Any]) -> Simulation:
             lidar=given["lidar"],
             progress=lambda done, total: progress("drive", done, total),
         )
-
-
-def _world(given: Mapping[str, Any]) -> WorldMap:
-    """Return the map with the robot, the footprint and the clearances that were asked for."""
-    from dataclasses import replace
-
-    from viatool.setting.rules import as_footprint
-    from viatool.simulate import with_robot
-
-    world_map = options.open_map(given["map_path"], given["unknown"])
-    world_map = world_map.with_clearance(given["clearance"], given["danger"])
-    if given["robot"] is not None:
-        world_map = with_robot(world_map, given["robot"])
-    if given["footprint"] is not None:
-        outline = as_footprint(given["footprint"])
-        world_map = world_map.with_robot(replace(world_map.robot, footprint=outline))
-    return world_map
 
 
 def _conditions(given: Mapping[str, Any]) -> Conditions:

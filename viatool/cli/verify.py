@@ -30,6 +30,8 @@ _PASSED_ON = (
     "interval",
     "footprint",
     "delay",
+    "robot",
+    "prefer",
     "only_contested",
     "noise",
     "seed",

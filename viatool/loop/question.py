@@ -19,13 +19,13 @@ from viatool.safety import Situations
 from viatool.safety.proof import Effort, prove_clearance
 from viatool.sets.forms import ROUNDING, PoseBoxes
 from viatool.sets.states import StateBoxes
-from viatool.setting.layout import Layout
 from viatool.setting.rules import Rules
+from viatool.setting.setting import Setting
 from viatool.sight.shapes import Shapes
 from viatool.simulate.observation import Observer
 from viatool.taylor.correlated import input_model, reach_correlated
 from viatool.taylor.reach import Arithmetic
-from viatool.world import Scenario, WorldMap
+from viatool.world import Scenario
 
 _CHUNK = 256
 _CHUNK_PAIRS = 400_000
@@ -60,8 +60,10 @@ class Question:
 
     Parameters
     ----------
-    policy, layout, rules
-        The policy, the meaning of its numbers with their uncertainty, and what is to hold.
+    policy : Policy
+        The program.
+    setting : Setting
+        The meaning of its numbers with their uncertainty, and what is to hold.
     sensors : Sensors
         What it observes.
     situation : Situations
@@ -71,8 +73,7 @@ class Question:
     """
 
     policy: Policy
-    layout: Layout
-    rules: Rules
+    setting: Setting
     sensors: Sensors
     situation: Situations
     arithmetic: Arithmetic = "float32"
@@ -81,21 +82,21 @@ class Question:
     def of(
         cls,
         policy: Policy,
-        world_map: WorldMap,
+        setting: Setting,
         scenario: Scenario,
-        layout: Layout,
-        rules: Rules,
         arithmetic: Arithmetic = "float32",
     ) -> Question:
         """Ask about a scenario of a map."""
-        observer = Observer(
-            layout.spec.observation, world_map.robot, noise=0.0
-        )  # refuses what cannot be simulated
-        sensors = Sensors(
-            layout.spec.observation, observer.lidar, Shapes.of(world_map, scenario), np.array(scenario.goal)
-        )
+        channels, world_map = setting.spec.observation, setting.world_map
+        observer = Observer(channels, setting.robot, noise=0.0)  # refuses what cannot be simulated
+        sensors = Sensors(channels, observer.lidar, Shapes.of(world_map, scenario), np.array(scenario.goal))
         nowhere = Situations.of(world_map, [scenario], np.zeros((1, 3)), np.zeros(1, np.int64))
-        return cls(policy, layout, rules, sensors, nowhere, arithmetic)
+        return cls(policy, setting, sensors, nowhere, arithmetic)
+
+    @property
+    def rules(self) -> Rules:
+        """Return what is to hold."""
+        return self.setting.rules
 
     def at(self, boxes: PoseBoxes) -> Situations:
         """Return boxes of poses as states of the scenario."""
@@ -115,23 +116,31 @@ class Question:
 
     def settled(self, boxes: PoseBoxes) -> Booleans:
         """Tell in which boxes no admissible commands, before and next, endanger a free pose, (C,). **Sound:** yes."""
-        lower, upper = (np.broadcast_to(end, (len(boxes), 2)) for end in (self.rules.lower, self.rules.upper))
+        lower, upper = self._any_commands(len(boxes))
         return self.holds(StateBoxes(boxes, lower, upper), lower, upper)
 
     def holds(self, cells: StateBoxes, lower: Floats, upper: Floats) -> Booleans:
         """Tell in which cells every command of a box (C, 2) keeps every free pose clear, (C,). **Sound:** yes.
 
-        With a dead time the command before goes on from the pose, and the next one acts where that has led.
+        With a dead time the command before goes on from the pose, and the next one acts where that has led. Of the
+        commands that were given before that one nothing is known: each may be any that the robot carries out.
         """
-        rules = self.rules
-        if not rules.delay:
-            return self._keep_clear(cells.poses, rules.manoeuvre, lower, upper)
-        held = cells.previous_lower, cells.previous_upper
-        kept = self._keep_clear(cells.poses, rules.waiting, *held)
+        rules, boxes, count = self.rules, cells.poses, len(cells)
+        kept = np.ones(count, dtype=bool)
+        for index, manoeuvre in enumerate(rules.waiting, start=1):
+            newest = index == rules.dead_time.commands
+            held = (cells.previous_lower, cells.previous_upper) if newest else self._any_commands(count)
+            some = np.flatnonzero(kept)
+            kept[some] = self._keep_clear(boxes.select(some), manoeuvre, held[0][some], held[1][some])
+            boxes = after_waiting(boxes, manoeuvre, *held)
         some = np.flatnonzero(kept)
-        acting = after_waiting(cells.poses, rules.waiting, *held).select(some)
-        kept[some] = self._keep_clear(acting, rules.manoeuvre, lower[some], upper[some])
+        kept[some] = self._keep_clear(boxes.select(some), rules.manoeuvre, lower[some], upper[some])
         return kept
+
+    def _any_commands(self, count: int) -> tuple[Floats, Floats]:
+        """Return the ends (C, 2) of all commands that the robot carries out."""
+        lower, upper = (np.broadcast_to(end, (count, 2)) for end in (self.rules.lower, self.rules.upper))
+        return lower, upper
 
     def _keep_clear(self, boxes: PoseBoxes, manoeuvre: Manoeuvre, lower: Floats, upper: Floats) -> Booleans:
         """Tell in which boxes every command of a box keeps every free pose clear on its path, (C,)."""
@@ -162,9 +171,9 @@ class Question:
         return [slice(start, min(start + step, count)) for start in range(0, count, step)]
 
     def _commands(self, cells: StateBoxes) -> Commands:
-        columns, spec = self.layout.columns, self.layout.spec
+        columns, spec = self.setting.columns, self.setting.spec
         seen = self.sensors.enclose(cells)
-        inputs = input_model(seen.centre, seen.slope, seen.rest + self.layout.radii)
+        inputs = input_model(seen.centre, seen.slope, seen.rest + self.setting.radii)
         reached = reach_correlated(self.policy.network, inputs, arithmetic=self.arithmetic)
         lower, upper = (self.rules.clip(end[:, columns]) for end in (reached.lower, reached.upper))
         moved = reached.influence / np.maximum(reached.influence.sum(axis=1, keepdims=True), 1e-12)

@@ -70,18 +70,18 @@ def refute(question: Question, cells: StateBoxes, commands: Commands, *, seed: i
     Sound: yes. The pose lies in the cell and keeps the collision distance by `_FREE`; the observation lies within
     eps of what perfect sensors read there, rounded to float32; the command comes from onnxruntime, and fails.
     """
-    layout, rules = question.layout, question.rules
+    setting, rules = question.setting, question.rules
     previous = 0.5 * (cells.previous_lower + cells.previous_upper)
     row, place = _nearest_places(question, cells.poses)
     poses = _worst_poses(question, cells.poses.select(row), place, previous[row])
     if not len(row):
-        return Refutations(poses, previous[row], Witnesses.join([], len(layout.radii)))
-    observations = observe(question, poses, previous[row]).astype(layout.number).astype(np.float64)
-    radii = np.maximum(layout.radii - _AS_RECEIVED * (1.0 + np.abs(observations).max(axis=0)), 0.0)
+        return Refutations(poses, previous[row], Witnesses.join([], len(setting.radii)))
+    observations = observe(question, poses, previous[row]).astype(setting.number).astype(np.float64)
+    radii = np.maximum(setting.radii - _AS_RECEIVED * (1.0 + np.abs(observations).max(axis=0)), 0.0)
     situations = replace(question.situation, poses=poses, scene=np.zeros(len(row), np.int64), radii=None)
-    case = Case(rules, situations, previous[row])
+    case = Case(rules, situations, rules.dead_time.queue(previous[row]))
     found = search_witnesses(
-        question.policy, layout.columns, case, np.arange(len(row)), observations, radii,
+        question.policy, setting.columns, case, np.arange(len(row)), observations, radii,
         commands.lower[row], commands.upper[row], seed=seed,
     )  # fmt: skip
     return Refutations(poses[found.state], previous[row][found.state], replace(found, state=row[found.state]))
@@ -113,9 +113,11 @@ def _worst_poses(question: Question, boxes: PoseBoxes, place: Floats, previous: 
     poses = np.concatenate([places, heading[:, :, None]], axis=2)  # (W, 3, 3)
     flat = poses.reshape(-1, 3)
     before = np.repeat(previous, len(_TURNS), axis=0)
-    actions = rules.clip(question.policy.network(observe(question, flat, before))[:, question.layout.columns])
+    actions = rules.clip(
+        question.policy.network(observe(question, flat, before))[:, question.setting.columns]
+    )
     situations = replace(question.situation, poses=flat, scene=np.zeros(len(flat), np.int64), radii=None)
-    case = Case(rules, situations, before)
+    case = Case(rules, situations, rules.dead_time.queue(before))
     left = case.clearance(case.paths(actions[:, None], _FRACTIONS)).reshape(count, len(_TURNS), -1)
     free = (
         _clearance(question, poses) > rules.clearance.collision + _FREE

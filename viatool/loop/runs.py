@@ -69,8 +69,8 @@ def drive(loop: Loop, poses: Floats, previous: Floats, errors: Floats) -> Runs:
     driving = ~_near_goal(loop, poses)
     for k in range(errors.shape[1]):
         exact = observe(question, poses, previous) + errors[:, k]
-        seen = exact.astype(question.layout.number).astype(np.float64)
-        previous = rules.clip(np.asarray(question.policy.run(seen))[:, question.layout.columns])
+        seen = exact.astype(question.setting.number).astype(np.float64)
+        previous = rules.clip(np.asarray(question.policy.run(seen))[:, question.setting.columns])
         case = _case(question, poses)
         left = case.clearance(case.paths(previous[:, None], _FRACTIONS)).min(axis=(1, 2))
         places.append(poses)
@@ -109,7 +109,7 @@ def search_crashes(
     Sound: yes. The program is onnxruntime, and what it observes is within eps of what perfect sensors read. The errors
     are corners of their boxes: random ones, then those that the correlation of errors and clearance speaks for.
     """
-    radii, generator = loop.question.layout.radii, np.random.default_rng(seed)
+    radii, generator = loop.question.setting.radii, np.random.default_rng(seed)
     steps = loop.horizon.steps
     found = [Crashes.none(steps, len(radii))]
     each = max(1, _AT_ONCE // _RUNS)
@@ -122,7 +122,7 @@ def search_crashes(
 def _search(
     loop: Loop, states: Indices, poses: Floats, previous: Floats, generator: np.random.Generator
 ) -> Crashes:
-    steps, size, count = loop.horizon.steps, len(loop.question.layout.radii), len(states)
+    steps, size, count = loop.horizon.steps, len(loop.question.setting.radii), len(states)
     shape = (count, _RUNS, 3 + steps * size)
     signs = generator.choice([-1.0, 1.0], shape)
     signs[:, 0] = 0.0
@@ -150,7 +150,7 @@ def _spread(loop: Loop, poses: Floats, previous: Floats, signs: Floats) -> tuple
     """Return starts (B M, 3) and errors (B M, K, n) of signs (B, M, 3 + K n)."""
     question, (count, each, _) = loop.question, signs.shape
     seen = observe(question, poses, previous)
-    radii = np.maximum(question.layout.radii - _AS_RECEIVED * (1.0 + np.abs(seen).max(initial=0.0)), 0.0)
+    radii = np.maximum(question.setting.radii - _AS_RECEIVED * (1.0 + np.abs(seen).max(initial=0.0)), 0.0)
     starts = poses[:, None] + signs[:, :, :3] * loop.horizon.pose_error
     errors = signs[:, :, 3:].reshape(count * each, loop.horizon.steps, len(radii)) * radii
     return starts.reshape(-1, 3), errors
@@ -163,7 +163,7 @@ def _confirmed(
     limit = loop.question.rules.clearance.collision
     rows = np.flatnonzero((least < limit - MARGIN) | (least <= 0.0))
     if not len(rows):
-        return Crashes.none(loop.horizon.steps, len(loop.question.layout.radii))
+        return Crashes.none(loop.horizon.steps, len(loop.question.setting.radii))
     starts, errors = _spread(loop, poses[rows], previous[rows], best[rows, None])
     runs, each = drive(loop, starts, previous[rows], errors), np.arange(len(rows))
     at = (runs.clearance < limit).argmax(axis=1)

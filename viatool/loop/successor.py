@@ -107,7 +107,7 @@ def step(question: Question, states: Forms) -> Step:
     """
     states = name_rests(states)
     count, symbols = states.slope.shape[:2]
-    chunk = max(1, _MOST_NUMBERS // ((symbols + len(question.layout.radii)) * 64))
+    chunk = max(1, _MOST_NUMBERS // ((symbols + len(question.setting.radii)) * 64))
     parts = [_step(question, select(states, slice(first, first + chunk))) for first in range(0, count, chunk)]
     if not parts:
         return _step(question, states)
@@ -244,10 +244,10 @@ def _step(question: Question, states: Forms) -> Step:
     """Enclose one chunk of sets without rests."""
     start = hull(states)
     seen = _observe(question, states, start)
-    inputs = input_model(seen.centre, seen.slope, seen.rest + question.layout.radii)
+    inputs = input_model(seen.centre, seen.slope, seen.rest + question.setting.radii)
     common = states.slope.shape[1]
     reached = reach_linear(question.policy.network, inputs, common, arithmetic=question.arithmetic)
-    columns, rules = question.layout.columns, question.rules
+    columns, rules = question.setting.columns, question.rules
     bounds = reached.lower[:, columns], reached.upper[:, columns]
     centre, rest = reached.centre[:, columns], reached.rest[:, columns]
     # A limit moves a command by what it exceeds the limit by: a number between 0 and the most that it may.

@@ -20,7 +20,7 @@ from viatool.places.search import search
 from viatool.places.tree import Lattice
 from viatool.schedule import Checkpoint, Piece, Scheduler, Serial, cut, digest_of
 from viatool.versions import result_versions
-from viatool.world import Scenario, WorldMap
+from viatool.world import Scenario
 
 Tell = Callable[[str, int, int], None]
 
@@ -122,18 +122,18 @@ class Campaign:
         return Findings.join([found[span] for span in sorted(found)]), sum(map(len, found))
 
 
-def describe(inspection: Inspection, world_map: WorldMap, scenario: Scenario) -> dict[str, Any]:
+def describe(inspection: Inspection, scenario: Scenario) -> dict[str, Any]:
     """Return everything that the findings depend on, as plain data for the manifest of a checkpoint."""
     question = inspection.question
-    policy, rules = question.policy, question.rules
-    meaning = None if policy.spec is None else policy.spec.model_dump_json()
+    policy, setting = question.policy, question.setting
+    world_map, meaning = setting.world_map, setting.spec.model_dump_json()
     return {
         "policy": policy.sha256,
         "network": digest_of((policy.network, meaning)),
         "map": digest_of((world_map.arena, world_map.obstacles, scenario.obstacles)),
         "goal": list(scenario.goal),
-        "rules": json.loads(json.dumps(asdict(rules), default=lambda array: array.tolist())),
-        "radii": question.layout.radii.tolist(),
+        "rules": json.loads(json.dumps(asdict(setting.rules), default=lambda array: array.tolist())),
+        "radii": setting.radii.tolist(),
         "arithmetic": question.arithmetic,
         "cells": {name: part.tolist() for name, part in vars(inspection.lattice).items()},
         "seed": inspection.seed,

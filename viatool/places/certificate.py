@@ -16,8 +16,9 @@ from viatool.places.over_time import Prospect
 from viatool.places.raster import Raster, rasterise
 from viatool.places.tree import Lattice, Nodes
 from viatool.policy import Policy
-from viatool.setting.layout import Layout
+from viatool.setting.premises import Premise
 from viatool.setting.rules import Rules
+from viatool.setting.setting import Setting
 from viatool.world import Scenario, WorldMap
 
 SCHEMA_VERSION = 1
@@ -40,14 +41,10 @@ class Certificate:
     ----------
     policy : Policy
         What was certified.
-    world_map, scenario
-        Where, among which obstacles and towards which goal.
-    rules : Rules
-        What holds in the certified cells.
-    layout : Layout
-        The meaning of the numbers, with the uncertainty of each.
-    eps : float or dict
-        The uncertainty as it was given.
+    setting : Setting
+        What was asked, as it took effect.
+    scenario : Scenario
+        Among which obstacles and towards which goal.
     arithmetic : str
         "float32" or "real", the contract of the bounds.
     lattice : Lattice
@@ -63,11 +60,8 @@ class Certificate:
     """
 
     policy: Policy
-    world_map: WorldMap
+    setting: Setting
     scenario: Scenario
-    rules: Rules
-    layout: Layout
-    eps: float | Mapping[str, float]
     arithmetic: str
     lattice: Lattice
     findings: Findings
@@ -76,6 +70,26 @@ class Certificate:
     seconds: Mapping[str, float]
     versions: Mapping[str, str]
     prospect: Prospect | None = None
+
+    @property
+    def world_map(self) -> WorldMap:
+        """Return the map, with the robot and the clearances that counted."""
+        return self.setting.world_map
+
+    @property
+    def rules(self) -> Rules:
+        """Return what holds in the certified cells."""
+        return self.setting.rules
+
+    @property
+    def eps(self) -> float | dict[str, float]:
+        """Return the radius that was given for everything, else radii by channel, as they took effect."""
+        return self.setting.errors.to_json()
+
+    @property
+    def premises(self) -> tuple[Premise, ...]:
+        """Return everything that took effect, and who said so."""
+        return self.setting.premises
 
     @cached_property
     def units(self) -> dict[str, int]:
@@ -154,7 +168,7 @@ class Certificate:
             "policy": {"path": str(self.policy.path), "sha256": self.policy.sha256},
             "map": {"path": str(self.world_map.path), "sha256": self.world_map.sha256},
             "scenario": {"name": self.scenario.name, "goal": list(self.scenario.goal)},
-            "eps": dict(self.eps) if isinstance(self.eps, Mapping) else self.eps,
+            "eps": self.eps,
             "criterion": self.rules.criterion,
             "clearance": self.rules.clearance.collision,
             "deceleration": self.rules.deceleration if self.rules.criterion == "braking" else None,

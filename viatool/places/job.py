@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import os
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -15,12 +17,14 @@ from viatool.places.campaign import Budget, Campaign, Inspection, Tell, describe
 from viatool.places.certificate import Certificate
 from viatool.places.over_time import Outlook, look_ahead
 from viatool.places.tree import Lattice
-from viatool.policy import Policy
-from viatool.setting.layout import Layout
-from viatool.setting.rules import Rules
+from viatool.policy import Policy, PolicySpecification, load_policy
+from viatool.setting.setting import Setting
+from viatool.setting.wishes import Wishes
 from viatool.taylor import Arithmetic
 from viatool.versions import result_versions
-from viatool.world import Footprint, Scenario, Scenes, WorldMap
+from viatool.world import Footprint, Scenario, WorldMap, load_map
+
+StrPath = str | os.PathLike[str]
 
 
 @dataclass(frozen=True)
@@ -48,17 +52,20 @@ class Resolution:
 
 
 def certify(
-    policy: Policy,
-    world_map: WorldMap,
-    scenario: Scenario,
+    policy: Policy | StrPath,
+    world_map: WorldMap | StrPath,
+    scenario: Scenario | int = 0,
     *,
-    eps: float | Mapping[str, float],
+    eps: float | Mapping[str, float] | None = None,
+    spec: PolicySpecification | StrPath | None = None,
     criterion: str = "braking",
     clearance: float | None = None,
     deceleration: float | None = None,
     interval: float | None = None,
     delay: float = 0.0,
-    footprint: Footprint | str | float | None = None,
+    robot: str | None = None,
+    prefer: Mapping[str, str] | None = None,
+    footprint: Footprint | str | float | Sequence[Sequence[float]] | None = None,
     arithmetic: Arithmetic = "float32",
     resolution: Resolution | None = None,
     budget: Budget | None = None,
@@ -71,18 +78,24 @@ def certify(
 
     Parameters
     ----------
-    policy : Policy
+    policy : Policy or path
         With a specification of channels that can be simulated.
-    world_map, scenario
-        Where, among which obstacles and towards which goal.
-    eps : float or mapping
+    world_map : WorldMap or path
+        Where.
+    scenario : Scenario or int
+        Among which obstacles and towards which goal; a number is that of one of the map's.
+    eps : float or mapping, optional
         Sensor error, as in `viatool.verify`.
+    spec : PolicySpecification or path, optional
+        Specification of a policy that carries none.
     criterion : str
         "swept" or "braking".
     clearance, deceleration, interval, footprint
         Instead of the map's and the robot's.
     delay : float
-        Dead time in seconds, for which the command before goes on.
+        Dead time in seconds, for which the commands before go on.
+    robot, prefer
+        As in `viatool.verify`.
     arithmetic : str
         As in `viatool.reach`.
     resolution : Resolution, optional
@@ -121,22 +134,20 @@ def certify(
     resolution, budget = resolution or Resolution(), budget or Budget()
     if criterion not in ("swept", "braking"):
         raise ConfigurationError(f"criterion '{criterion}' proves nothing", "choose swept or braking")
-    world_map = world_map.with_clearance(clearance, None)
-    if deceleration is not None:
-        world_map = world_map.with_robot(replace(world_map.robot, deceleration=deceleration))
-    rules = Rules.of(world_map, criterion, interval=interval, footprint=footprint, delay=delay)
-    layout = Layout.of(policy, eps)
-    if Scenes.of(world_map, [scenario]).blocked(np.array([scenario.goal]), np.zeros(1, np.int64))[0]:
-        x, y = scenario.goal
-        raise ConfigurationError(f"the goal ({x:g}, {y:g}) lies in an obstacle or off the map", "move it")
-    question = Question.of(policy, world_map, scenario, layout, rules, arithmetic)
+    policy = policy if isinstance(policy, Policy) else load_policy(policy, spec)
+    world_map = world_map if isinstance(world_map, WorldMap) else load_map(Path(world_map))
+    scenario = scenario if isinstance(scenario, Scenario) else world_map.numbered(scenario)
+    wishes = Wishes(criterion, clearance, None, interval, footprint, delay, deceleration, robot, prefer or {})
+    setting = Setting.of(policy, world_map, eps, wishes, [scenario])
+    rules = setting.rules
+    question = Question.of(policy, setting, scenario, arithmetic)
     smallest = (resolution.side, resolution.side, resolution.halvings)
     outlook = outlook or Outlook()
     grain = max(1, outlook.coarser)
-    lattice = Lattice.over(world_map.bounds, (rules.lower, rules.upper), smallest, grain)
+    lattice = Lattice.over(setting.world_map.bounds, (rules.lower, rules.upper), smallest, grain)
     start = time.perf_counter()
     inspection = Inspection(question, lattice, seed)
-    about = describe(inspection, world_map, scenario)
+    about = describe(inspection, scenario)
     campaign = campaign or Campaign()
     findings, examined = campaign.carry_out(inspection, budget, about, tell)
     if not (findings.status > 0).any():
@@ -148,6 +159,6 @@ def certify(
         prospect = look_ahead(question, lattice, findings, scenario.goal, outlook, campaign.scheduler, tell)
         seconds["over_time"] = time.perf_counter() - start
     return Certificate(
-        policy, world_map, scenario, rules, layout, eps, arithmetic, lattice, findings, examined,
+        policy, setting, scenario, arithmetic, lattice, findings, examined,
         int(np.prod(lattice.count)), seconds, result_versions(), prospect,
     )  # fmt: skip

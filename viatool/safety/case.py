@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.arrays import Floats
+from viatool.arrays import Booleans, Floats
 from viatool.motion.arcs import advance
 from viatool.safety.proof import Proof, prove_clearance
 from viatool.safety.situations import Situations
@@ -28,13 +28,20 @@ class Case:
         What is asked.
     situations : Situations
         Where the robot stands when the policy observes.
-    previous : ndarray or None
-        (B, 2) commands that go on for the dead time; needed when the rules have a delay.
+    under_way : ndarray or None
+        (B, W, 2) commands that act one after the other before the new one does, the oldest first; NaN where a
+        command is not known. Needed when the rules have a dead time.
     """
 
     rules: Rules
     situations: Situations
-    previous: Floats | None = None
+    under_way: Floats | None = None
+
+    def __post_init__(self) -> None:
+        expected = self.rules.dead_time.commands
+        found = 0 if self.under_way is None else self.under_way.shape[1]
+        if expected and found != expected:
+            raise ValueError(f"{found} commands are on their way, the dead time holds {expected}")
 
     def __len__(self) -> int:
         """Return the number of states."""
@@ -42,23 +49,42 @@ class Case:
 
     def select(self, which: NDArray[Any]) -> Case:
         """Return some of the states."""
-        previous = None if self.previous is None else self.previous[which]
-        return replace(self, situations=self.situations.select(which), previous=previous)
+        under_way = None if self.under_way is None else self.under_way[which]
+        return replace(self, situations=self.situations.select(which), under_way=under_way)
+
+    @cached_property
+    def waits(self) -> tuple[tuple[float, Situations, Floats], ...]:
+        """Return the W waits before the new command acts: seconds, where each begins, and the command (B, 2) held."""
+        found, here = [], self.situations
+        for index, seconds in enumerate(self.rules.dead_time.durations):
+            assert self.under_way is not None
+            held = self.under_way[:, index]
+            found.append((seconds, here, held))
+            here = here.moved(advance(here.poses, held, seconds))
+        return tuple(found)
 
     @cached_property
     def acting(self) -> Situations:
         """Where the robot stands when the new command begins to act."""
-        if self.previous is None or not self.rules.delay:
+        if not self.waits:
             return self.situations
-        poses = advance(self.situations.poses, self.previous, self.rules.delay)
-        return self.situations.moved(poses)
+        seconds, here, held = self.waits[-1]
+        return here.moved(advance(here.poses, held, seconds))
+
+    @property
+    def known(self) -> Booleans:
+        """Tell of which states every command on its way is known, (B,); nothing is proved of the others."""
+        if not self.waits or self.under_way is None:
+            return np.ones(len(self), dtype=bool)
+        return np.asarray(np.isfinite(self.under_way).all(axis=(1, 2)))
 
     def prove_waiting(self, threshold: float) -> Proof:
         """Decide whether the footprint keeps its clearance during the dead time, for B states."""
-        if self.previous is None or not self.rules.delay:
-            return Proof(np.ones(len(self), dtype=bool), np.zeros(len(self), dtype=bool))
-        rules, held = self.rules, self.previous
-        return prove_clearance(self.situations, held, held, threshold, rules.waiting, rules.footprint)
+        proof = Proof(self.known.copy(), np.zeros(len(self), dtype=bool))
+        for manoeuvre, (_, here, held) in zip(self.rules.waiting, self.waits, strict=True):
+            wait = prove_clearance(here, held, held, threshold, manoeuvre, self.rules.footprint)
+            proof = Proof(proof.proved & wait.proved, proof.refuted | wait.refuted)
+        return proof
 
     def paths(self, actions: Floats, fractions: Floats) -> Floats:
         """Return the poses of commands over the whole time that is judged.
@@ -68,20 +94,19 @@ class Case:
         actions : ndarray
             (B, A, 2) commands of each state, as the robot carries them out.
         fractions : ndarray
-            (F,) of the path, and of the dead time if there is one.
+            (F,) of the path, and of each of the W waits before it.
 
         Returns
         -------
         ndarray
-            (B, A, F, 3), or (B, A, 2 F, 3) with the dead time first.
+            (B, A, (W + 1) F, 3), the waits first.
         """
         acting = self.rules.manoeuvre.path(self.acting.poses[:, None, None], actions[:, :, None], fractions)
-        if self.previous is None or not self.rules.delay:
-            return acting
-        waiting = self.rules.waiting.path(
-            self.situations.poses[:, None, None], self.previous[:, None, None], fractions
-        )
-        return np.concatenate([np.broadcast_to(waiting, acting.shape), acting], axis=2)
+        waits = [
+            manoeuvre.path(here.poses[:, None, None], held[:, None, None], fractions)
+            for manoeuvre, (_, here, held) in zip(self.rules.waiting, self.waits, strict=True)
+        ]
+        return np.concatenate([*(np.broadcast_to(wait, acting.shape) for wait in waits), acting], axis=2)
 
     def clearance(self, paths: Floats) -> Floats:
         """Return the exact clearance of the footprint at poses (B, ..., 3), as (B, ...) metres."""
@@ -114,12 +139,15 @@ class Case:
         paths = self.paths(actions, DENSE_FRACTIONS)
         clearances = self.clearance(paths)
         at = clearances.argmin(axis=2)[..., None]
-        waits = paths.shape[2] - len(DENSE_FRACTIONS)
-        acts_at = DENSE_FRACTIONS[np.maximum(at[..., 0] - waits, 0)]
-        seconds = np.where(
-            at[..., 0] < waits,
-            self.rules.delay * DENSE_FRACTIONS[np.minimum(at[..., 0], len(DENSE_FRACTIONS) - 1)],
-            (self.rules.delay if waits else 0.0) + self.rules.manoeuvre.clock(actions, acts_at),
-        )
+        seconds = np.take_along_axis(self._clock(actions), at, axis=2)[..., 0]
         poses = np.take_along_axis(paths, at[..., None], axis=2)[:, :, 0]
         return np.take_along_axis(clearances, at, axis=2)[..., 0], seconds, poses
+
+    def _clock(self, actions: Floats) -> Floats:
+        """Return the seconds since the observation at the poses of `paths` at `DENSE_FRACTIONS`, (B, A, (W + 1) F)."""
+        acting = self.rules.delay + self.rules.manoeuvre.clock(actions[:, :, None], DENSE_FRACTIONS)
+        durations = np.array([seconds for seconds, _, _ in self.waits])
+        begins = np.cumsum(durations) - durations
+        waits = (begins[:, None] + durations[:, None] * DENSE_FRACTIONS).ravel()
+        shape = (*actions.shape[:2], len(waits))
+        return np.concatenate([np.broadcast_to(waits, shape), acting], axis=2)

@@ -100,9 +100,9 @@ def _hold(
     distance: float,
     contested: Booleans,
 ) -> Booleans:
-    """Return (N,) where a test holds, looking at the contested states alone."""
+    """Return (N,) where a test holds, looking at the contested states alone; of no other does it have to."""
     holds = ~contested
-    rows = np.flatnonzero(contested)
+    rows = np.flatnonzero(contested & case.known)
     for start in range(0, len(rows), _CHUNK):
         some = rows[start : start + _CHUNK]
         holds[some] = test(case.select(some), lower[some], upper[some], distance)
@@ -115,9 +115,9 @@ def _proved(case: Case, lower: Floats, upper: Floats, distance: float) -> Boolea
 
 def _contested(case: Case, distance: float) -> Booleans:
     """Return (N,) which states are not settled, looking at some at a time."""
-    contested = np.ones(len(case), dtype=bool)
-    for start in range(0, len(case), _CHUNK):
-        some = np.arange(start, min(start + _CHUNK, len(case)))
+    contested, known = np.ones(len(case), dtype=bool), np.flatnonzero(case.known)
+    for start in range(0, len(known), _CHUNK):
+        some = known[start : start + _CHUNK]
         contested[some] = ~settle(case.select(some), distance)
     return contested
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from viatool.arrays import Floats
 from viatool.errors import ConfigurationError
+from viatool.motion.dead_time import DeadTime
 from viatool.motion.manoeuvre import Manoeuvre
 from viatool.world import Clearance, Footprint, WorldMap, simple_polygon
 
@@ -38,7 +39,7 @@ class Rules:
     deceleration : float
         Largest braking, in m/s^2.
     delay : float
-        Dead time in seconds, for which the previous command goes on.
+        Dead time in seconds, for which the commands before go on.
     """
 
     criterion: Criterion
@@ -104,9 +105,14 @@ class Rules:
         return Manoeuvre(self.interval, self.deceleration, rim)
 
     @property
-    def waiting(self) -> Manoeuvre:
-        """Return the path that the previous command adds before the new one acts."""
-        return Manoeuvre(self.delay)
+    def dead_time(self) -> DeadTime:
+        """Return which commands act before the new one does, and for how long."""
+        return DeadTime(self.delay, self.interval)
+
+    @property
+    def waiting(self) -> tuple[Manoeuvre, ...]:
+        """Return the W paths that the commands on their way add before the new one acts, the oldest first."""
+        return tuple(Manoeuvre(seconds) for seconds in self.dead_time.durations)
 
     def clip(self, actions: Floats) -> Floats:
         """Return commands (..., 2) as the robot carries them out; monotone, so ends of a box map to ends."""

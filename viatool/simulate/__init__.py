@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from viatool.simulate.conditions import Conditions
-from viatool.simulate.engines import ENGINES, make_simulator, with_robot
+from viatool.simulate.engines import ENGINES, make_simulator
 from viatool.simulate.kinematic import NavigationSimulator
 from viatool.simulate.observation import Observer, Situation, measure_goals, navigation_channels
 from viatool.simulate.places import Places, observe_places
@@ -36,5 +36,4 @@ __all__ = [
     "roll_out",
     "simulate",
     "summarise_drive",
-    "with_robot",
 ]

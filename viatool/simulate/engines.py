@@ -7,7 +7,7 @@ from typing import Any
 from viatool.errors import ConfigurationError
 from viatool.simulate.kinematic import NavigationSimulator
 from viatool.simulate.simulator import Simulator
-from viatool.world import ROBOTS, WorldMap
+from viatool.world import WorldMap
 
 ENGINES = ("kinematic", "bullet")
 """Names that `make_simulator` knows."""
@@ -71,33 +71,3 @@ def largest_batch(engine: str) -> int:
     from viatool.simulate.bullet import BulletSimulator
 
     return BulletSimulator.largest
-
-
-def with_robot(world_map: WorldMap, name: str) -> WorldMap:
-    """Return a map with a robot that is known by name: its limits and body.
-
-    Parameters
-    ----------
-    world_map : WorldMap
-        Keeps its clearances and the footprint from which they are measured, since one means nothing without the
-        other; and its LiDAR and control interval, which belong to the policy.
-    name : str
-        One of `viatool.world.ROBOTS`.
-
-    Raises
-    ------
-    ConfigurationError
-        If there is no such robot.
-    """
-    from dataclasses import replace
-
-    if name not in ROBOTS:
-        raise ConfigurationError(f"unknown robot '{name}'", f"choose one of {', '.join(ROBOTS)}")
-    mine = world_map.robot
-    robot = replace(
-        ROBOTS[name],
-        footprint=mine.footprint,
-        lidar=mine.lidar,
-        control_interval=mine.control_interval,
-    )
-    return world_map.with_robot(robot)

@@ -8,6 +8,7 @@ import numpy as np
 
 from viatool.arrays import Booleans, Floats, Indices
 from viatool.motion.arcs import advance, wrap_angle
+from viatool.motion.dead_time import DeadTime
 
 
 class Odometry:
@@ -78,12 +79,8 @@ class DelayLine:
     """
 
     def __init__(self, robots: int, delay: float, interval: float) -> None:
-        whole = int(delay / interval + 1e-9)
-        rest = delay - whole * interval
-        self._rest = 0.0 if rest < 1e-9 else rest
-        self._immediate = whole == 0 and self._rest == 0.0
-        self._interval = interval
-        self._sent = np.zeros((whole + 2, robots, 2))  # the newest first
+        self._dead_time = DeadTime(delay, interval)
+        self._sent = np.zeros((self._dead_time.whole + 2, robots, 2))  # the newest first
 
     def reset(self, index: Indices) -> None:
         """Forget what was sent to some robots; they stand still until a new command arrives."""
@@ -91,12 +88,11 @@ class DelayLine:
 
     def send(self, commands: Floats) -> Sequence[tuple[float, Floats]]:
         """Send commands (E, 2) and return what arrives in this interval: seconds and commands (E, 2)."""
-        if self._immediate:
-            return [(self._interval, commands)]
+        rest, interval = self._dead_time.rest, self._dead_time.interval
         self._sent = np.concatenate([commands[None], self._sent[:-1]])
-        if self._rest == 0.0:
-            return [(self._interval, self._sent[-2])]
-        return [(self._rest, self._sent[-1]), (self._interval - self._rest, self._sent[-2])]
+        if rest == 0.0:
+            return [(interval, self._sent[-2])]
+        return [(rest, self._sent[-1]), (interval - rest, self._sent[-2])]
 
     def keep(self, which: Booleans) -> None:
         """Go on with some of the robots only."""

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from viatool.arrays import Floats, Indices
 from viatool.errors import ConfigurationError, EmptyEvaluationError
+from viatool.setting.setting import Setting
 from viatool.simulate.observation import Observer, Situation
-from viatool.simulate.roll_out import RunnablePolicy, command_columns, specification_of
+from viatool.simulate.roll_out import RunnablePolicy
 from viatool.trajectory import Trajectory
-from viatool.world import Footprint, Scenario, Scenes, WorldMap
+from viatool.world import Footprint, Scenes, WorldMap
 
 _MOST = 5_000_000  # poses; more is a slip of the keyboard
 _BATCH = 4096  # poses drawn together; part of what a seed means
@@ -49,29 +49,18 @@ class Places:
             raise ConfigurationError(f"{self.headings} headings", "ask for at least one")
 
 
-def observe_places(
-    policy: RunnablePolicy,
-    world_map: WorldMap,
-    scenarios: Sequence[Scenario],
-    places: Places,
-    *,
-    footprint: Footprint | None = None,
-    seed: int = 0,
-) -> Trajectory:
-    """Return states at poses spread over the free space, one episode for each scenario.
+def observe_places(policy: RunnablePolicy, setting: Setting, places: Places, *, seed: int = 0) -> Trajectory:
+    """Return states at poses spread over the free space, one episode for each scenario of a setting.
 
     Parameters
     ----------
     policy : Policy
-        Its specification names what is observed; its `run` gives the previous commands.
-    world_map : WorldMap
-        Where; a place is free when the footprint keeps the map's collision distance.
-    scenarios : sequence of Scenario
-        Goals, and the obstacles that stand there besides the map's.
+        Its `run` gives the previous commands.
+    setting : Setting
+        Where, and what is observed; a place is free when the footprint keeps the collision distance. Its scenarios give
+        the goals, and the obstacles that stand there besides the map's.
     places : Places
         Which poses.
-    footprint : Footprint, optional
-        Instead of the robot's.
     seed : int
         Of random poses.
 
@@ -84,30 +73,29 @@ def observe_places(
     Raises
     ------
     ConfigurationError
-        If there is no scenario, a goal is not free, or the grid is too fine.
+        If there is no scenario, or the grid is too fine.
     EmptyEvaluationError
         If there is no free place.
     """
+    world_map, scenarios = setting.world_map, setting.scenarios
     if not scenarios:
         raise ConfigurationError(f"map '{world_map.path}' has no scenarios", "give a goal with --goal X,Y")
-    scenes = Scenes.of(world_map, scenarios)
-    _check_goals(scenes, scenarios)
-    outline = world_map.robot.footprint if footprint is None else footprint
-    poses, scene = _grid(world_map, len(scenarios), places) if places.count is None else (None, None)
-    if poses is None or scene is None:
+    scenes, outline = Scenes.of(world_map, scenarios), setting.rules.footprint
+    if places.count is not None:
         poses, scene = _random(world_map, scenes, places, outline, seed)
     else:
+        poses, scene = _grid(world_map, len(scenarios), places)
         free = scenes.footprint_clearance(poses, outline, scene) > world_map.clearance.collision
         poses, scene = poses[free], scene[free]
     if not len(poses):
         raise EmptyEvaluationError("there is no free place", "lower the clearance or the grid's spacing")
     goals = np.array([scenario.goal for scenario in scenarios])[scene]
     standing = np.zeros((len(poses), 2))
-    observations = np.empty((len(poses), specification_of(policy).observation_size))
+    observations = np.empty((len(poses), setting.spec.observation_size))
     for start in range(0, len(poses), _OBSERVED):
         rows = slice(start, start + _OBSERVED)
         here = Situation(poses[rows], scene[rows], goals[rows], standing[rows])
-        observations[rows] = _observe(policy, world_map, scenes, here)
+        observations[rows] = _observe(policy, setting, scenes, here)
     return Trajectory(
         poses=poses,
         observations=observations,
@@ -116,7 +104,7 @@ def observe_places(
         time=np.zeros(len(poses)),
         outcomes=np.full(len(scenarios), "unknown"),
         costs=np.full(len(scenarios), np.nan),
-        scenarios=tuple(scenarios),
+        scenarios=scenarios,
         notes=(
             "only poses that keep the collision distance",
             "previous command: the policy's own at the same pose after standing still",
@@ -124,15 +112,6 @@ def observe_places(
         ),
         connected=False,
     )
-
-
-def _check_goals(scenes: Scenes, scenarios: Sequence[Scenario]) -> None:
-    """Refuse a goal within an obstacle or outside of the arena."""
-    goals = np.array([scenario.goal for scenario in scenarios])
-    blocked = np.flatnonzero(scenes.blocked(goals, np.arange(len(scenarios))))
-    if blocked.size:
-        x, y = goals[blocked[0]]
-        raise ConfigurationError(f"the goal ({x:g}, {y:g}) lies in an obstacle or off the map", "move it")
 
 
 def _grid(world_map: WorldMap, scenarios: int, places: Places) -> tuple[Floats, Indices]:
@@ -177,13 +156,12 @@ def _random(
     return np.concatenate(found), np.repeat(np.arange(len(scenes)), share)
 
 
-def _observe(policy: RunnablePolicy, world_map: WorldMap, scenes: Scenes, situation: Situation) -> Floats:
+def _observe(policy: RunnablePolicy, setting: Setting, scenes: Scenes, situation: Situation) -> Floats:
     """Return what the policy observes: first after standing still, then after its own command."""
-    spec = specification_of(policy)
-    observer = Observer(spec.observation, world_map.robot, noise=0.0)
+    observer = Observer(setting.spec.observation, setting.robot, noise=0.0)
     measured = observer.measure(scenes, situation, np.random.default_rng(0))
     actions = np.asarray(policy.run(observer.assemble(measured)), dtype=np.float64)
-    previous = world_map.robot.clip(actions[:, command_columns(spec)])
+    previous = setting.rules.clip(actions[:, setting.columns])
     return observer.assemble(
         {**measured, "previous_linear": previous[:, 0], "previous_angular": previous[:, 1]}
     )

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from viatool.arrays import Floats, Indices
-from viatool.errors import ConfigurationError, PolicyError
+from viatool.setting.setting import Setting, Specified, name_of, specification_of
 from viatool.simulate.conditions import Conditions
 from viatool.simulate.engines import largest_batch, make_simulator
 from viatool.simulate.simulator import Simulator, Step
@@ -18,16 +18,9 @@ from viatool.simulate.task import NavigationTask
 from viatool.trajectory import Trajectory
 from viatool.world import Scenario, WorldMap
 
-if TYPE_CHECKING:
-    from viatool.policy.specification import PolicySpecification
 
-
-class RunnablePolicy(Protocol):
+class RunnablePolicy(Specified, Protocol):
     """What a roll-out needs of a policy."""
-
-    @property
-    def spec(self) -> PolicySpecification | None:
-        """Meaning of the observation and the action."""
 
     def run(self, observations: ArrayLike, /) -> Floats:
         """Return the actions (B, A) of observations (B, n), as the deployed program computes them."""
@@ -61,14 +54,16 @@ def roll_out(
     scenarios: Sequence[Scenario] | None = None,
     **settings: Any,
 ) -> Trajectory:
-    """Drive a policy through scenarios and return the states alone; everything is as for `drive`."""
-    return drive(policy, world_map, scenarios, **settings).trajectory
+    """Drive a policy through scenarios of a map and return the states alone; everything else is as for `drive`."""
+    asked = Setting.of_specification(
+        specification_of(policy), world_map, 0.0, scenarios=scenarios, name=name_of(policy)
+    )
+    return drive(policy, asked, **settings).trajectory
 
 
 def drive(
     policy: RunnablePolicy,
-    world_map: WorldMap,
-    scenarios: Sequence[Scenario] | None = None,
+    setting: Setting,
     *,
     engine: str = "kinematic",
     conditions: Conditions | None = None,
@@ -85,11 +80,9 @@ def drive(
     Parameters
     ----------
     policy : Policy
-        Its `run` (onnxruntime) decides; its specification names the columns of the observation.
-    world_map : WorldMap
-        Where it drives.
-    scenarios : sequence of Scenario, optional
-        One episode each; None is the map's fixed scenarios.
+        Its `run` (onnxruntime) decides.
+    setting : Setting
+        Where it drives, the columns of its observation, and its scenarios: one episode each.
     engine : str
         "kinematic" or "bullet".
     conditions : Conditions, optional
@@ -118,16 +111,14 @@ def drive(
     Raises
     ------
     PolicyError
-        If the policy has no specification, or one that cannot be simulated.
+        If the policy observes what cannot be simulated.
     ConfigurationError
-        If there is no scenario, one starts or ends in an obstacle, the engine or its robot is not known, or the
-        policy expects another control interval than the map's robot has.
+        If there is no scenario, one starts or ends in an obstacle, or the engine or its robot is not known.
     """
-    spec = _fitting_specification(policy, world_map)
-    chosen = tuple(world_map.scenarios if scenarios is None else scenarios)
+    chosen = setting.scenarios
     simulator = make_simulator(
         engine,
-        world_map,
+        setting.world_map,
         min(len(chosen), largest_batch(engine)),
         workers=workers,
         lidar=lidar,
@@ -136,11 +127,11 @@ def drive(
         horizon=horizon,
         seed=seed,
         task=task,
-        channels=spec.observation,
+        channels=setting.spec.observation,
         conditions=conditions,
     )
     try:
-        return _record(policy, simulator, chosen, command_columns(spec), progress)
+        return _record(policy, simulator, chosen, setting.columns, progress)
     finally:
         simulator.close()
 
@@ -223,41 +214,6 @@ class _Recording:
             outcomes=self.outcomes,
             costs=self.costs,
             scenarios=scenarios,
+            from_rest=True,
         )
         return Drive(trajectory, self.ends, np.concatenate(self.clearances)[order], self.least)
-
-
-def specification_of(policy: RunnablePolicy) -> PolicySpecification:
-    """Return the policy's specification, refusing a policy without one."""
-    spec = policy.spec
-    if spec is None:
-        raise PolicyError(
-            "the policy has no specification, so its observation cannot be simulated",
-            "give one with --spec robot.yaml",
-        )
-    return spec
-
-
-def _fitting_specification(policy: RunnablePolicy, world_map: WorldMap) -> PolicySpecification:
-    """Return the policy's specification if it fits the map's robot."""
-    spec = specification_of(policy)
-    interval = world_map.robot.control_interval
-    if abs(spec.control_interval - interval) > 1e-9:
-        raise ConfigurationError(
-            f"the policy acts every {spec.control_interval} s, but the robot of map '{world_map.name}' "
-            f"every {interval} s",
-            "set robot.control_interval in the map to the policy's",
-        )
-    return spec
-
-
-def command_columns(spec: PolicySpecification) -> list[int]:
-    """Return which actions are v and omega."""
-    kinds = [channel.kind for channel in spec.action]
-    missing = [kind for kind in ("linear", "angular") if kind not in kinds]
-    if missing:
-        raise PolicyError(
-            f"no action of the policy is of kind {' or '.join(missing)}",
-            "name the kinds of the actions in the specification",
-        )
-    return [kinds.index("linear"), kinds.index("angular")]

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from viatool.policy import Policy
+from viatool.setting.premises import Premise
+from viatool.setting.setting import Setting
 from viatool.simulate.conditions import Conditions
-from viatool.simulate.roll_out import Drive, command_columns, drive, specification_of
+from viatool.simulate.roll_out import Drive, drive
 from viatool.simulate.statistics import Statistics, summarise_drive
-from viatool.world import Scenario, WorldMap
+from viatool.world import WorldMap
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,8 +23,8 @@ class Simulation:
     ----------
     policy : Policy
         That decided.
-    world_map : WorldMap
-        With the robot that drove.
+    setting : Setting
+        Where it drove, with the robot that did.
     engine : str
         "kinematic" or "bullet".
     lidar : str
@@ -40,7 +42,7 @@ class Simulation:
     """
 
     policy: Policy
-    world_map: WorldMap
+    setting: Setting
     engine: str
     lidar: str
     conditions: Conditions
@@ -49,15 +51,25 @@ class Simulation:
     statistics: Statistics
     seconds: float
 
+    @property
+    def world_map(self) -> WorldMap:
+        """Return the map, with the robot that drove."""
+        return self.setting.world_map
+
+    @property
+    def premises(self) -> tuple[Premise, ...]:
+        """Return what took effect, and who said so."""
+        return self.setting.driving_premises
+
     def beyond_limits(self) -> list[str]:
         """Return in words which commands of the policy the robot cannot follow."""
-        spec, robot = specification_of(self.policy), self.world_map.robot
+        spec, robot = self.setting.spec, self.setting.robot
         able = [
             (robot.min_linear, robot.max_linear, "m/s"),
             (-robot.max_angular, robot.max_angular, "rad/s"),
         ]
         told = []
-        for column, (low, high, unit) in zip(command_columns(spec), able, strict=True):
+        for column, (low, high, unit) in zip(self.setting.columns, able, strict=True):
             asked = spec.action[column]
             if asked.lower < low - 1e-9 or asked.upper > high + 1e-9:
                 told.append(
@@ -68,8 +80,7 @@ class Simulation:
 
 def simulate(
     policy: Policy,
-    world_map: WorldMap,
-    scenarios: Sequence[Scenario] | None = None,
+    setting: Setting,
     *,
     engine: str = "kinematic",
     conditions: Conditions | None = None,
@@ -83,8 +94,7 @@ def simulate(
     started = time.perf_counter()
     driven = drive(
         policy,
-        world_map,
-        scenarios,
+        setting,
         engine=engine,
         conditions=conditions,
         horizon=horizon,
@@ -93,15 +103,14 @@ def simulate(
         lidar=lidar,
         progress=progress,
     )
-    columns = command_columns(specification_of(policy))
     return Simulation(
         policy=policy,
-        world_map=world_map,
+        setting=setting,
         engine=engine,
         lidar=lidar or ("rays" if engine == "bullet" else "analytic"),
         conditions=conditions or Conditions(),
         seed=seed,
         drive=driven,
-        statistics=summarise_drive(driven, world_map.robot, columns),
+        statistics=summarise_drive(driven, setting.robot, setting.columns),
         seconds=time.perf_counter() - started,
     )

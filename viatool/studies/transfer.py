@@ -140,18 +140,20 @@ class DriveAndVerify(Task):
     def run(self, output: Path, progress: Progress) -> dict[str, Any]:
         """Drive, verify, and return the figures."""
         from viatool.policy import load_policy
-        from viatool.simulate import simulate, with_robot
+        from viatool.setting.setting import Setting
+        from viatool.setting.wishes import Wishes
+        from viatool.simulate import simulate
         from viatool.verification import verify
         from viatool.versions import installed_versions
         from viatool.world import load_map
 
-        policy, world_map = load_policy(POLICY), with_robot(load_map(MAP), self.place.robot)
+        policy, world_map = load_policy(POLICY), load_map(MAP)
         assert world_map.generator is not None
+        scenarios = world_map.generator.draw(self.scenarios, SEED)
         conditions = self.place.as_conditions()
         simulation = simulate(
             policy,
-            world_map,
-            world_map.generator.draw(self.scenarios, SEED),
+            Setting.of(policy, world_map, 0.0, Wishes(robot=self.place.robot), scenarios),
             engine=self.place.engine,
             conditions=conditions,
             seed=SEED,
@@ -163,6 +165,7 @@ class DriveAndVerify(Task):
             eps=self.eps,
             trajectory=simulation.drive.trajectory,
             delay=conditions.delay,
+            robot=self.place.robot,
             progress=lambda stage, done, total: progress.advance(0.7 + 0.3 * done / max(total, 1), stage),
         )
         found = simulation.statistics

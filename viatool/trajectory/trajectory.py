@@ -44,6 +44,8 @@ class Trajectory:
         What was assumed or left out when the states were made, in words, for the report.
     connected : bool
         Whether the states of an episode follow one another; False for poses that were picked.
+    from_rest : bool
+        Whether the robot is known to have stood still before the first state of every episode, as in a simulation.
 
     Raises
     ------
@@ -62,6 +64,7 @@ class Trajectory:
     scenarios: tuple[Scenario | None, ...]
     notes: tuple[str, ...] = ()
     connected: bool = True
+    from_rest: bool = False
 
     def __post_init__(self) -> None:
         for name, kind in _KINDS.items():

@@ -100,17 +100,18 @@ def _pieces(states: States, spans: Iterable[Span]) -> Iterator[Piece[States]]:
 
 def describe(examination: Examination, states: States, versions: Mapping[str, str]) -> dict[str, Any]:
     """Return everything that the findings depend on, as plain data for the manifest of a checkpoint."""
-    policy, world_map = examination.policy, examination.world_map
+    policy, setting = examination.policy, examination.setting
+    world_map = setting.world_map
     surroundings = (world_map.arena, world_map.obstacles)
-    meaning = None if policy.spec is None else policy.spec.model_dump_json()
-    rules = json.loads(json.dumps(asdict(examination.rules), default=lambda array: array.tolist()))
+    meaning = setting.spec.model_dump_json()
+    rules = json.loads(json.dumps(asdict(setting.rules), default=lambda array: array.tolist()))
     return {
         "policy": policy.sha256,
         "network": digest_of((policy.network, meaning)),
         "map": digest_of(surroundings),
         "states": digest_of(states),
         **rules,
-        "radii": examination.radii.tolist(),
+        "radii": setting.radii.tolist(),
         "engine": dict(examination.engine),
         "only contested": examination.only_contested,
         "seed": examination.seed,

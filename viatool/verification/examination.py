@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -12,13 +12,12 @@ from viatool.arrays import Booleans, Floats
 from viatool.loop.horizon import Crashes, Tubes
 from viatool.policy import Policy
 from viatool.safety import Case, Situations, find_contested, judge, search_witnesses
-from viatool.setting.rules import Rules
+from viatool.setting.setting import Setting
 from viatool.taylor import ReachableSet, reach
 from viatool.verification.clock import Clock
 from viatool.verification.findings import Findings
 from viatool.verification.horizon import HorizonQuestion
 from viatool.verification.states import States
-from viatool.world import WorldMap
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,14 +28,8 @@ class Examination:
     ----------
     policy : Policy
         n inputs, A actions.
-    world_map : WorldMap
-        Where the robot drives.
-    rules : Rules
-        What every state must fulfil.
-    columns : sequence of int
-        Which actions are v and omega.
-    radii : ndarray
-        (n,) uncertainty of every observation entry.
+    setting : Setting
+        Where the robot drives, the meaning of n observation entries and their uncertainty, and what is to hold.
     engine : mapping
         Settings of `viatool.reach`.
     only_contested : bool
@@ -48,10 +41,7 @@ class Examination:
     """
 
     policy: Policy
-    world_map: WorldMap
-    rules: Rules
-    columns: Sequence[int]
-    radii: Floats
+    setting: Setting
     engine: Mapping[str, Any]
     only_contested: bool
     seed: int
@@ -63,10 +53,10 @@ class Examination:
 
     def examine(self, block: States) -> Findings:
         """Examine one block of B states."""
-        clock, columns = Clock(), list(self.columns)
+        clock, columns = Clock(), self.setting.columns
         with clock.timed("geometry"):
-            situations = Situations.of(self.world_map, block.scenarios, block.poses, block.episode)
-            case = Case(self.rules, situations, block.previous)
+            situations = Situations.of(self.setting.world_map, block.scenarios, block.poses, block.episode)
+            case = Case(self.setting.rules, situations, block.under_way)
             contested = find_contested(case)
         with clock.timed("reach"):
             wanted = contested.either if self.only_contested else np.ones(len(block), dtype=bool)
@@ -75,9 +65,9 @@ class Examination:
         with clock.timed("judge"):
             judgement = judge(case, lower, upper, contested)
         with clock.timed("search"):
-            doubtful = np.flatnonzero(~judgement.safe)
+            doubtful = np.flatnonzero(~judgement.safe & case.known)
             found = search_witnesses(
-                self.policy, columns, case, doubtful, block.observations, self.radii, lower, upper,
+                self.policy, columns, case, doubtful, block.observations, self.setting.radii, lower, upper,
                 seed=(self.seed, block.first),
             )  # fmt: skip
             witnesses = replace(found, state=block.first + found.state)
@@ -92,9 +82,10 @@ class Examination:
         if self.outlook is None:
             return None, None
         assert block.previous is not None
+        known = np.isfinite(block.previous).all(axis=1)
         wanted = np.ones(len(block), dtype=bool)
-        if self.only_contested:
-            wanted = ~self.outlook.out_of_reach(situations)
+        if self.only_contested or not known.all():
+            wanted = ~self.outlook.out_of_reach(situations) | (known & (not self.only_contested))
         return self.outlook.examine(
             block.scenarios,
             block.poses,
@@ -107,7 +98,7 @@ class Examination:
 
     def _reach(self, observations: Floats, wanted: Booleans) -> ReachableSet:
         """Bound the actions of the wanted states; the others get NaN."""
-        found = reach(self.policy, observations[wanted], self.radii, **self.engine)
+        found = reach(self.policy, observations[wanted], self.setting.radii, **self.engine)
         if wanted.all():
             return found
         spread = {}

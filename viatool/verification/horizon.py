@@ -15,11 +15,10 @@ from viatool.loop.runs import search_crashes
 from viatool.loop.tube import Loop
 from viatool.policy import Policy
 from viatool.safety import Situations
-from viatool.setting.layout import Layout
-from viatool.setting.rules import Rules
+from viatool.setting.setting import Setting
 from viatool.simulate import NavigationTask
 from viatool.taylor import Arithmetic
-from viatool.world import Scenario, WorldMap
+from viatool.world import Scenario
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,8 +27,10 @@ class HorizonQuestion:
 
     Parameters
     ----------
-    policy, world_map, layout, rules
-        The policy, where it drives, the meaning of its numbers, and what is to hold.
+    policy : Policy
+        The program.
+    setting : Setting
+        Where it drives, the meaning of its numbers, and what is to hold.
     horizon : Horizon
         How far, and from which poses.
     arithmetic : str
@@ -37,16 +38,14 @@ class HorizonQuestion:
     """
 
     policy: Policy
-    world_map: WorldMap
-    layout: Layout
-    rules: Rules
+    setting: Setting
     horizon: Horizon
     arithmetic: Arithmetic = "float32"
 
     def __post_init__(self) -> None:
-        if self.rules.delay:
+        if self.setting.rules.delay:
             raise ConfigurationError(
-                f"a horizon with a delay of {self.rules.delay:g} s is not supported",
+                f"a horizon with a delay of {self.setting.rules.delay:g} s is not supported",
                 "leave out --delay or --horizon",
             )
 
@@ -57,14 +56,12 @@ class HorizonQuestion:
                 "a horizon needs to know the goal, but an episode has none",
                 "give the trajectory its scenario, a bag its --goal, or leave out --horizon",
             )
-        question = Question.of(
-            self.policy, self.world_map, scenario, self.layout, self.rules, self.arithmetic
-        )
+        question = Question.of(self.policy, self.setting, scenario, self.arithmetic)
         return Loop(question, NavigationTask().goal_radius, self.horizon)
 
     def out_of_reach(self, situations: Situations) -> Booleans:
         """Tell from which states no command comes too near within the horizon, however often, (B,). **Sound:** yes."""
-        rules, horizon = self.rules, self.horizon
+        rules, horizon = self.setting.rules, self.horizon
         away = situations.scenes.clearance(situations.poses[:, :2], situations.scene) - rules.footprint.reach
         fastest = float(np.abs([rules.lower[0], rules.upper[0]]).max())
         way = (horizon.steps - 1) * rules.interval * fastest + float(np.hypot(*horizon.pose_error[:2]))
@@ -89,7 +86,7 @@ class HorizonQuestion:
         scenarios : sequence of Scenario
             Of the episodes.
         poses, previous : ndarray
-            (B, 3) and (B, 2): recorded poses, and commands before.
+            (B, 3) and (B, 2): recorded poses, and commands before; NaN where one is not known.
         episode : ndarray
             (B,) index into the scenarios.
         wanted : ndarray
@@ -104,8 +101,11 @@ class HorizonQuestion:
         tuple of Tubes and Crashes
             Of B states.
         """
-        steps, size = self.horizon.steps, len(self.layout.radii)
+        steps, size = self.horizon.steps, len(self.setting.radii)
         tubes, crashes = Tubes.none(len(poses), steps), [Crashes.none(steps, size)]
+        known = np.isfinite(previous).all(axis=1)
+        tubes.steps[wanted & ~known] = 0  # a tube that begins nowhere proves nothing
+        wanted = wanted & known
         for index in np.unique(episode[wanted]).tolist():
             loop, rows = self.loop(scenarios[index]), np.flatnonzero(wanted & (episode == index))
             found = loop.follow(poses[rows], previous[rows])

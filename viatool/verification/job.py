@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Literal, Protocol
 
@@ -12,17 +11,19 @@ from viatool.errors import ConfigurationError
 from viatool.loop.horizon import Horizon
 from viatool.policy import Policy, PolicySpecification, load_policy
 from viatool.schedule import Scheduler, open_scheduler
-from viatool.setting.layout import Layout
-from viatool.setting.rules import Rules
-from viatool.simulate import Places, observe_places, roll_out
+from viatool.setting.received import as_received, commands_observed, commands_under_way
+from viatool.setting.setting import Setting
+from viatool.setting.wishes import Wishes
+from viatool.simulate import Places
 from viatool.taylor import Arithmetic, Refinement
 from viatool.taylor.approximation import Approximation
-from viatool.trajectory import BagSettings, Trajectory, load_trajectory
+from viatool.trajectory import BagSettings, Trajectory
 from viatool.verification.campaign import Campaign
 from viatool.verification.clock import Clock
 from viatool.verification.examination import Examination
 from viatool.verification.horizon import HorizonQuestion
 from viatool.verification.result import Result
+from viatool.verification.source import Source
 from viatool.verification.states import States
 from viatool.versions import result_versions
 from viatool.world import Footprint, Scenario, WorldMap, load_map
@@ -41,7 +42,7 @@ def verify(
     policy: Policy | StrPath,
     world_map: WorldMap | StrPath,
     *,
-    eps: float | Mapping[str, float],
+    eps: float | Mapping[str, float] | None = None,
     trajectory: Trajectory | StrPath | None = None,
     bag: BagSettings | None = None,
     places: Places | None = None,
@@ -57,6 +58,8 @@ def verify(
     interval: float | None = None,
     footprint: Footprint | str | float | Sequence[Sequence[float]] | None = None,
     delay: float = 0.0,
+    robot: str | None = None,
+    prefer: Mapping[str, str] | None = None,
     horizon: Horizon | int | None = None,
     only_contested: bool = False,
     noise: float | None = None,
@@ -76,8 +79,9 @@ def verify(
         An ONNX policy; its network is checked against onnxruntime when it is loaded.
     world_map : WorldMap or path
         The map, its robot and clearances.
-    eps : float or mapping
-        Sensor error: one radius for every observation channel, or radii by channel (``""``: all others).
+    eps : float or mapping, optional
+        Sensor error: one radius for every observation channel, or radii by channel (``""``: all others); channels that
+        are given none take the specification's.
     trajectory : Trajectory or path, optional
         Recorded states; by default the policy is driven through `scenarios`.
     bag : BagSettings, optional
@@ -99,7 +103,12 @@ def verify(
     footprint : optional
         "point", a radius in metres or the corners of a polygon, instead of the robot's.
     delay : float
-        Dead time in seconds: for so long the previous command goes on before the new one acts.
+        Dead time in seconds: for so long the commands before go on before the new one acts.
+    robot : str, optional
+        A robot that is known by name, with its limits, instead of the map's.
+    prefer : mapping, optional
+        Which counts, "policy" or "map", where they contradict each other in "interval", "limits" or "lidar" (``""``: in
+        anything); without it they must agree.
     horizon : Horizon or int, optional
         Follow the closed loop from every state over so many control intervals; see `viatool.safety.Horizon`.
     only_contested : bool
@@ -143,41 +152,32 @@ def verify(
     """
     if resume and checkpoint is None:
         raise ConfigurationError("nothing is there to resume from", "give the folder with --checkpoint")
-    origin, clock = _origin_of(trajectory, places, noise, seed), Clock()
+    wishes = Wishes(
+        criterion, clearance, danger, interval, footprint, delay, robot=robot, prefer=prefer or {}
+    )
+    source = Source(trajectory, bag, places, noise, seed)
+    clock = Clock()
     if scheduler is None or isinstance(scheduler, str):
         scheduler = open_scheduler(workers, scheduler)
     with clock.timed("load"):
         policy = policy if isinstance(policy, Policy) else load_policy(policy, spec)
         world_map = world_map if isinstance(world_map, WorldMap) else load_map(Path(world_map))
-        world_map = world_map.with_clearance(clearance, danger)
-        rules = Rules.of(world_map, criterion, interval=interval, footprint=footprint, delay=delay)
-        layout = Layout.of(policy, eps)
+        setting = Setting.of(policy, world_map, eps, wishes, scenarios)
         horizon = Horizon(horizon) if isinstance(horizon, int) else horizon
-        _check_interval(layout.spec, world_map, interval)
     with clock.timed("trajectory"):
-        if places is not None:
-            goals = world_map.scenarios if scenarios is None else scenarios
-            trajectory = observe_places(
-                policy, world_map, goals, places, footprint=rules.footprint, seed=seed
-            )
-        elif trajectory is None:
-            trajectory = roll_out(policy, world_map, scenarios, noise=noise, seed=seed)
-        elif not isinstance(trajectory, Trajectory):
-            trajectory = load_trajectory(trajectory, layout.spec, bag)
-        trajectory = layout.as_received(trajectory)
-        previous = layout.previous(trajectory, rules, followed=horizon is not None)
-    settings = {"order": order, "approximation": approximation, "refine": refine}
-    bare = replace(world_map, scenarios=(), generator=None)  # the states bring their own scenarios
-    outlook = None if horizon is None else HorizonQuestion(policy, bare, layout, rules, horizon, arithmetic)
+        trajectory = as_received(setting, source.states(policy, setting))
+        previous = None if horizon is None else commands_observed(setting, trajectory)
+        under_way = commands_under_way(setting, trajectory)
+    engine = {"order": order, "approximation": approximation, "refine": refine}
+    outlook = None if horizon is None else HorizonQuestion(policy, setting.bare(), horizon, arithmetic)
     examination = Examination(
-        policy, bare, rules, layout.columns, layout.radii, {**settings, "arithmetic": arithmetic},
-        only_contested, seed, outlook,
-    )  # fmt: skip
+        policy, setting.bare(), {**engine, "arithmetic": arithmetic}, only_contested, seed, outlook
+    )
     campaign = Campaign(scheduler, checkpoint, resume, chunk)
     with clock.timed("examine"):
         findings = campaign.carry_out(
             examination,
-            States.of(trajectory, previous, followed=horizon is not None),
+            States.of(trajectory, under_way, previous),
             result_versions(),
             _tell(progress, "states"),
         )
@@ -185,55 +185,22 @@ def verify(
     return Result(
         policy_path=policy.path,
         policy_sha256=policy.sha256,
-        world_map=world_map,
-        rules=rules,
+        setting=setting,
         trajectory=trajectory,
-        eps=eps,
-        radii=layout.radii,
         arithmetic=arithmetic,
-        engine=settings,
-        channels=tuple(layout.spec.observation),
-        actions=layout.actions,
-        columns=layout.columns,
-        previous=previous if rules.delay else None,
+        engine=engine,
+        under_way=under_way,
         reachable=findings.reachable,
         contested=findings.contested,
         judgement=findings.judgement,
         witnesses=findings.witnesses,
         seconds=clock.seconds,
         versions=result_versions(),
-        origin=origin,
+        origin=source.words,
         maps=policy.maps,
         horizon=findings.over(horizon),
     )
 
 
-def _check_interval(spec: PolicySpecification, world_map: WorldMap, interval: float | None) -> None:
-    """Refuse to guess how long a command is held."""
-    robot = world_map.robot.control_interval
-    if interval is None and abs(spec.control_interval - robot) > 1e-9:
-        raise ConfigurationError(
-            f"the policy acts every {spec.control_interval} s, the robot of the map every {robot} s",
-            "say which one counts with --interval, or correct the map",
-        )
-
-
 def _tell(progress: Progress | None, stage: str) -> Callable[[int, int], None]:
     return lambda done, total: progress(stage, done, total) if progress else None
-
-
-def _origin_of(
-    trajectory: Trajectory | StrPath | None, places: Places | None, noise: float | None, seed: int
-) -> str:
-    """Return in words where the states come from, and the seed."""
-    if places is not None:
-        if trajectory is not None:
-            raise ConfigurationError("states are given and poses are to be sampled", "leave one of them out")
-        if places.count is not None:
-            return f"{places.count:,} random poses, seed {seed}"
-        return f"a grid of {places.spacing:g} m with {places.headings} headings, seed {seed} of the search"
-    if trajectory is None:
-        sensor = "the map's sensor noise" if noise is None else f"sensor noise {noise:g} m"
-        return f"simulated, {sensor}, seed {seed}"
-    source = "given as arrays" if isinstance(trajectory, Trajectory) else f"read from {os.fspath(trajectory)}"
-    return f"{source}, seed {seed} of the search"

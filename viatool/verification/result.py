@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -15,8 +15,9 @@ from viatool.arrays import Booleans, Floats, Indices
 from viatool.policy import Maps, ObservationChannel
 from viatool.safety.judgement import Contested, Judgement
 from viatool.safety.witness import Witnesses
-from viatool.setting.layout import ActionName
+from viatool.setting.premises import Premise
 from viatool.setting.rules import Rules
+from viatool.setting.setting import ActionName, Setting
 from viatool.taylor import ReachableSet
 from viatool.trajectory import Trajectory
 from viatool.verification.horizon_result import HorizonResult
@@ -36,28 +37,16 @@ class Result:
     ----------
     policy_path, policy_sha256 : Path, str
         The policy that was verified.
-    world_map : WorldMap
-        The map, with the clearances that counted.
-    rules : Rules
-        What every state had to fulfil.
+    setting : Setting
+        What was asked, as it took effect.
     trajectory : Trajectory
         The states, their episodes and outcomes; observations as the policy received them.
-    eps : float or dict
-        The uncertainty as it was given: one radius, or radii by channel.
-    radii : ndarray
-        (n,) the uncertainty of every observation entry.
     arithmetic : str
         "float32" or "real", the contract of the bounds.
     engine : dict
         Settings of the engine.
-    channels : tuple of ObservationChannel
-        What the n entries of an observation are.
-    actions : tuple of ActionName
-        Of the A actions.
-    columns : sequence of int
-        Which actions are v and omega.
-    previous : ndarray or None
-        (N, 2) commands of the dead time; None without a delay.
+    under_way : ndarray
+        (N, W, 2) commands that acted during the dead time, the oldest first; NaN where one is not known.
     reachable : ReachableSet
         (N, A) bounds of the actions; NaN for states that were settled without them.
     contested : Contested
@@ -80,17 +69,11 @@ class Result:
 
     policy_path: Path
     policy_sha256: str
-    world_map: WorldMap
-    rules: Rules
+    setting: Setting
     trajectory: Trajectory
-    eps: float | Mapping[str, float]
-    radii: Floats
     arithmetic: str
     engine: Mapping[str, Any]
-    channels: tuple[ObservationChannel, ...]
-    actions: tuple[ActionName, ...]
-    columns: Sequence[int]
-    previous: Floats | None
+    under_way: Floats
     reachable: ReachableSet
     contested: Contested
     judgement: Judgement
@@ -103,6 +86,46 @@ class Result:
 
     EPISODE_COLUMNS: ClassVar = ("outcome",)
     """Arrays of the state table with one row for each episode instead of one for each state."""
+
+    @property
+    def world_map(self) -> WorldMap:
+        """Return the map, with the robot and the clearances that counted."""
+        return self.setting.world_map
+
+    @property
+    def rules(self) -> Rules:
+        """Return what every state had to fulfil."""
+        return self.setting.rules
+
+    @property
+    def radii(self) -> Floats:
+        """Return the uncertainty of every observation entry, (n,)."""
+        return self.setting.radii
+
+    @property
+    def eps(self) -> float | dict[str, float]:
+        """Return the radius that was given for everything, else radii by channel, as they took effect."""
+        return self.setting.errors.to_json()
+
+    @property
+    def channels(self) -> tuple[ObservationChannel, ...]:
+        """Return what the n entries of an observation are."""
+        return tuple(self.setting.spec.observation)
+
+    @property
+    def actions(self) -> tuple[ActionName, ...]:
+        """Return names and units of the A actions."""
+        return self.setting.actions
+
+    @property
+    def columns(self) -> list[int]:
+        """Return which actions are v and omega."""
+        return self.setting.columns
+
+    @property
+    def premises(self) -> tuple[Premise, ...]:
+        """Return everything that took effect, and who said so."""
+        return self.setting.premises
 
     @property
     def criterion(self) -> str:
@@ -225,7 +248,7 @@ class Result:
             "schema_version": SCHEMA_VERSION,
             "policy": {"path": str(self.policy_path), "sha256": self.policy_sha256},
             "map": {"path": str(self.world_map.path), "sha256": self.world_map.sha256},
-            "eps": dict(self.eps) if isinstance(self.eps, Mapping) else self.eps,
+            "eps": self.eps,
             "criterion": self.criterion,
             "arithmetic": self.arithmetic,
             "engine": dict(self.engine),
@@ -240,6 +263,7 @@ class Result:
             "seconds": {stage: round(seconds, 6) for stage, seconds in self.seconds.items()},
             "versions": dict(self.versions),
             "assumptions": self.assumptions(),
+            "premises": [premise.to_json() for premise in self.premises],
             "unsafe_states": self.unsafe_states(),
             **({} if self.horizon is None else {"horizon": self.horizon.to_json()}),
         }
@@ -286,12 +310,7 @@ class Result:
 
     def assumptions(self) -> dict[str, Any]:
         """Return what the verdicts rest on, by name."""
-        rules, footprint = self.rules, self.rules.footprint
-        outline = {
-            "point": "point (the LiDAR origin)",
-            "circle": f"disc of radius {footprint.radius:g} m",
-            "polygon": f"polygon of {len(footprint.polygon)} corners",
-        }[footprint.kind]
+        rules = self.rules
         grid = self.world_map.obstacles.grid
         taken = "free" if grid is not None and grid.unknown_is_free else "obstacles"
         unknown = "" if grid is None else f"; unknown cells count as {taken}"
@@ -299,7 +318,7 @@ class Result:
             "states": "; ".join([self.origin or "of unknown origin", *self.trajectory.notes]),
             "before_the_network": self.maps.before,
             "after_the_network": self.maps.after,
-            "footprint": outline,
+            "footprint": rules.footprint.words,
             "clearance": f"more than {rules.clearance.collision:g} m (danger: {rules.clearance.danger:g} m)",
             "commands": (
                 f"clipped to v {rules.lower[0]:g} to {rules.upper[0]:g} m/s, "

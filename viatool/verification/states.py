@@ -32,7 +32,9 @@ class States:
     scenarios : tuple
         What the episodes add to the map, or None.
     previous : ndarray or None
-        (B, 2) commands of the step before; None where they are of no consequence.
+        (B, 2) commands of the step before, NaN where they are not known; None where they are of no consequence.
+    under_way : ndarray
+        (B, W, 2) commands on their way to the motors, the oldest first; NaN where they are not known.
     most : int
         States of a block at most.
     """
@@ -43,10 +45,11 @@ class States:
     episode: Indices
     scenarios: tuple[Scenario | None, ...]
     previous: Floats | None
+    under_way: Floats
     most: int = _MOST_STATES
 
     @classmethod
-    def of(cls, trajectory: Trajectory, previous: Floats | None, *, followed: bool = False) -> States:
+    def of(cls, trajectory: Trajectory, under_way: Floats, previous: Floats | None = None) -> States:
         """Return the states of a whole trajectory; arrays are shared. Blocks are small if each is followed."""
         return cls(
             0,
@@ -55,7 +58,8 @@ class States:
             trajectory.episode,
             trajectory.scenarios,
             previous,
-            _MOST_FOLLOWED if followed else _MOST_STATES,
+            under_way,
+            _MOST_STATES if previous is None else _MOST_FOLLOWED,
         )
 
     def __len__(self) -> int:
@@ -87,6 +91,7 @@ class States:
             episode.reshape(-1),
             tuple(self.scenarios[index] for index in present.tolist()),
             None if self.previous is None else self.previous[rows],
+            self.under_way[rows],
             self.most,
         )
 

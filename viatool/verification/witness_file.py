@@ -41,8 +41,10 @@ class WitnessFile:
         Which actions are v and omega.
     entries : tuple of dict
         One for each counterexample, as in the file.
-    poses, previous, observations : ndarray
-        (W, 3), (W, 2) and (W, n): where the robot stood, the command before, and what it observed.
+    poses, observations : ndarray
+        (W, 3) and (W, n): where the robot stood, and what it observed.
+    under_way : ndarray
+        (W, commands, 2) what was on its way to the motors then, the oldest first.
     scenarios : tuple
         W scenarios, None for the bare map.
     """
@@ -53,7 +55,7 @@ class WitnessFile:
     columns: tuple[int, int]
     entries: tuple[Mapping[str, Any], ...]
     poses: Floats
-    previous: Floats
+    under_way: Floats
     observations: Floats
     scenarios: tuple[Scenario | None, ...]
 
@@ -64,7 +66,7 @@ class WitnessFile:
     def case(self, world_map: WorldMap) -> Case:
         """Return the states of the counterexamples within a map, under the rules of the file."""
         situations = Situations.of(world_map, self.scenarios, self.poses, np.arange(len(self)))
-        return Case(self.rules, situations, self.previous)
+        return Case(self.rules, situations, self.under_way)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +125,7 @@ def _entries(result: Result, found: Witnesses, crashes: Crashes | None = None) -
             "episode": int(trajectory.episode[state]),
             "time": float(trajectory.time[state]),
             "pose": trajectory.poses[state].tolist(),
-            "previous": None if result.previous is None else result.previous[state].tolist(),
+            **commands_before(result.under_way[state]),
         }
         if crashes is not None:
             step = int(crashes.step[row])
@@ -265,18 +267,36 @@ def _read(document: Mapping[str, Any]) -> WitnessFile:
     scenarios = tuple(
         read_scenario("" if e["scenario"] is None else json.dumps(e["scenario"])) for e in entries
     )
-    none = [0.0, 0.0]
+    rules = _read_rules(document["rules"])
     return WitnessFile(
         policy={name: str(document["policy"][name]) for name in ("path", "sha256")},
         world_map={name: str(document["map"][name]) for name in ("path", "sha256")},
-        rules=_read_rules(document["rules"]),
+        rules=rules,
         columns=(int(linear), int(angular)),
         entries=entries,
         poses=_stacked([entry["pose"] for entry in entries], 3),
-        previous=_stacked([entry["previous"] or none for entry in entries], 2),
+        under_way=_under_way(entries, rules),
         observations=_stacked([entry["observation"] for entry in entries]),
         scenarios=scenarios,
     )
+
+
+def commands_before(under_way: Floats) -> dict[str, Any]:
+    """Return what an entry says of the commands on their way, (W, 2): the newest one, and all if there are several."""
+    if not len(under_way):
+        return {"previous": None}
+    every = {"under_way": under_way.tolist()} if len(under_way) > 1 else {}
+    return {"previous": under_way[-1].tolist(), **every}
+
+
+def _under_way(entries: Sequence[Mapping[str, Any]], rules: Rules) -> Floats:
+    """Return the commands on their way, (W, commands, 2); without `under_way` all are the command before."""
+    count = rules.dead_time.commands
+    rows = [entry["under_way"] if "under_way" in entry else [entry["previous"]] * count for entry in entries]
+    found = np.array(rows, dtype=np.float64).reshape(len(rows), count, 2)
+    if not np.isfinite(found).all():
+        raise ValueError("a command on its way is not finite")
+    return found
 
 
 def _stacked(rows: list[list[float]], size: int | None = None) -> Floats:

@@ -89,6 +89,7 @@ def _served_world(document: YamlDocument, text: bytes, unknown: Unknown) -> Worl
         served.grid.outline,
         obstacles,
         warnings=served.warnings,
+        stated=frozenset(),
     )
     if served.grid.free_area is None:
         return world
@@ -161,6 +162,7 @@ def _build(document: YamlDocument, content: file.MapFile, digest: str, served: S
         clearance,
         _scenarios(document, content.scenarios),
         warnings=served.warnings if served else (),
+        stated=_stated(content),
     )
     if content.generator is None:
         return world
@@ -218,6 +220,16 @@ def _scenarios(document: YamlDocument, given: Sequence[file.ScenarioFile]) -> tu
         obstacles, _ = _obstacles(document, scenario.obstacles, ("scenarios", index, "obstacles"))
         scenarios.append(Scenario(name, scenario.start, scenario.goal, obstacles))
     return tuple(scenarios)
+
+
+def _stated(content: file.MapFile) -> frozenset[str]:
+    """Return what a file says of the robot, see `WorldMap`."""
+    if "robot" not in content.model_fields_set:
+        return frozenset()
+    robot = content.robot
+    lidar = None if isinstance(robot, str) else robot.lidar
+    said = set() if lidar is None else lidar.model_dump(exclude_none=True).keys()
+    return frozenset({"robot", *(f"lidar.{name}" for name in said)})
 
 
 def _robot(content: str | file.RobotFile) -> Robot:

@@ -117,6 +117,15 @@ class Footprint:
             return float(np.hypot(*self.polygon.T).max())
         return self.radius
 
+    @property
+    def words(self) -> str:
+        """Return the outline in words, for reports."""
+        return {
+            "point": "point (the LiDAR origin)",
+            "circle": f"disc of radius {self.radius:g} m",
+            "polygon": f"polygon of {len(self.polygon)} corners",
+        }[self.kind]
+
     @staticmethod
     def rectangle(length: float, width: float) -> Footprint:
         """Return a rectangle centred on the robot's origin; metres along x and y."""

@@ -70,6 +70,9 @@ class WorldMap:
         Draws any number of further scenarios.
     warnings : tuple of str
         What a user should know about the file.
+    stated : frozenset of str
+        What the file says of the robot: ``robot`` where it speaks of one at all, and ``lidar.rays`` and the like.
+        What it does not say is a default, and binds nobody.
     """
 
     name: str
@@ -82,12 +85,28 @@ class WorldMap:
     scenarios: tuple[Scenario, ...] = ()
     generator: ScenarioGenerator | None = None
     warnings: tuple[str, ...] = ()
+    stated: frozenset[str] = frozenset({"robot"})
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
         """Return the smallest x, y and the largest x, y of the arena, in metres."""
         (x_min, y_min), (x_max, y_max) = self.arena.min(axis=0), self.arena.max(axis=0)
         return float(x_min), float(y_min), float(x_max), float(y_max)
+
+    def numbered(self, number: int) -> Scenario:
+        """Return a fixed scenario by its number, counted from 0.
+
+        Raises
+        ------
+        ConfigurationError
+            If there is none.
+        """
+        if not 0 <= number < len(self.scenarios):
+            raise ConfigurationError(
+                f"map '{self.path}' has {len(self.scenarios)} scenarios, so none of number {number}",
+                "count from 0, or give a goal with --goal X,Y",
+            )
+        return self.scenarios[number]
 
     def with_clearance(self, collision: float | None = None, danger: float | None = None) -> WorldMap:
         """Return the map with other clearances.

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.hall import write_policy
+from tests.renamed import renamed
 from viatool import load_map, load_policy
 from viatool.places import Certificate, Resolution, certify
 from viatool.report import Check
@@ -30,15 +31,11 @@ def certificate(tmp_path_factory: pytest.TempPathFactory) -> Certificate:
 @pytest.fixture(scope="session")
 def hostile(certificate: Certificate) -> Certificate:
     """Return a certificate in which everything that others name bears one name."""
-    spec = certificate.layout.spec
-    channels = tuple(c.model_copy(update={"name": HOSTILE, "unit": HOSTILE}) for c in spec.observation)
     return replace(
         certificate,
         policy=replace(certificate.policy, path=Path(HOSTILE)),
-        world_map=replace(certificate.world_map, name=HOSTILE, path=Path(HOSTILE)),
         scenario=replace(certificate.scenario, name=HOSTILE),
-        layout=replace(certificate.layout, spec=spec.model_copy(update={"observation": channels})),
-        eps={HOSTILE: 0.01},
+        setting=renamed(certificate.setting, HOSTILE),
         versions={**certificate.versions, HOSTILE: HOSTILE},
     )
 

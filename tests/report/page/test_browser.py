@@ -72,7 +72,7 @@ def place_of(result: Result, verdict: str) -> int:
 def case_of(result: Result) -> Case:
     trajectory = result.trajectory
     situations = Situations.of(result.world_map, trajectory.scenarios, trajectory.poses, trajectory.episode)
-    return Case(result.rules, situations, result.previous)
+    return Case(result.rules, situations, result.under_way)
 
 
 def test_it_opens_without_a_complaint_and_without_a_network(page: Browser) -> None:

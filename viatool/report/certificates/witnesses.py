@@ -20,7 +20,7 @@ def render(certificate: Certificate, checks: Sequence[Check], suffix: str) -> st
     """Return the worst places first, then others spread over the refuted cells, a thousand in all."""
     from viatool.safety import Witnesses
     from viatool.trajectory import write_scenario
-    from viatool.verification.witness_file import compose_witnesses
+    from viatool.verification.witness_file import commands_before, compose_witnesses
 
     found, worst = certificate.findings, certificate.worst(100)
     others = np.setdiff1d(np.arange(len(found.clearance)), worst)
@@ -37,12 +37,14 @@ def render(certificate: Certificate, checks: Sequence[Check], suffix: str) -> st
     scenario = certificate.scenario
     about = json.loads(write_scenario(scenario) or "null")
     outline = certificate.rules.footprint
+    under_way = certificate.rules.dead_time.queue(found.previous)
     entries = [
         {
             "state": row,
             "episode": 0,
             "time": 0.0,
             "pose": found.pose[row].tolist(),
+            **commands_before(under_way[row]),
             "previous": found.previous[row].tolist(),
             **seen.violation(row, certificate.world_map, scenario, outline),
             "scenario": about,
@@ -51,6 +53,6 @@ def render(certificate: Certificate, checks: Sequence[Check], suffix: str) -> st
     ]
     document = compose_witnesses(
         certificate.policy.path, certificate.policy.sha256, certificate.world_map,
-        certificate.layout.columns, certificate.rules, entries,
+        certificate.setting.columns, certificate.rules, entries,
     )  # fmt: skip
     return json.dumps(document, indent=1, allow_nan=False) + "\n"

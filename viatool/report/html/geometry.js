@@ -23,10 +23,15 @@ const Geometry = {
     return Array.from({ length: steps + 1 }, (_, i) => Geometry.advance(pose, command, (whole * i) / steps));
   },
 
-  // Where the robot is until a new command begins to act: its pose, and its way under the one before.
-  waiting(pose, previous, rules) {
-    if (previous === null || !rules.delay) return [pose];
-    return [0, 0.25, 0.5, 0.75, 1].map((share) => Geometry.advance(pose, previous, share * rules.delay));
+  // Where the robot is until a new command begins to act: its pose, and its way under those before, the oldest first.
+  waiting(pose, held, rules) {
+    const way = [pose];
+    if (!held.flat().every(Number.isFinite)) return way; // some command was not recorded
+    rules.waits.forEach((seconds, index) => {
+      const from = way[way.length - 1];
+      for (const share of [0.25, 0.5, 0.75, 1]) way.push(Geometry.advance(from, held[index], share * seconds));
+    });
+    return way;
   },
 
   // The corners of a footprint at a pose, or its one point.

@@ -31,9 +31,15 @@ const States = (() => {
 
   const observationOf = (row) => coarseRow(data.states.observation, arrays.observation, row);
 
+  // The commands on their way to the motors in a state, the oldest first.
+  function heldOf(row) {
+    const numbers = rules.waits.length ? rowOf(arrays.under_way, 2 * rules.waits.length, row) : [];
+    return rules.waits.map((_, index) => numbers.slice(2 * index, 2 * index + 2));
+  }
+
   // Where the robot is until the new command begins to act: its pose, and its way during the dead time.
   function waiting(row) {
-    return Geometry.waiting(rowOf(arrays.pose, 3, row), arrays.previous ? rowOf(arrays.previous, 2, row) : null, rules);
+    return Geometry.waiting(rowOf(arrays.pose, 3, row), heldOf(row), rules);
   }
 
   function rowsOfEpisode(episode) {

@@ -114,8 +114,8 @@ def _states(result: Result, kept: Indices, episode: Indices) -> dict[str, Any]:
         "clearance": pack(clearances(result)[kept], "float32"),
         "observation": pack_coarsely(result.observations[kept]),
     }
-    if result.previous is not None:
-        packed["previous"] = pack(result.previous[kept], "float32")
+    if result.rules.delay:
+        packed["under_way"] = pack(result.under_way[kept], "float32")
     return packed
 
 
@@ -201,7 +201,7 @@ def rules_of(rules: Rules) -> dict[str, Any]:
         "interval": manoeuvre.interval,
         "deceleration": manoeuvre.deceleration,
         "rim": manoeuvre.rim,
-        "delay": rules.delay,
+        "waits": rules.dead_time.durations,
         "lower": rules.lower.tolist(),
         "upper": rules.upper.tolist(),
         "radius": footprint.radius if footprint.kind == "circle" else 0.0,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viatool.policy.specification import PolicySpecification
-from viatool.simulate.gym.setting import Setting, information
+from viatool.simulate.gym.options import EnvironmentOptions, information
 
 Observation = NDArray[np.float32]
 
@@ -20,7 +20,7 @@ class NavigationEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
     Parameters
     ----------
     **setting
-        As for `viatool.simulate.gym.setting.Setting`; `map` is needed.
+        As for `viatool.simulate.gym.options.EnvironmentOptions`; `map` is needed.
 
     Notes
     -----
@@ -31,7 +31,7 @@ class NavigationEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
     metadata = {"render_modes": []}  # noqa: RUF012  # as the base class has it
 
     def __init__(self, **setting: Any) -> None:
-        self.setting = Setting(**setting)
+        self.setting = EnvironmentOptions(**setting)
         self.simulator = self.setting.simulator(1)
         self.observation_space = self.setting.observation_space(self.simulator.observer.lidar)
         self.action_space = self.setting.action_space()

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from viatool.arrays import Booleans, Floats
 from viatool.errors import ConfigurationError
 from viatool.policy.specification import PolicySpecification
-from viatool.simulate.gym.setting import Setting, information
+from viatool.simulate.gym.options import EnvironmentOptions, information
 
 Observations = NDArray[np.float32]
 
@@ -30,7 +30,7 @@ class NavigationVectorEnvironment(VectorEnv[Observations, NDArray[np.float32], N
         it ended, and begins anew in the next step, which ignores its action and gives it reward 0. ``DISABLED``:
         call ``reset(options={"reset_mask": done})``.
     **setting
-        As for `viatool.simulate.gym.setting.Setting`; `map` is needed.
+        As for `viatool.simulate.gym.options.EnvironmentOptions`; `map` is needed.
     """
 
     metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012
@@ -43,7 +43,7 @@ class NavigationVectorEnvironment(VectorEnv[Observations, NDArray[np.float32], N
         self.num_envs = num_envs
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
-        self.setting = Setting(**setting)
+        self.setting = EnvironmentOptions(**setting)
         self.simulator = self.setting.simulator(num_envs)
         self.single_observation_space = self.setting.observation_space(self.simulator.observer.lidar)
         self.single_action_space = self.setting.action_space()

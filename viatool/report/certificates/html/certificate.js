@@ -109,7 +109,7 @@
 
   function drawSituation() {
     const found = shown === null ? null : Places.witness(shown);
-    const before = found ? Geometry.waiting(found.pose, found.previous, rules) : [];
+    const before = found ? Geometry.waiting(found.pose, rules.waits.map(() => found.previous), rules) : [];
     Scene.drawSituation(rules, before, found ? [found.command] : [], found ? { command: found.command, pose: found.closest } : null);
     Figures.paint("unsafe", "here");
   }

@@ -26,7 +26,7 @@ def page_data(certificate: Certificate) -> dict[str, Any]:
     raster, mixed = fitting_raster(certificate)
     kept = kept_witnesses(certificate, raster)
     worst = np.searchsorted(kept, certificate.worst())
-    layout = certificate.layout
+    setting = certificate.setting
     return {
         "statuses": list(STATUSES),
         "grid": {
@@ -44,8 +44,8 @@ def page_data(certificate: Certificate) -> dict[str, Any]:
         "witnesses": _witnesses(certificate, kept),
         "worst": worst.tolist(),
         "goal": list(certificate.scenario.goal),
-        "channels": channel_list(layout.spec.observation, layout.radii),
-        "fan": fan_of(layout.spec.observation, certificate.world_map.robot.lidar),
+        "channels": channel_list(setting.spec.observation, setting.radii),
+        "fan": fan_of(setting.spec.observation, certificate.world_map.robot.lidar),
         "rules": rules_of(certificate.rules),
         "scale": [int(colour[1:], 16) for colour in Viridis256],
     }

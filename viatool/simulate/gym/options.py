@@ -14,8 +14,11 @@ from gymnasium.spaces import Box, Space
 from viatool.errors import ConfigurationError
 from viatool.policy import load_policy, load_specification
 from viatool.policy.specification import ActionChannel, ObservationChannel, PolicySpecification
+from viatool.setting.reconcile import with_robot
+from viatool.setting.setting import Setting
+from viatool.setting.wishes import Wishes
 from viatool.simulate.conditions import Conditions
-from viatool.simulate.engines import make_simulator, with_robot
+from viatool.simulate.engines import make_simulator
 from viatool.simulate.observation import navigation_channels
 from viatool.simulate.simulator import Simulator
 from viatool.simulate.task import NavigationTask
@@ -28,7 +31,7 @@ _BUDGET = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Setting:
+class EnvironmentOptions:
     """The parameters of both kinds of environment, which `gymnasium.make` and `make_vec` take by name.
 
     Parameters
@@ -81,8 +84,12 @@ class Setting:
         world_map = self.map if isinstance(self.map, WorldMap) else load_map(Path(self.map))  # or a sample
         if self.robot is not None:
             world_map = with_robot(world_map, self.robot)
-        object.__setattr__(self, "world_map", world_map)
-        object.__setattr__(self, "specification", self._meaning(world_map.robot))
+        meaning = self._meaning(world_map.robot)
+        asked = Setting.of_specification(
+            meaning, world_map, 0.0, Wishes(robot=self.robot), name="observation"
+        )
+        object.__setattr__(self, "world_map", asked.world_map)
+        object.__setattr__(self, "specification", asked.spec)
 
     def simulator(self, robots: int) -> Simulator:
         """Return a simulator of E robots."""

@@ -1,0 +1,158 @@
+"""Recorded states in the terms of a setting: observations as the program receives them, and commands on their way."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from viatool.arrays import Booleans, Floats
+from viatool.errors import ConfigurationError, EmptyEvaluationError, TrajectoryError
+from viatool.setting.setting import Setting
+from viatool.trajectory import Trajectory
+
+_COMMANDS = {"previous_linear": 0, "previous_angular": 1}
+_ROWS = 65536  # states that are converted together, so that no second copy of all exists
+_ALIKE = 1e-3  # m/s and rad/s by which a command may differ between what was recorded and what was observed
+_LATE = 0.5  # of an interval by which two rows may be early or late and still follow one another
+
+
+def as_received(setting: Setting, trajectory: Trajectory) -> Trajectory:
+    """Return a trajectory whose observations are the numbers that the program receives, mostly float32.
+
+    Channels that the specification fixes take their value, whatever was recorded (the paper's budget).
+
+    Raises
+    ------
+    EmptyEvaluationError
+        If there is no state.
+    TrajectoryError
+        If the observations have another size than the policy's.
+    """
+    size, expected = trajectory.observations.shape[1], setting.spec.observation_size
+    if len(trajectory) == 0:
+        raise EmptyEvaluationError("the trajectory has no states", "record or drive at least one step")
+    if size != expected:
+        raise TrajectoryError(
+            f"the trajectory has {size} observation entries, the policy takes {expected}",
+            "verify with the policy that drove, or give the trajectory the columns of this one",
+        )
+    fixed = setting.spec.fixed_values()
+    received = np.empty(trajectory.observations.shape)
+    for start in range(0, len(trajectory), _ROWS):
+        rows = slice(start, start + _ROWS)
+        named = np.where(np.isnan(fixed), trajectory.observations[rows], fixed)
+        received[rows] = named.astype(setting.number)
+    return replace(trajectory, observations=received)
+
+
+def commands_under_way(setting: Setting, trajectory: Trajectory) -> Floats:
+    """Return the commands that are on their way to the motors in each state, the oldest first.
+
+    Parameters
+    ----------
+    setting : Setting
+        Says how long a command is on its way: W of them are.
+    trajectory : Trajectory
+        N states.
+
+    Returns
+    -------
+    ndarray
+        (N, W, 2), as the robot carries them out; NaN where a command is not known: before the first state of a
+        recording, behind a gap in it, and where what was recorded contradicts what was observed.
+
+    Raises
+    ------
+    ConfigurationError
+        If commands matter, but are neither observed nor recorded.
+
+    Notes
+    -----
+    Sound: yes, in that nothing is guessed. The newest command is the one that was recorded in the state before, or that
+    the policy observed as its previous one; older ones are those of the states before. Before a simulated episode the
+    robot stands. Poses that were picked have no history: all commands on their way are the observed one.
+    """
+    dead_time = setting.rules.dead_time
+    if not dead_time.commands:
+        return np.zeros((len(trajectory), 0, 2))
+    newest = commands_before(setting, trajectory)
+    if not trajectory.connected:
+        return dead_time.queue(newest)
+    queue = np.full((len(newest), dead_time.commands, 2), np.nan)
+    rows, follows = np.arange(len(newest)), _follows(setting, trajectory)
+    begins = _begins(setting, trajectory)
+    known = np.ones(len(newest), dtype=bool)
+    for back in range(dead_time.commands):
+        at = rows - back
+        queue[known, dead_time.commands - 1 - back] = newest[at[known]]
+        queue[known & begins[at], : dead_time.commands - 1 - back] = 0.0
+        known = known & follows[at]
+    return queue
+
+
+def commands_observed(setting: Setting, trajectory: Trajectory) -> Floats:
+    """Return the command before each state as far as the policy observes it, (N, 2); 0 where it does not."""
+    kinds = {channel.kind for channel in setting.spec.observation if channel.value is None}
+    if kinds.isdisjoint(_COMMANDS):
+        return np.zeros((len(trajectory), 2))
+    return commands_before(setting, trajectory)
+
+
+def commands_before(setting: Setting, trajectory: Trajectory) -> Floats:
+    """Return the command before each state, (N, 2), as the robot carried it out; NaN where it is not known.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is neither observed nor recorded.
+    """
+    observed, recorded = _observed(setting, trajectory), _recorded(setting, trajectory)
+    if observed is None and recorded is None:
+        raise ConfigurationError(
+            "a delay or a horizon needs the previous command, which is neither observed nor recorded",
+            "record the actions, or verify without --delay and --horizon",
+        )
+    if observed is None or recorded is None:
+        either = recorded if observed is None else observed
+        assert either is not None
+        return setting.rules.clip(either)
+    observed, recorded = setting.rules.clip(observed), setting.rules.clip(recorded)
+    either = np.where(np.isnan(recorded), observed, recorded)
+    contradicts = np.abs(either - observed) > _ALIKE  # False for NaN: there is nothing to compare
+    return np.where(contradicts.any(axis=1, keepdims=True), np.nan, either)
+
+
+def _observed(setting: Setting, trajectory: Trajectory) -> Floats | None:
+    """Return the previous commands as the policy observed them, (N, 2); None unless both are, and not fixed."""
+    found = {
+        _COMMANDS[channel.kind]: trajectory.observations[:, setting.spec.columns(channel.name).start]
+        for channel in setting.spec.observation
+        if channel.kind in _COMMANDS and channel.value is None
+    }
+    return np.stack([found[0], found[1]], axis=1) if len(found) == len(_COMMANDS) else None
+
+
+def _recorded(setting: Setting, trajectory: Trajectory) -> Floats | None:
+    """Return the commands recorded in the states before, (N, 2), NaN where there was none; None without any."""
+    if trajectory.actions.shape[1] != setting.spec.action_size:
+        return None
+    before = np.full((len(trajectory), 2), np.nan)
+    follows = _follows(setting, trajectory)
+    before[follows] = trajectory.actions[np.flatnonzero(follows) - 1][:, setting.columns]
+    before[_begins(setting, trajectory)] = 0.0
+    return before
+
+
+def _begins(setting: Setting, trajectory: Trajectory) -> Booleans:
+    """Tell before which rows the robot is known to have stood, (N,): the first ones of simulated episodes."""
+    return (trajectory.time < _LATE * setting.rules.interval) & trajectory.from_rest
+
+
+def _follows(setting: Setting, trajectory: Trajectory) -> Booleans:
+    """Tell which rows come one control interval after the row before them, (N,)."""
+    interval = setting.rules.interval
+    follows = np.zeros(len(trajectory), dtype=bool)
+    late = np.abs(np.diff(trajectory.time) - interval)
+    follows[1:] = (np.diff(trajectory.episode) == 0) & (late < _LATE * interval)
+    return follows

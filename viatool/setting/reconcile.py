@@ -1,0 +1,235 @@
+"""Where policy and map speak of the same thing: they agree, the user decides, or nothing is proved.
+
+Both say how often the policy acts, which commands the robot carries out, and what its LiDAR is. A verdict that rests
+on one of them while the robot is the other's is true of a robot that nobody has. So every pair is looked at here, once,
+for every job: what contradicts is refused with both values and both files, unless the user said which counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from viatool.errors import ConfigurationError
+from viatool.policy import ActionChannel, PolicySpecification
+from viatool.setting.premises import Premise
+from viatool.setting.rules import as_footprint
+from viatool.setting.wishes import Matter, Wishes
+from viatool.world import ROBOTS, Robot, WorldMap
+
+_SAME = 1e-9  # relative: two numbers that were written alike
+_SENSOR = ("field_of_view", "rays", "minimum_range", "maximum_range")
+
+
+@dataclass(frozen=True)
+class Parties:
+    """Who speaks: a policy and a map, with the files that a message names.
+
+    Parameters
+    ----------
+    spec : PolicySpecification
+        Of the policy.
+    policy : str
+        What messages call it: its file, if it has one.
+    world_map : WorldMap
+        The map.
+    wishes : Wishes
+        What the user decides.
+    """
+
+    spec: PolicySpecification
+    policy: str
+    world_map: WorldMap
+    wishes: Wishes
+
+    @property
+    def map_speaks(self) -> bool:
+        """Tell whether the map says anything about the robot."""
+        return "robot" in self.world_map.stated
+
+    def contradiction(
+        self, matter: Matter, policy_says: str, map_says: str, option: str = ""
+    ) -> ConfigurationError:
+        """Return the refusal of what both parties say differently."""
+        files = f"{self.policy} and map '{self.world_map.path}'"
+        return ConfigurationError(
+            f"{files} contradict each other: {policy_says}, {map_says}",
+            f"say which counts with {option}--prefer {matter}=policy or --prefer {matter}=map, or correct one file",
+        )
+
+
+def reconcile(parties: Parties) -> tuple[PolicySpecification, Robot, tuple[Premise, ...]]:
+    """Return what counts: the specification, the robot, and where each of its values came from.
+
+    Raises
+    ------
+    ConfigurationError
+        If policy and map contradict each other and the user did not say which counts, or a wish is out of its range.
+    """
+    robot, source = _base(parties)
+    robot, interval = _interval(parties, robot)
+    robot, limits = _limits(parties, robot, source)
+    spec, lidars = _lidar(parties, robot)
+    robot, body = _body(parties, robot, source)
+    return spec, robot, (Premise("robot", robot.name, source), interval, *limits, *lidars, *body)
+
+
+def _base(parties: Parties) -> tuple[Robot, str]:
+    """Return the robot that the rest is said of, and who named it."""
+    world_map, spec, wished = parties.world_map, parties.spec, parties.wishes.robot
+    if wished is not None:
+        return with_robot(world_map, wished).robot, "--robot"
+    if parties.map_speaks:
+        return world_map.robot, f"map '{world_map.path}'"
+    if spec.robot in ROBOTS:
+        return ROBOTS[spec.robot], f"{parties.policy} (the map names no robot)"
+    return replace(world_map.robot, name=spec.robot), "default (policy and map name no robot that is known)"
+
+
+def with_robot(world_map: WorldMap, name: str) -> WorldMap:
+    """Return a map with a robot that is known by name: its limits and body.
+
+    It keeps the map's footprint, from which the map's clearances are measured, since one means nothing without the
+    other; and the map's LiDAR and control interval, which belong to the policy.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no such robot.
+    """
+    if name not in ROBOTS:
+        raise ConfigurationError(f"unknown robot '{name}'", f"choose one of {', '.join(ROBOTS)}")
+    mine = world_map.robot
+    robot = replace(
+        ROBOTS[name], footprint=mine.footprint, lidar=mine.lidar, control_interval=mine.control_interval
+    )
+    return world_map.with_robot(robot)
+
+
+def _interval(parties: Parties, robot: Robot) -> tuple[Robot, Premise]:
+    """Return the robot with the control interval that counts."""
+    spec, wishes = parties.spec, parties.wishes
+    asked, has = spec.control_interval, robot.control_interval
+    if wishes.interval is not None:
+        counts, source = wishes.interval, "--interval"
+    elif not parties.map_speaks or _same(asked, has):
+        counts, source = asked, f"{parties.policy}"
+    else:
+        party = wishes.preferred("interval")
+        if party is None:
+            raise parties.contradiction(
+                "interval",
+                f"the policy acts every {asked:g} s",
+                f"the robot of the map every {has:g} s",
+                f"--interval {asked:g}, ",
+            )
+        counts, source = (asked if party == "policy" else has), f"--prefer ({party})"
+    if not 0.0 < counts < float("inf"):
+        raise ConfigurationError(f"the control interval is {counts} s", "give a positive time in seconds")
+    return replace(robot, control_interval=counts), Premise("control interval", f"{counts:g} s", source)
+
+
+def _limits(parties: Parties, robot: Robot, source: str) -> tuple[Robot, tuple[Premise, ...]]:
+    """Return the robot with the limits of v and omega that count."""
+    asked = {channel.kind: channel for channel in parties.spec.action}
+    linear, angular = asked.get("linear"), asked.get("angular")
+    if linear is None or angular is None:  # refused with the policy's name where columns are looked up
+        return robot, ()
+    turn = max(abs(angular.lower), abs(angular.upper))
+    own = replace(robot, min_linear=linear.lower, max_linear=linear.upper, max_angular=turn)
+    if not parties.map_speaks and parties.wishes.robot is None:
+        _check_symmetric(parties, angular)
+        robot, source = own, f"{parties.policy}"
+    elif not _within(own, robot):
+        party = parties.wishes.preferred("limits") or ("map" if parties.wishes.robot else None)
+        if party is None:
+            raise parties.contradiction(
+                "limits",
+                f"the policy commands {_range_of(own)}",
+                f"its robot '{robot.name}' carries out {_range_of(robot)}",
+                "--robot NAME, ",
+            )
+        if party == "policy":
+            _check_symmetric(parties, angular)
+            robot, source = own, f"{parties.policy}, by --prefer"
+        else:
+            source = f"{source}; commands beyond are clipped, the policy asks for {_range_of(own)}"
+    return robot, (Premise("commands", _range_of(robot), source),)
+
+
+def _check_symmetric(parties: Parties, angular: ActionChannel) -> None:
+    """Refuse limits that no robot of ours has: one that turns faster to one side than to the other."""
+    if not _same(-angular.lower, angular.upper):
+        raise ConfigurationError(
+            f"{parties.policy} limits '{angular.name}' to {angular.lower:g} to {angular.upper:g} rad/s, "
+            "but a robot clips turns alike to both sides",
+            "name the robot in the map, or choose one with --robot NAME",
+        )
+
+
+def _lidar(parties: Parties, robot: Robot) -> tuple[PolicySpecification, tuple[Premise, ...]]:
+    """Return the specification with the LiDARs that count."""
+    channels, premises, has = [], [], robot.lidar
+    said = [name for name in _SENSOR if f"lidar.{name}" in parties.world_map.stated]
+    for channel in parties.spec.observation:
+        if channel.kind != "lidar" or channel.lidar is None or channel.value is not None:
+            channels.append(channel)
+            continue
+        asked = channel.lidar
+        other = [name for name in said if not _same(getattr(asked, name), getattr(has, name))]
+        source = f"{parties.policy}"
+        if other:
+            party = parties.wishes.preferred("lidar")
+            if party is None:
+                raise parties.contradiction(
+                    "lidar",
+                    f"channel '{channel.name}' has {_words(asked, other)}",
+                    f"the LiDAR of the map's robot {_words(has, other)}",
+                )
+            source = f"--prefer ({party})"
+            if party == "map":
+                asked = asked.model_copy(update={name: getattr(has, name) for name in other})
+                asked = type(asked).model_validate(asked.model_dump())
+                channel = channel.model_copy(update={"lidar": asked})
+        channels.append(channel)
+        premises.append(Premise(f"LiDAR '{channel.name}'", _words(asked, _SENSOR), source))
+    return parties.spec.model_copy(update={"observation": channels}), tuple(premises)
+
+
+def _body(parties: Parties, robot: Robot, source: str) -> tuple[Robot, tuple[Premise, ...]]:
+    """Return the robot with the footprint and the braking that count."""
+    wishes = parties.wishes
+    outline, braking = source, source
+    if wishes.footprint is not None:
+        robot, outline = replace(robot, footprint=as_footprint(wishes.footprint)), "--footprint"
+    if wishes.deceleration is not None:
+        robot, braking = replace(robot, deceleration=wishes.deceleration), "--deceleration"
+    return robot, (
+        Premise("footprint", robot.footprint.words, outline),
+        Premise("deceleration", f"{robot.deceleration:g} m/s^2", braking),
+    )
+
+
+def _same(first: float, second: float) -> bool:
+    return abs(first - second) <= _SAME * max(abs(first), abs(second))
+
+
+def _within(asked: Robot, has: Robot) -> bool:
+    """Tell whether a robot carries out every command of another one."""
+    slack = _SAME * (1.0 + abs(has.max_linear) + has.max_angular)
+    return (
+        asked.min_linear >= has.min_linear - slack
+        and asked.max_linear <= has.max_linear + slack
+        and asked.max_angular <= has.max_angular + slack
+    )
+
+
+def _range_of(robot: Robot) -> str:
+    return (
+        f"v {robot.min_linear:g} to {robot.max_linear:g} m/s, "
+        f"omega {-robot.max_angular:g} to {robot.max_angular:g} rad/s"
+    )
+
+
+def _words(lidar: object, names: Sequence[str]) -> str:
+    return ", ".join(f"{name} {getattr(lidar, name):g}" for name in names)

@@ -1,0 +1,246 @@
+"""What is asked: specification, robot, map, rules and errors, put together and checked in one place, for every job."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+import numpy as np
+
+from viatool.arrays import Floats
+from viatool.errors import ConfigurationError, PolicyError
+from viatool.policy import PolicySpecification
+from viatool.policy.network import Network
+from viatool.setting.premises import Premise
+from viatool.setting.reconcile import Parties, reconcile
+from viatool.setting.rules import Rules
+from viatool.setting.sensor_errors import Eps, SensorErrors
+from viatool.setting.wishes import Wishes
+from viatool.world import Robot, Scenario, Scenes, WorldMap
+
+
+class Specified(Protocol):
+    """A policy that may say what its numbers mean."""
+
+    @property
+    def spec(self) -> PolicySpecification | None:
+        """Meaning of the observation and the action."""
+
+
+class Described(Specified, Protocol):
+    """A policy as far as a setting needs it: what its numbers mean, and in what precision it is given them."""
+
+    @property
+    def network(self) -> Network:
+        """The function that is verified."""
+
+
+@dataclass(frozen=True)
+class ActionName:
+    """Name and unit of one action."""
+
+    name: str
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """What is asked of a policy; every check between its parts has been made. Made by `Setting.of`.
+
+    Parameters
+    ----------
+    spec : PolicySpecification
+        n observation entries and A actions, as they count.
+    world_map : WorldMap
+        With the robot and the clearances as they count.
+    rules : Rules
+        What every state must fulfil.
+    errors : SensorErrors
+        How far observations may be off.
+    columns : list of int
+        Which actions are the robot's commands.
+    scenarios : tuple of Scenario
+        What is asked about, where that is known beforehand; recorded states bring their own.
+    number : type
+        The floating-point type in which the program receives an observation.
+    premises : tuple of Premise
+        Everything that took effect, and who said so.
+    """
+
+    spec: PolicySpecification
+    world_map: WorldMap
+    rules: Rules
+    errors: SensorErrors
+    columns: list[int]
+    scenarios: tuple[Scenario, ...] = ()
+    number: type = np.float32
+    premises: tuple[Premise, ...] = field(default=(), repr=False)
+
+    @classmethod
+    def of(
+        cls,
+        policy: Described,
+        world_map: WorldMap,
+        eps: Eps = None,
+        wishes: Wishes | None = None,
+        scenarios: Sequence[Scenario] | None = None,
+    ) -> Setting:
+        """Put together what is asked of an exported policy.
+
+        Parameters
+        ----------
+        policy : Policy
+            With a specification.
+        world_map : WorldMap
+            Where.
+        eps : float or mapping or None
+            Sensor error: one radius for every channel, or radii by channel (``""``: all others); channels that are
+            given none take the specification's.
+        wishes : Wishes, optional
+            What counts instead of what policy and map say.
+        scenarios : sequence of Scenario, optional
+            What is asked about; None is the map's fixed ones.
+
+        Raises
+        ------
+        PolicyError
+            If the policy has no specification, one of another size, or none of a linear and an angular action.
+        ConfigurationError
+            If policy and map contradict each other and the wishes do not say which counts, a radius or a wish is out of
+            its range, or a goal lies in an obstacle.
+        """
+        spec = specification_of(policy)
+        sizes = (policy.network.input_size, policy.network.output_size)
+        if sizes != (spec.observation_size, spec.action_size):
+            raise PolicyError(
+                f"{name_of(policy)} takes {sizes[0]} numbers and gives {sizes[1]}, "
+                f"its specification names {spec.observation_size} and {spec.action_size}",
+                "correct the channels of the specification",
+            )
+        made = cls.of_specification(spec, world_map, eps, wishes, scenarios, name=name_of(policy))
+        double = policy.network.nodes[0].precision == "float64"
+        return replace(made, number=np.float64) if double else made
+
+    @classmethod
+    def of_specification(
+        cls,
+        spec: PolicySpecification,
+        world_map: WorldMap,
+        eps: Eps = None,
+        wishes: Wishes | None = None,
+        scenarios: Sequence[Scenario] | None = None,
+        *,
+        name: str = "the policy",
+    ) -> Setting:
+        """Put together what is asked of a policy of which only the specification exists yet; as `of`."""
+        wishes = wishes or Wishes()
+        columns = command_columns(spec, name)
+        world_map = world_map.with_clearance(wishes.clearance, wishes.danger)
+        spec, robot, premises = reconcile(Parties(spec, name, world_map, wishes))
+        world_map = world_map.with_robot(robot)
+        rules = Rules.of(world_map, wishes.criterion, delay=wishes.delay)
+        errors = SensorErrors.of(spec, eps)
+        chosen = world_map.scenarios if scenarios is None else tuple(scenarios)
+        premises += _premises(world_map, rules, wishes) + errors.premises()
+        setting = cls(spec, world_map, rules, errors, columns, chosen, premises=premises)
+        if scenarios is not None:  # those of a map were looked at when it was read
+            _check_goals(setting)
+        return setting
+
+    @property
+    def driving_premises(self) -> tuple[Premise, ...]:
+        """Return what took effect of a drive, in which nothing is proved and errors are drawn, not bounded."""
+        return tuple(premise for premise in self.premises if not premise.name.startswith("eps of "))
+
+    @property
+    def radii(self) -> Floats:
+        """Return the uncertainty of every observation entry, (n,)."""
+        return self.errors.radii
+
+    @property
+    def robot(self) -> Robot:
+        """Return the robot that counts."""
+        return self.world_map.robot
+
+    @property
+    def actions(self) -> tuple[ActionName, ...]:
+        """Return names and units of the actions."""
+        return tuple(ActionName(action.name, action.unit) for action in self.spec.action)
+
+    def bare(self) -> Setting:
+        """Return the same without scenarios and generator, for workers whose states bring their own."""
+        return replace(self, scenarios=(), world_map=replace(self.world_map, scenarios=(), generator=None))
+
+
+def name_of(policy: object) -> str:
+    """Return what a message calls a policy: its file, if it has one."""
+    path = getattr(policy, "path", None)
+    return "the policy" if path is None else f"policy '{path}'"
+
+
+def specification_of(policy: Specified) -> PolicySpecification:
+    """Return the specification of a policy.
+
+    Raises
+    ------
+    PolicyError
+        If it has none.
+    """
+    if policy.spec is None:
+        raise PolicyError(
+            f"{name_of(policy)} has no specification, so its numbers have no meaning",
+            "describe it with --spec robot.yaml",
+        )
+    return policy.spec
+
+
+def command_columns(spec: PolicySpecification, name: str = "the policy") -> list[int]:
+    """Return which actions are v and omega.
+
+    Raises
+    ------
+    PolicyError
+        If one is missing.
+    """
+    kinds = [channel.kind for channel in spec.action]
+    for kind in ("linear", "angular"):
+        if kind not in kinds:
+            raise PolicyError(
+                f"no action of {name} is of kind '{kind}'",
+                "name the kinds of the actions in the specification",
+            )
+    return [kinds.index("linear"), kinds.index("angular")]
+
+
+def _premises(world_map: WorldMap, rules: Rules, wishes: Wishes) -> tuple[Premise, ...]:
+    """Return what else took effect."""
+    clearance, file = world_map.clearance, f"map '{world_map.path}'"
+    return (
+        Premise("criterion", rules.criterion, "--criterion"),
+        Premise(
+            "collision distance", f"{clearance.collision:g} m", "--clearance" if wishes.clearance else file
+        ),
+        Premise(
+            "danger distance",
+            f"{clearance.danger:g} m",
+            "--danger"
+            if wishes.danger is not None
+            else file
+            if wishes.clearance is None
+            else "map and --clearance",
+        ),
+        Premise("delay", f"{rules.delay:g} s", "--delay" if rules.delay else "default"),
+    )
+
+
+def _check_goals(setting: Setting) -> None:
+    """Refuse a goal within an obstacle or outside of the arena."""
+    if not setting.scenarios:
+        return
+    scenes = Scenes.of(setting.world_map, setting.scenarios)
+    goals = np.array([scenario.goal for scenario in setting.scenarios])
+    blocked = np.flatnonzero(scenes.blocked(goals, np.arange(len(goals))))
+    if blocked.size:
+        x, y = goals[blocked[0]]
+        raise ConfigurationError(f"the goal ({x:g}, {y:g}) lies in an obstacle or off the map", "move it")

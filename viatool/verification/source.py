@@ -1,0 +1,75 @@
+"""Where the states of a verification come from: a recording, a simulated drive, or poses all over the map."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+
+from viatool.errors import ConfigurationError
+from viatool.policy import Policy
+from viatool.setting.setting import Setting
+from viatool.simulate import Conditions, Places, drive, observe_places
+from viatool.trajectory import BagSettings, Trajectory, load_trajectory
+
+StrPath = str | os.PathLike[str]
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """Where the states come from; a drive through the scenarios of the setting if nothing else is given.
+
+    Parameters
+    ----------
+    trajectory : Trajectory or path, optional
+        Recorded states.
+    bag : BagSettings, optional
+        How to read a ROS bag.
+    places : Places, optional
+        Poses spread over the free space.
+    noise : float, optional
+        Of the simulated sensor, in metres; None is the map's.
+    seed : int
+        Of the simulated sensor, of random poses and of the search for counterexamples.
+
+    Raises
+    ------
+    ConfigurationError
+        If states are given and poses are to be sampled.
+    """
+
+    trajectory: Trajectory | StrPath | None = None
+    bag: BagSettings | None = None
+    places: Places | None = None
+    noise: float | None = None
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.places is not None and self.trajectory is not None:
+            raise ConfigurationError("states are given and poses are to be sampled", "leave one of them out")
+
+    def states(self, policy: Policy, setting: Setting) -> Trajectory:
+        """Return the states."""
+        if self.places is not None:
+            return observe_places(policy, setting, self.places, seed=self.seed)
+        if self.trajectory is None:
+            conditions = Conditions(noise=self.noise, delay=setting.rules.delay)
+            return drive(policy, setting, conditions=conditions, seed=self.seed).trajectory
+        if isinstance(self.trajectory, Trajectory):
+            return self.trajectory
+        return load_trajectory(self.trajectory, setting.spec, self.bag)
+
+    @property
+    def words(self) -> str:
+        """Return in words where the states come from, and the seed."""
+        seed = self.seed
+        if self.places is not None:
+            if self.places.count is not None:
+                return f"{self.places.count:,} random poses, seed {seed}"
+            grid = f"a grid of {self.places.spacing:g} m with {self.places.headings} headings"
+            return f"{grid}, seed {seed} of the search"
+        if self.trajectory is None:
+            sensor = "the map's sensor noise" if self.noise is None else f"sensor noise {self.noise:g} m"
+            return f"simulated, {sensor}, seed {seed}"
+        given = isinstance(self.trajectory, Trajectory)
+        source = "given as arrays" if given else f"read from {os.fspath(self.trajectory)}"  # type: ignore[arg-type]
+        return f"{source}, seed {seed} of the search"
