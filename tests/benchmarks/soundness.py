@@ -24,8 +24,9 @@ import shapely
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from tests.safety.brute_force import drive_all
+from viatool.channels import View
 from viatool.policy import load_policy
-from viatool.simulate import Observer, Situation
+from viatool.simulate import Observer
 from viatool.trajectory import Trajectory
 from viatool.verification import verify
 from viatool.world import Scenes, load_map
@@ -52,12 +53,12 @@ def poses_at_the_edge(policy, world_map, count, seed, reach=0.06):
     goals = generator.uniform((x_min, y_min), (x_max, y_max), (count, 2))
     observer = Observer(policy.spec.observation, robot, noise=0.0)
     order = np.argsort(scene, kind="stable")
-    situation = Situation(poses[order], scene[order], goals[order], previous[order])
+    view = View(scenes, poses[order], scene[order], goals[order], previous[order])
     return Trajectory(
-        poses=situation.poses,
-        observations=observer.observe(scenes, situation, generator),
+        poses=view.poses,
+        observations=observer.observe(view, generator),
         actions=np.zeros((count, 0)),
-        episode=situation.scene,
+        episode=view.scene,
         time=np.arange(count),
         outcomes=np.full(len(scenarios), "unknown"),
         costs=np.full(len(scenarios), np.nan),

@@ -7,7 +7,7 @@ import pytest
 
 from tests.sight.ray_oracle import outlines, scan
 from viatool import load_map, load_policy
-from viatool.loop import observation
+from viatool.channels import goal_forms
 from viatool.loop.question import Question
 from viatool.sets.forms import PoseBoxes
 from viatool.sets.states import StateBoxes
@@ -37,10 +37,11 @@ def cells(generator, count=150, side=0.03):
 
 def sampled(generator, some):
     """A pose and a previous command of each cell, and what perfect sensors read there, by school formulas."""
-    z = generator.uniform(-1, 1, (len(some), 3))
+    z = generator.uniform(-1, 1, (len(some), 5))
     z[: len(some) // 2] = np.sign(z[: len(some) // 2])
-    poses = some.poses.centre + z * some.poses.radius
-    previous = generator.uniform(some.previous_lower, some.previous_upper)
+    poses = some.poses.centre + z[:, :3] * some.poses.radius
+    half = 0.5 * (some.previous_upper - some.previous_lower)
+    previous = some.previous_lower + (1.0 + z[:, 3:]) * half
     dx, dy = np.array(SCENARIO.goal)[:, None] - poses[:, :2].T
     bearing = np.arctan2(dy, dx) - poses[:, 2]
     readings = scan(poses, LAB.robot.lidar, outlines(LAB, SCENARIO))
@@ -82,7 +83,7 @@ def test_sampling_catches_goal_forms_without_their_second_order(monkeypatch, exp
         def square(x):
             return 0.0 * np.asarray(x)
 
-    monkeypatch.setattr(observation, "np", Linear())
+    monkeypatch.setattr(goal_forms, "np", Linear())
     generator = np.random.default_rng(2)
     assert excess(generator, cells(generator, side=0.05)) > 1e-4
 
@@ -94,8 +95,8 @@ def commands_outside(asked, generator, some, radii):
         _, seen = sampled(generator, some)
         error = generator.uniform(-1, 1, seen.shape)
         error[::2] = np.sign(error[::2])
-        raw = POLICY.run((seen + error * radii).astype(np.float32))
-        outside = np.maximum(raw - found.upper, found.lower - raw)
+        carried_out = asked.rules.clip(POLICY.run((seen + error * radii).astype(np.float32)))
+        outside = np.maximum(carried_out - found.upper, found.lower - carried_out)
         worst = max(worst, float(outside.max()))
     return worst
 

@@ -81,8 +81,8 @@ def blind_to_jumps(some):
     sensors = some.question.sensors
 
     class Linear(type(sensors)):
-        def enclose(self, cells):
-            forms = super().enclose(cells)
+        def enclose(self, *sets):
+            forms = super().enclose(*sets)
             return type(forms)(forms.centre, forms.slope, 0.0 * forms.rest)
 
     object.__setattr__(some.question, "sensors", Linear(**vars(sensors)))

@@ -133,7 +133,9 @@ def test_files_that_are_no_specification(tmp_path: Path) -> None:
         {"action": []},
         {"observation": [{"name": "a", "kind": "goal_cosine", "size": 2}]},
         {"observation": [{"name": "a", "kind": "budget", "value": 1.0, "eps": 0.1}]},
-        {"observation": [{"name": "a", "kind": "budget"}, {"name": "b", "kind": "budget"}]},
+        {"observation": [{"name": "a", "kind": "budget"}, {"name": "a", "kind": "other"}]},
+        {"action": [{"name": n, "kind": "linear", "lower": 0.0, "upper": 1.0} for n in ("v", "w")]},
+        {"observation": [{"name": "a", "kind": "goal_cosin"}]},
         {"observation": [{"name": "a", "lidar": LIDAR}]},
     ],
 )

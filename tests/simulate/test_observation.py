@@ -3,9 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from viatool.channels import View
 from viatool.errors import PolicyError
-from viatool.policy.specification import LidarSpecification, ObservationChannel
-from viatool.simulate import Observer, Situation, measure_goals, navigation_channels
+from viatool.policy import LidarSpecification, ObservationChannel
+from viatool.simulate import Observer, navigation_channels
 from viatool.simulate.noise import draw_normal
 from viatool.world import ROBOTS, Scenes, WorldMap, load_map
 
@@ -15,7 +16,8 @@ def lab() -> WorldMap:
     return load_map("maps/lab.yaml")
 
 
-SITUATION = Situation(
+VIEW = View(
+    scenes=Scenes.of(load_map("maps/lab.yaml"), [None]),
     poses=np.array([[0.0, 0.0, 0.0], [1.0, 1.0, np.pi / 2], [-1.0, 1.0, -3.0]]),
     scene=np.zeros(3, int),
     goals=np.array([[2.0, 0.0], [0.0, 1.0], [-1.0, 1.0]]),
@@ -24,11 +26,11 @@ SITUATION = Situation(
 
 
 def test_the_goal_is_seen_in_the_robot_s_frame() -> None:
-    goals = measure_goals(SITUATION)
-    assert goals["goal_distance"] == pytest.approx([2.0, 1.0, 0.0])
-    assert goals["goal_cosine"][:2] == pytest.approx([1.0, 0.0])
-    assert goals["goal_sine"][:2] == pytest.approx([0.0, 1.0])  # ahead, and to the left
-    assert np.isfinite(goals["goal_cosine"]).all()  # also at the goal itself
+    goal = VIEW.goal
+    assert goal.distance == pytest.approx([2.0, 1.0, 0.0])
+    assert goal.cosine[:2] == pytest.approx([1.0, 0.0])
+    assert goal.sine[:2] == pytest.approx([0.0, 1.0])  # ahead, and to the left
+    assert np.isfinite(goal.cosine).all()  # also at the goal itself
 
 
 def test_the_task_has_twenty_five_columns(lab: WorldMap) -> None:
@@ -42,9 +44,9 @@ def test_the_task_has_twenty_five_columns(lab: WorldMap) -> None:
         ("previous_angular", 1),
     ]
     observer = Observer(channels, lab.robot, noise=0.0)
-    observations = observer.observe(Scenes.of(lab, [None]), SITUATION, np.random.default_rng(0))
+    observations = observer.observe(VIEW, np.random.default_rng(0))
     assert observations.shape == (3, 25)
-    assert observations[:, 23:] == pytest.approx(SITUATION.previous)
+    assert observations[:, 23:] == pytest.approx(VIEW.previous)
     assert (observations == observations.astype(np.float32)).all()  # what a float32 program receives
 
 
@@ -60,12 +62,11 @@ def test_columns_follow_the_specification_in_any_order(lab: WorldMap) -> None:
         ObservationChannel(name="far", kind="goal_distance"),
     ]
     observer = Observer(channels, lab.robot, noise=0.0)
-    scenes = Scenes.of(lab, [None])
-    observations = observer.observe(scenes, SITUATION, np.random.default_rng(0))
+    observations = observer.observe(VIEW, np.random.default_rng(0))
     assert observations.shape == (3, 9)
     assert (observations[:, 0] == np.float32(0.1)).all()
     assert observations[:, 1] == pytest.approx([0.1, 0.3, 0.5])
-    expected = scenes.cast(SITUATION.poses, SITUATION.scene, observer.lidar)
+    expected = VIEW.scenes.cast(VIEW.poses, VIEW.scene, observer.fans[0].lidar)
     assert observations[:, 2:6] == pytest.approx(expected.reshape(3, 4, 9).min(axis=2), abs=1e-3)
     assert (observations[:, 6:8] == 0.5).all()
     assert observations[:, 8] == pytest.approx([2.0, 1.0, 0.0])
@@ -73,7 +74,7 @@ def test_columns_follow_the_specification_in_any_order(lab: WorldMap) -> None:
 
 def test_a_policy_without_lidar_is_observed_too(lab: WorldMap) -> None:
     observer = Observer([ObservationChannel(name="far", kind="goal_distance")], lab.robot)
-    assert observer.observe(Scenes.of(lab, [None]), SITUATION, np.random.default_rng(0)).shape == (3, 1)
+    assert observer.observe(VIEW, np.random.default_rng(0)).shape == (3, 1)
 
 
 @pytest.mark.parametrize(

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from viatool.simulate import Observer, Situation, navigation_channels
+from viatool.channels import View
+from viatool.simulate import Observer, navigation_channels
 from viatool.train.guide import FAR, Guide, solve_eikonal
-from viatool.train.observation import Mirror
+from viatool.train.observation import Mirror, make_scaling
 from viatool.world import Obstacles, Scenes, load_map
 
 LAB = load_map("maps/lab.yaml")
@@ -116,12 +117,12 @@ def test_the_mirror_shows_what_a_robot_in_the_mirrored_world_observes() -> None:
         own = Obstacles(circles * [1.0, sign, 1.0])
         scenes = Scenes(LAB.arena, own, np.zeros((1, 0, 3)), np.zeros((1, 0, 4)))
         turn, axis = np.array([1.0, sign, sign]), np.array([1.0, sign])
-        situation = Situation(poses * turn, np.zeros(30, dtype=np.int64), goals * axis, previous * axis)
+        view = View(scenes, poses * turn, np.zeros(30, dtype=np.int64), goals * axis, previous * axis)
         observer = Observer(navigation_channels(LAB.robot.lidar), LAB.robot, noise=0.0)
-        rows = observer.observe(scenes, situation, np.random.default_rng(0))
+        rows = observer.observe(view, np.random.default_rng(0))
         return torch.from_numpy(np.column_stack([rows, np.ones(30)]))  # with a budget
 
-    mirror = Mirror(LAB.robot.lidar.bins)
+    mirror = Mirror(make_scaling(LAB.robot, 10.0).channels)
     torch.testing.assert_close(
         mirror.observation(observe(1.0).float()), observe(-1.0).float(), atol=2e-4, rtol=0
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,19 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viatool.arrays import Booleans, Floats
+from viatool.channels import Quantities
 from viatool.loop.observation import Sensors
 from viatool.loop.retreat import keep_away
 from viatool.loop.waiting import after_waiting
 from viatool.motion.manoeuvre import Manoeuvre
-from viatool.policy import ObservationChannel, Policy
+from viatool.policy import Policy
 from viatool.safety import Situations
 from viatool.safety.proof import Effort, prove_clearance
 from viatool.sets.forms import ROUNDING, PoseBoxes
-from viatool.sets.states import StateBoxes
+from viatool.sets.states import STATE, StateBoxes
 from viatool.setting.rules import Rules
 from viatool.setting.setting import Setting
 from viatool.sight.shapes import Shapes
-from viatool.simulate.observation import Observer
 from viatool.taylor.correlated import input_model, reach_correlated
 from viatool.taylor.reach import Arithmetic
 from viatool.world import Scenario
@@ -88,9 +87,15 @@ class Question:
     ) -> Question:
         """Ask about a scenario of a map."""
         channels, world_map = setting.spec.observation, setting.world_map
-        observer = Observer(channels, setting.robot, noise=0.0)  # refuses what cannot be simulated
-        sensors = Sensors(channels, observer.lidar, Shapes.of(world_map, scenario), np.array(scenario.goal))
+        observed = Quantities.of(channels, setting.robot).require("measure", "enclose")
         nowhere = Situations.of(world_map, [scenario], np.zeros((1, 3)), np.zeros(1, np.int64))
+        sensors = Sensors(
+            observed,
+            Shapes.of(world_map, scenario),
+            nowhere.scenes,
+            np.array(scenario.goal),
+            setting.rules.footprint.holds_origin(setting.rules.clearance.collision),
+        )
         return cls(policy, setting, sensors, nowhere, arithmetic)
 
     @property
@@ -171,27 +176,14 @@ class Question:
         return [slice(start, min(start + step, count)) for start in range(0, count, step)]
 
     def _commands(self, cells: StateBoxes) -> Commands:
-        columns, spec = self.setting.columns, self.setting.spec
+        columns = self.setting.columns
         seen = self.sensors.enclose(cells)
         inputs = input_model(seen.centre, seen.slope, seen.rest + self.setting.radii)
         reached = reach_correlated(self.policy.network, inputs, arithmetic=self.arithmetic)
         lower, upper = (self.rules.clip(end[:, columns]) for end in (reached.lower, reached.upper))
         moved = reached.influence / np.maximum(reached.influence.sum(axis=1, keepdims=True), 1e-12)
-        moved = moved.max(axis=2)  # (C, 3 + n)
-        linear, angular = (
-            moved[:, [3 + column for column in _columns_of(spec.observation, kind)]].sum(axis=1)
-            for kind in ("previous_linear", "previous_angular")
-        )
+        moved = moved.max(axis=2)  # (C, 5 + n)
+        linear, angular = moved[:, STATE.index("v")], moved[:, STATE.index("omega")]
         return Commands(
             lower, upper, np.stack([moved.sum(axis=1) - linear - angular, linear, angular], axis=1)
         )
-
-
-def _columns_of(channels: Sequence[ObservationChannel], kind: str) -> list[int]:
-    """Return the column of a kind of channel that is not fixed, or none."""
-    column = 0
-    for channel in channels:
-        if channel.kind == kind and channel.value is None:
-            return [column]
-        column += channel.size
-    return []

@@ -11,8 +11,6 @@ from viatool.loop.question import Commands, Question
 from viatool.safety import Case, Witnesses, search_witnesses
 from viatool.sets.forms import PoseBoxes
 from viatool.sets.states import StateBoxes
-from viatool.trajectory import assemble, polar_goals
-from viatool.world import bin_ranges
 
 _CORNERS = np.array([(x, y) for x in (-1.0, 0.0, 1.0) for y in (-1.0, 0.0, 1.0)])
 _TURNS = np.array([-1.0, 0.0, 1.0])
@@ -89,18 +87,7 @@ def refute(question: Question, cells: StateBoxes, commands: Commands, *, seed: i
 
 def observe(question: Question, poses: Floats, previous: Floats) -> Floats:
     """Return what perfect sensors read at poses (B, 3) after commands (B, 2), (B, n) in float64 rays."""
-    sensors = question.sensors
-    scene = np.zeros(len(poses), np.int64)
-    ranges = question.situation.scenes.cast(poses, scene, sensors.lidar)
-    lidar = sensors.lidar
-    scan = np.clip(bin_ranges(ranges, lidar), lidar.minimum_range, lidar.maximum_range)
-    measured = {
-        "lidar": scan,
-        **polar_goals(poses, sensors.goal),
-        "previous_linear": previous[:, 0],
-        "previous_angular": previous[:, 1],
-    }
-    return assemble(sensors.channels, measured)
+    return question.sensors.measure(poses, previous)
 
 
 def _worst_poses(question: Question, boxes: PoseBoxes, place: Floats, previous: Floats) -> Floats:

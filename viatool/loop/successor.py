@@ -33,7 +33,6 @@ from viatool.sets.forms import ROUNDING, Forms, PoseBoxes
 from viatool.sets.states import StateBoxes
 from viatool.taylor.correlated import input_model, reach_linear
 
-STATE = ("x", "y", "theta", "v", "omega")
 _POSE = slice(0, 3)
 _COMMAND = slice(3, 5)
 _SERIES = 1e-2
@@ -77,11 +76,7 @@ class Step:
 
 def states_of(cells: StateBoxes) -> Forms:
     """Return cells as forms (C, 5) of five symbols, one for each side."""
-    middle = 0.5 * (cells.previous_lower + cells.previous_upper)
-    half = np.maximum(cells.previous_upper - middle, middle - cells.previous_lower)
-    radius = np.concatenate([cells.poses.radius, half], axis=1)
-    centre = np.concatenate([cells.poses.centre, middle], axis=1)
-    return Forms(centre, radius[:, :, None] * np.eye(len(STATE)), np.zeros_like(centre))
+    return cells.forms
 
 
 def step(question: Question, states: Forms) -> Step:
@@ -243,7 +238,7 @@ def hull(states: Forms) -> StateBoxes:
 def _step(question: Question, states: Forms) -> Step:
     """Enclose one chunk of sets without rests."""
     start = hull(states)
-    seen = _observe(question, states, start)
+    seen = question.sensors.enclose(start, states)
     inputs = input_model(seen.centre, seen.slope, seen.rest + question.setting.radii)
     common = states.slope.shape[1]
     reached = reach_linear(question.policy.network, inputs, common, arithmetic=question.arithmetic)
@@ -272,24 +267,6 @@ def _step(question: Question, states: Forms) -> Step:
     lower, upper = rules.clip(bounds[0]), rules.clip(bounds[1])
     least, most = displacement(start.poses, lower, upper, rules.interval)
     return Step(start, lower, upper, least, most, after)
-
-
-def _observe(question: Question, states: Forms, start: StateBoxes) -> Forms:
-    """Return what perfect sensors read, (C, n), in the symbols of the states instead of those of their boxes."""
-    seen = question.sensors.enclose(start)
-    radius = start.poses.radius[:, None]
-    share = states.slope[:, :, _POSE] / np.where(radius > 0.0, radius, 1.0)  # (C, S, 3)
-    slope = share @ seen.slope
-    centre, rest = seen.centre.copy(), seen.rest.copy()
-    column = 0
-    for channel in question.sensors.channels:
-        if channel.value is None and channel.kind in ("previous_linear", "previous_angular"):
-            which = 3 if channel.kind == "previous_linear" else 4
-            centre[:, column] = states.centre[:, which]
-            slope[:, :, column] = states.slope[:, :, which]
-            rest[:, column] = 0.0
-        column += channel.size
-    return Forms(centre, slope, rest)
 
 
 def _sinc(half: Floats) -> Floats:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from viatool.channels import LidarSpecification
 from viatool.policy.inspection import Inspection, Layer, describe
 from viatool.policy.maps import Maps
 from viatool.policy.network import (
@@ -18,7 +19,6 @@ from viatool.policy.policy import Policy, load_policy
 from viatool.policy.specification import (
     ActionChannel,
     ActionMap,
-    LidarSpecification,
     ObservationChannel,
     PolicySpecification,
 )

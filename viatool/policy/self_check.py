@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from viatool.arrays import Floats
+from viatool.channels import Extent, Quantities
 from viatool.errors import PolicyError, SelfCheckError
 from viatool.policy.maps import Scaling, leading_steps
 from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Network, Node, Product
@@ -40,6 +41,9 @@ _SIMULATED = 2.0
 
 _SMALLEST = 16.0
 """Least simulated tolerance, in unit roundoffs of max(1, |action|)."""
+
+_NOMINAL = Extent(-2.65, -2.65, 2.65, 2.65)
+"""The room from which plausible observations come: goals are up to 15 m away."""
 
 _RANDOM_POINTS = 48
 _CORNERS = 16
@@ -167,16 +171,13 @@ def check_points(network: Network, spec: PolicySpecification | None, seed: int =
 def _plausible_range(size: int, spec: PolicySpecification | None) -> tuple[Floats, Floats]:
     if spec is None or spec.observation_size != size:
         return np.full(size, -1.0), np.full(size, 1.0)
-    lower, upper = [], []
-    for channel in spec.observation:
-        least, most = -1.0, 1.0
-        if channel.lidar is not None:
-            least, most = channel.lidar.minimum_range, channel.lidar.maximum_range
-        elif channel.kind == "goal_distance":
-            least, most = 0.0, 15.0
-        lower += [least] * channel.size
-        upper += [most] * channel.size
-    return np.array(lower), np.array(upper)
+    nominal = [
+        quantity.bounds(_NOMINAL) if quantity.has("bounds") else (-1.0, 1.0)
+        for quantity in Quantities.of(spec.observation)
+    ]
+    sizes = [channel.size for channel in spec.observation]
+    lower, upper = (np.repeat(np.array(side), sizes) for side in zip(*nominal, strict=True))
+    return lower, upper
 
 
 def propagate_rounding(network: Network, points: Floats) -> tuple[list[Floats], list[Floats]]:

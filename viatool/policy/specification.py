@@ -10,66 +10,29 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+from pydantic import AfterValidator, Field, FiniteFloat, model_validator
 
 from viatool.arrays import Floats
+from viatool.channels import kind_named, kinds
+from viatool.channels.channel import Channel, Positive, Strict
 from viatool.errors import ConfigurationError
 
-ObservationKind = Literal[
-    "lidar",
-    "goal_distance",
-    "goal_cosine",
-    "goal_sine",
-    "previous_linear",
-    "previous_angular",
-    "budget",
-    "other",
-]
 ActionKind = Literal["linear", "angular", "other"]
 
 METADATA_KEY = "viatool.spec"
 """The entry of ``metadata_props`` that holds the specification as JSON."""
 
 
-Positive = Annotated[FiniteFloat, Field(gt=0)]
-NonNegative = Annotated[FiniteFloat, Field(ge=0)]
+def _known(kind: str) -> str:
+    kind_named(kind)
+    return kind
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+def _list_kinds(schema: dict[str, Any]) -> None:
+    schema["enum"] = list(kinds())
 
 
-class LidarSpecification(_Strict):
-    """How the LiDAR channel was made: rays over a field of view, binned by their minimum.
-
-    Parameters
-    ----------
-    field_of_view : float
-        Total opening in radians, symmetric about forward.
-    rays, bins : int
-        Rays that are cast, and numbers that are left after taking the minimum of consecutive rays.
-    minimum_range, maximum_range : float
-        In metres; nothing hit reads ``maximum_range``.
-    """
-
-    field_of_view: Annotated[FiniteFloat, Field(gt=0, le=2 * np.pi + 1e-9)]
-    rays: Annotated[int, Field(ge=1)]
-    bins: Annotated[int, Field(ge=1)]
-    minimum_range: NonNegative = 0.0
-    maximum_range: Positive
-
-    @model_validator(mode="after")
-    def _consistent(self) -> LidarSpecification:
-        if self.rays % self.bins:
-            raise ValueError(f"{self.rays} rays do not divide into {self.bins} bins of equal size")
-        if self.minimum_range >= self.maximum_range:
-            raise ValueError(
-                f"minimum_range {self.minimum_range} must be below maximum_range {self.maximum_range}"
-            )
-        return self
-
-
-class ObservationChannel(_Strict):
+class ObservationChannel(Channel):
     """One named block of the observation vector.
 
     Parameters
@@ -81,7 +44,7 @@ class ObservationChannel(_Strict):
     unit : str
         For people, for example ``m`` or ``rad/s``.
     kind : str
-        What fills it in a simulation; ``other`` for a channel that viatool cannot fill.
+        What fills it, by a name of the registry; ``other`` for a channel that viatool cannot fill.
     value : float, optional
         A constant: the channel is fixed and has no uncertainty.
     eps : float, optional
@@ -90,28 +53,17 @@ class ObservationChannel(_Strict):
         For ``kind: lidar``.
     """
 
-    name: Annotated[str, Field(min_length=1)]
-    size: Annotated[int, Field(ge=1)] = 1
-    unit: str = ""
-    kind: ObservationKind = "other"
-    value: FiniteFloat | None = None
-    eps: NonNegative | None = None
-    lidar: LidarSpecification | None = None
+    kind: Annotated[str, AfterValidator(_known), Field(json_schema_extra=_list_kinds)] = "other"
 
     @model_validator(mode="after")
     def _consistent(self) -> ObservationChannel:
-        if self.lidar is not None and self.kind != "lidar":
-            raise ValueError(f"channel '{self.name}' has a lidar section but kind '{self.kind}'")
-        if self.lidar is not None and self.lidar.bins != self.size:
-            raise ValueError(f"channel '{self.name}' has size {self.size} but {self.lidar.bins} LiDAR bins")
-        if self.kind not in ("lidar", "other") and self.size != 1:
-            raise ValueError(f"channel '{self.name}' of kind '{self.kind}' has size 1, not {self.size}")
+        kind_named(self.kind).check(self)
         if self.value is not None and self.eps:
             raise ValueError(f"channel '{self.name}' is fixed to {self.value}, so its eps is 0")
         return self
 
 
-class ActionChannel(_Strict):
+class ActionChannel(Strict):
     """One action and the limits of the robot for it.
 
     Parameters
@@ -137,7 +89,7 @@ class ActionChannel(_Strict):
         return self
 
 
-class ActionMap(_Strict):
+class ActionMap(Strict):
     """What the robot's software does with the raw output: ``scale * output + offset``, then a clip."""
 
     scale: list[FiniteFloat]
@@ -145,7 +97,7 @@ class ActionMap(_Strict):
     clip: bool = False
 
 
-class PolicySpecification(_Strict):
+class PolicySpecification(Strict):
     """What goes into a policy and what comes out.
 
     Parameters
@@ -181,7 +133,6 @@ class PolicySpecification(_Strict):
         checks: list[tuple[str, list[str]]] = [
             ("observation channel", [channel.name for channel in self.observation]),
             ("action", [channel.name for channel in self.action]),
-            ("kind of observation", [c.kind for c in self.observation if c.kind not in ("lidar", "other")]),
             ("kind of action", [c.kind for c in self.action if c.kind != "other"]),
         ]
         for what, names in checks:

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 
+from viatool.channels import kinds
 from viatool.errors import PolicyError
 from viatool.policy.inspection import Inspection
 from viatool.policy.specification import ActionChannel, ObservationChannel, PolicySpecification
 
-_TEMPLATE_HEAD = """\
+_TEMPLATE_HEAD = f"""\
 # Specification of a policy: fill in what stands in the observation, in its order, and what actions mean.
 # Split `observation` into channels whose sizes add up to the size of the input. For each channel:
-#   kind   lidar, goal_distance, goal_cosine, goal_sine, previous_linear, previous_angular, budget, other
+#   kind   {", ".join(kinds())}
 #   value  a number, if the channel is a constant        eps  the radius of its error, in its unit
-#   lidar  {field_of_view: rad, rays: 180, bins: 20, minimum_range: m, maximum_range: m}   (kind lidar)
+#   lidar  {{field_of_view: rad, rays: 180, bins: 20, minimum_range: m, maximum_range: m}}   (kind lidar)
 # For each action: kind linear (m/s), angular (rad/s) or other, and the limits of the robot.
 """
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.arrays import Floats, Plane
+from viatool.arrays import Booleans, Floats, Plane
 from viatool.rounding import SIGHT_ROUNDING
 from viatool.sets.bounds import require_ordered
 
@@ -91,6 +91,15 @@ class Forms:
         require_ordered("rests of linear forms", np.zeros_like(self.rest), self.rest, finite=True)
         require_ordered("linear forms", self.lower, self.upper, finite=True)
         return self
+
+    @classmethod
+    def choose(cls, holds: Booleans, form: Forms, other: Forms) -> Forms:
+        """Return one form or the other for each box, by what holds for it, (C,)."""
+        return cls(
+            np.where(holds[:, None], form.centre, other.centre),
+            np.where(holds[:, None, None], form.slope, other.slope),
+            np.where(holds[:, None], form.rest, other.rest),
+        )
 
     @property
     def lower(self) -> Floats:

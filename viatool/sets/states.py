@@ -5,11 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from viatool.arrays import Floats
 from viatool.sets.bounds import require_ordered
-from viatool.sets.forms import PoseBoxes
+from viatool.sets.forms import Forms, PoseBoxes
+
+STATE = ("x", "y", "theta", "v", "omega")
+"""The quantities of a state: the pose, and the command of the step before."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,3 +45,12 @@ class StateBoxes:
         self.poses.checked()
         require_ordered("commands before", self.previous_lower, self.previous_upper, finite=True)
         return self
+
+    @property
+    def forms(self) -> Forms:
+        """Return the boxes as forms (C, 5) of five symbols, one for each side."""
+        middle = 0.5 * (self.previous_lower + self.previous_upper)
+        half = np.maximum(self.previous_upper - middle, middle - self.previous_lower)
+        radius = np.concatenate([self.poses.radius, half], axis=1)
+        centre = np.concatenate([self.poses.centre, middle], axis=1)
+        return Forms(centre, radius[:, :, None] * np.eye(len(STATE)), np.zeros_like(centre))

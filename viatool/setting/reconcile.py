@@ -172,7 +172,7 @@ def _lidar(parties: Parties, robot: Robot) -> tuple[PolicySpecification, tuple[P
     channels, premises, has = [], [], robot.lidar
     said = [name for name in _SENSOR if f"lidar.{name}" in parties.world_map.stated]
     for channel in parties.spec.observation:
-        if channel.kind != "lidar" or channel.lidar is None or channel.value is not None:
+        if channel.lidar is None or channel.value is not None:
             channels.append(channel)
             continue
         asked = channel.lidar

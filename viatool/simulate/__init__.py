@@ -5,7 +5,7 @@ from __future__ import annotations
 from viatool.simulate.conditions import Conditions
 from viatool.simulate.engines import ENGINES, make_simulator
 from viatool.simulate.kinematic import NavigationSimulator
-from viatool.simulate.observation import Observer, Situation, measure_goals, navigation_channels
+from viatool.simulate.observation import Observer, navigation_channels
 from viatool.simulate.places import Places, observe_places
 from viatool.simulate.roll_out import Drive, drive, roll_out
 from viatool.simulate.simulation import Simulation, simulate
@@ -24,13 +24,11 @@ __all__ = [
     "Share",
     "Simulation",
     "Simulator",
-    "Situation",
     "Spread",
     "Statistics",
     "Step",
     "drive",
     "make_simulator",
-    "measure_goals",
     "navigation_channels",
     "observe_places",
     "roll_out",

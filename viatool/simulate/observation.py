@@ -1,48 +1,20 @@
-"""What a robot observes: the columns of an observation, assembled by the kinds of their channels.
-
-Training, roll-outs and checks of sampled poses share it; recordings share the columns, `assemble`.
-"""
+"""What a robot observes: the columns of an observation, each channel by itself, with the errors of the sensors."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.arrays import Floats, Indices
-from viatool.errors import ConfigurationError, PolicyError
-from viatool.policy.specification import LidarSpecification, ObservationChannel
+from viatool.arrays import Floats
+from viatool.channels import Fan, LidarReadings, LidarSpecification, Quantities, Ranges, View
+from viatool.errors import ConfigurationError
+from viatool.policy.specification import ObservationChannel
 from viatool.simulate.noise import draw_normal
-from viatool.trajectory import assemble, polar_goals
-from viatool.world import Lidar, Robot, Scenes
-
-
-@dataclass(frozen=True, eq=False)
-class Situation:
-    """B robots and what they head for.
-
-    Parameters
-    ----------
-    poses : ndarray
-        (B, 3) x, y, theta; metres and radians.
-    scene : ndarray
-        (B,) index of the geometry around each of them.
-    goals : ndarray
-        (B, 2) metres.
-    previous : ndarray
-        (B, 2) the command of the step before, m/s and rad/s.
-    believed : ndarray, optional
-        (B, 3) where the robots think they are, if that differs from where they are; goals are seen from there.
-    """
-
-    poses: Floats
-    scene: Indices
-    goals: Floats
-    previous: Floats
-    believed: Floats | None = None
+from viatool.world import Lidar, Robot
 
 
 def navigation_channels(lidar: Lidar) -> tuple[ObservationChannel, ...]:
@@ -91,8 +63,10 @@ class Observer:
 
     Attributes
     ----------
-    directions : ndarray
-        (2, R) float32 unit vectors of the rays in the robot's frame, in the order in which ranges are read.
+    quantities : Quantities
+        What the channels observe; n numbers.
+    lidars : tuple of LidarReadings
+        The LiDARs of the channels; the robot's own where no channel reads one.
 
     Raises
     ------
@@ -110,117 +84,68 @@ class Observer:
         dropout: float = 0.0,
     ) -> None:
         self.dropout = dropout
-        self.channels = tuple(channels)
-        self.size = sum(channel.size for channel in channels)
-        self.lidar = _lidar(self.channels, robot)
-        self.noise = self.lidar.noise if noise is None else noise
+        self.quantities = Quantities.of(channels, robot).require("measure")
+        seen = [lidar for lidar, _ in self.quantities.lidars]
+        self.lidars = tuple(seen) or (LidarReadings(navigation_channels(robot.lidar)[0], robot),)
+        self.noise = robot.lidar.noise if noise is None else noise
         if not 0.0 <= self.noise < np.inf:
             raise ConfigurationError(
                 f"LiDAR noise is {noise} m, expected 0 or more", "give a standard deviation in metres"
             )
-        per_bin = self.lidar.rays // self.lidar.bins
-        # First rays of all bins, second rays of all bins, ...: a minimum over the first axis is fast.
-        order = np.arange(self.lidar.rays).reshape(self.lidar.bins, per_bin).T.ravel()
-        self.directions = self.lidar.directions()[:, order].astype(np.float32)
-        for channel in self.channels:
-            if channel.kind in ("other", "budget") and channel.value is None:
-                raise PolicyError(
-                    f"observation channel '{channel.name}' of kind '{channel.kind}' cannot be simulated",
-                    "give the channel a fixed `value` in the specification, or a recorded trajectory",
-                )
 
-    def cast(self, scenes: Scenes, situation: Situation) -> NDArray[np.float32]:
-        """Return the true ranges of the rays, (B, R) m."""
-        ranges: NDArray[np.float32] = scenes.cast(
-            situation.poses, situation.scene, self.lidar, directions=self.directions
-        )
-        return ranges
+    @property
+    def size(self) -> int:
+        """Return n, the number of columns."""
+        return self.quantities.size
 
-    def read(self, ranges: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.float32]:
-        """Return the smallest reading of each bin, noisy and clipped to the LiDAR's range.
+    @property
+    def fans(self) -> tuple[Fan, ...]:
+        """Return the rays of each LiDAR."""
+        return tuple(lidar.fan for lidar in self.lidars)
+
+    def disturb(self, ranges: Ranges, fan: Fan, rng: np.random.Generator) -> Ranges:
+        """Add noise to true ranges (B, R) of a fan and drop some, in place.
 
         Parameters
         ----------
         ranges : ndarray
-            (B, R) true ranges in metres, in the order of `directions`; overwritten.
+            (B, R) metres, in the order of the fan's directions; overwritten.
+        fan : Fan
+            Of which LiDAR.
         rng : numpy.random.Generator
-            Source of the sensor noise.
-
-        Returns
-        -------
-        ndarray
-            (B, bins) metres.
+            Source of the errors.
         """
-        lidar = self.lidar
+        limit = fan.lidar.maximum_range
         if self.noise > 0.0:
             error = draw_normal(rng, *ranges.shape)
             error *= np.float32(self.noise)
-            error *= ranges < lidar.maximum_range  # a ray that hits nothing has no error
+            error *= ranges < limit  # a ray that hits nothing has no error
             ranges += error
         if self.dropout > 0.0:
-            ranges[rng.random(ranges.shape, dtype=np.float32) < self.dropout] = lidar.maximum_range
-        binned = ranges.reshape(len(ranges), -1, lidar.bins).min(axis=1)
-        clipped: NDArray[np.float32] = np.clip(binned, lidar.minimum_range, lidar.maximum_range)
-        return clipped
+            ranges[rng.random(ranges.shape, dtype=np.float32) < self.dropout] = limit
+        return ranges
 
-    def measure(
-        self, scenes: Scenes, situation: Situation, rng: np.random.Generator
-    ) -> dict[str, NDArray[Any]]:
-        """Return the values of each kind of channel: (B, bins) for the LiDAR, else (B,).
+    def observe(self, view: View, rng: np.random.Generator) -> Floats:
+        """Return observations, (B, n), with errors of the LiDARs.
 
         Parameters
         ----------
-        scenes : Scenes
-            The geometry.
-        situation : Situation
-            Where the B robots are.
+        view : View
+            The B robots and what is around them.
         rng : numpy.random.Generator
-            Source of the sensor noise.
+            Source of the errors.
         """
-        return {"lidar": self.read(self.cast(scenes, situation), rng), **measure_goals(situation)}
 
-    def observe(self, scenes: Scenes, situation: Situation, rng: np.random.Generator) -> Floats:
-        """Return observations, (B, size): `measure`, then `assemble`."""
-        return self.assemble(self.measure(scenes, situation, rng))
+        def eyes(fan: Fan, now: View) -> Ranges:
+            return self.disturb(view.eyes(fan, now), fan, rng)
 
-    def assemble(self, measured: Mapping[str, NDArray[Any]]) -> Floats:
-        """Put measured values into the columns of their channels.
+        return self.quantities.measure(replace(view, eyes=eyes))
 
-        Parameters
-        ----------
-        measured : mapping
-            For each kind of channel (B, size) or (B,); fixed channels take their `value` instead.
-
-        Returns
-        -------
-        ndarray
-            (B, size) float64 holding float32 numbers: the very values that a float32 policy receives.
-        """
-        return assemble(self.channels, measured)
-
-
-def measure_goals(situation: Situation) -> dict[str, Floats]:
-    """Return the values of the channels that need no LiDAR, by kind, (B,) each."""
-    poses = situation.poses if situation.believed is None else situation.believed
-    return {
-        **polar_goals(poses, situation.goals),
-        "previous_linear": situation.previous[:, 0],
-        "previous_angular": situation.previous[:, 1],
-    }
-
-
-def _lidar(channels: Sequence[ObservationChannel], robot: Robot) -> Lidar:
-    """Return the LiDAR that the channels ask for, with the robot's noise."""
-    for channel in channels:
-        if channel.kind == "lidar" and channel.value is None:
-            asked = channel.lidar
-            if asked is not None:
-                return replace(robot.lidar, **asked.model_dump())
-            if channel.size == robot.lidar.bins:
-                return robot.lidar
-            raise PolicyError(
-                f"observation channel '{channel.name}' has {channel.size} numbers, "
-                f"but the LiDAR of {robot.name} has {robot.lidar.bins} bins",
-                "describe the LiDAR in the policy's specification",
-            )
-    return robot.lidar
+    def nearest(self, view: View, observations: Floats) -> NDArray[np.float32]:
+        """Return the smallest reading of all LiDARs, (B,) m, of observations (B, n); of the robot's if none is read."""
+        seen: list[Ranges] = [observations[:, columns] for _, columns in self.quantities.lidars]
+        readings = seen or [lidar.measure(view) for lidar in self.lidars]
+        least: NDArray[np.float32] = reduce(np.minimum, (part.min(axis=1) for part in readings)).astype(
+            np.float32
+        )
+        return least

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from viatool.arrays import Floats, Indices
+from viatool.channels import Fan, Quantities, Ranges, View, see
 from viatool.errors import ConfigurationError, EmptyEvaluationError
 from viatool.setting.setting import Setting
-from viatool.simulate.observation import Observer, Situation
 from viatool.simulate.roll_out import RunnablePolicy
 from viatool.trajectory import Trajectory
 from viatool.world import Footprint, Scenes, WorldMap
@@ -94,8 +94,8 @@ def observe_places(policy: RunnablePolicy, setting: Setting, places: Places, *, 
     observations = np.empty((len(poses), setting.spec.observation_size))
     for start in range(0, len(poses), _OBSERVED):
         rows = slice(start, start + _OBSERVED)
-        here = Situation(poses[rows], scene[rows], goals[rows], standing[rows])
-        observations[rows] = _observe(policy, setting, scenes, here)
+        here = View(scenes, poses[rows], scene[rows], goals[rows], standing[rows])
+        observations[rows] = _observe(policy, setting, here)
     return Trajectory(
         poses=poses,
         observations=observations,
@@ -156,12 +156,17 @@ def _random(
     return np.concatenate(found), np.repeat(np.arange(len(scenes)), share)
 
 
-def _observe(policy: RunnablePolicy, setting: Setting, scenes: Scenes, situation: Situation) -> Floats:
+def _observe(policy: RunnablePolicy, setting: Setting, view: View) -> Floats:
     """Return what the policy observes: first after standing still, then after its own command."""
-    observer = Observer(setting.spec.observation, setting.robot, noise=0.0)
-    measured = observer.measure(scenes, situation, np.random.default_rng(0))
-    actions = np.asarray(policy.run(observer.assemble(measured)), dtype=np.float64)
+    quantities = Quantities.of(setting.spec.observation, setting.robot).require("measure")
+    seen: dict[Fan, Ranges] = {}
+
+    def eyes(fan: Fan, now: View) -> Ranges:
+        if fan not in seen:  # rays are the same whatever the command before was
+            seen[fan] = see(fan, now)
+        return seen[fan]
+
+    view = replace(view, eyes=eyes)
+    actions = np.asarray(policy.run(quantities.measure(view)), dtype=np.float64)
     previous = setting.rules.clip(actions[:, setting.columns])
-    return observer.assemble(
-        {**measured, "previous_linear": previous[:, 0], "previous_angular": previous[:, 1]}
-    )
+    return quantities.measure(replace(view, previous=previous))

@@ -11,20 +11,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from viatool.arrays import Booleans, Floats, Indices
+from viatool.channels import Fan, Ranges, View, see
 from viatool.errors import ConfigurationError
 from viatool.policy.specification import ObservationChannel
 from viatool.simulate.conditions import Conditions
 from viatool.simulate.models import model_of
-from viatool.simulate.observation import Observer, Situation, measure_goals, navigation_channels
+from viatool.simulate.observation import Observer, navigation_channels
 from viatool.simulate.odometry import DelayLine, Odometry
 from viatool.simulate.scenarios import FixedScenarios, RandomScenarios
 from viatool.simulate.task import NavigationTask
 from viatool.world import Obstacles, Scenario, ScenarioGenerator, WorldMap
-
-Ranges = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +140,9 @@ class Simulator(ABC):
         self.goals = np.zeros((robots, 2))
         self.previous = np.zeros((robots, 2))
         self.steps = np.zeros(robots, np.int64)
-        self._readings = np.zeros((robots, self.observer.lidar.bins), np.float32)
+        slow = self.conditions.lidar_rate is not None  # then a scan is held until the next one
+        fans = self.observer.fans if slow else ()
+        self._held = {fan: np.zeros((robots, fan.lidar.rays), np.float32) for fan in fans}
         self._observation = np.zeros((robots, self.observer.size))
         drift = self.conditions.drift
         track = model_of(self.robot).track if drift > 0.0 else 1.0
@@ -172,9 +172,9 @@ class Simulator(ABC):
             Poses (E, 3) after it, and which bodies touch an obstacle, (E,) bool.
         """
 
-    def _ranges(self, index: Indices | slice, situation: Situation) -> Ranges:
+    def _ranges(self, fan: Fan, index: Indices | slice, view: View) -> Ranges:
         """Return the true ranges of the rays of some robots, (W, R) m; by exact geometry unless overridden."""
-        return self.observer.cast(self.scenes, situation)
+        return see(fan, view)
 
     def close(self) -> None:  # noqa: B027  # most engines hold nothing
         """Give back what the engine holds; nothing may be asked of it afterwards."""
@@ -224,7 +224,7 @@ class Simulator(ABC):
             self._place(index)
             self._odometry.reset(index, self.poses[index])
             self._sent.reset(index)
-            self._observation[index] = self.observer.assemble(self._measure(index))
+            self._observation[index] = self.observer.quantities.measure(self._view(index))
         return self._observation.copy()
 
     def step(self, actions: Floats) -> Step:
@@ -251,9 +251,9 @@ class Simulator(ABC):
         collision = (clearance < self.world_map.clearance.collision) | touching
         success = (distance < self.task.goal_radius) & ~collision
         terminated = success | collision
-        measured = self._measure(slice(None))
-        self._observation = self.observer.assemble(measured)
-        nearest = measured["lidar"].min(axis=1)
+        view = self._view(slice(None))
+        self._observation = self.observer.quantities.measure(view)
+        nearest = self.observer.nearest(view, self._observation)
         return Step(
             observation=self._observation.copy(),
             reward=self.task.reward(self.previous, nearest, success, collision),
@@ -268,27 +268,35 @@ class Simulator(ABC):
 
     def keep(self, which: Booleans) -> None:
         """Go on with some of the robots only, (E,) bool; the others leave the simulation."""
-        names = ("_slots", "scene", "poses", "goals", "previous", "steps", "_readings", "_observation")
+        names = ("_slots", "scene", "poses", "goals", "previous", "steps", "_observation")
         for name in names:
             setattr(self, name, getattr(self, name)[which])
+        self._held = {fan: ranges[which] for fan, ranges in self._held.items()}
         self._odometry.keep(which)
         self._sent.keep(which)
 
-    def _measure(self, index: Indices | slice) -> dict[str, NDArray[np.floating]]:
-        """Return what some robots measure, by the kind of the channel."""
-        situation = Situation(
+    def _view(self, index: Indices | slice) -> View:
+        """Return some robots and what is around them, as their sensors see it."""
+        return View(
+            self.scenes,
             self.poses[index],
             self.scene[index],
             self.goals[index],
             self.previous[index],
             self._odometry.poses[index],
+            self.steps[index],
+            eyes=lambda fan, view: self._see(fan, index, view),
         )
-        readings = self.observer.read(self._ranges(index, situation), self._noise)
+
+    def _see(self, fan: Fan, index: Indices | slice, view: View) -> Ranges:
+        """Return what the rays of some robots read, (W, R) m: of the last scan, with its errors."""
+        ranges = self.observer.disturb(self._ranges(fan, index, view), fan, self._noise)
         rate = self.conditions.lidar_rate
-        if rate is not None:
-            readings = np.where(self._scanned(index, rate)[:, None], readings, self._readings[index])
-            self._readings[index] = readings
-        return {"lidar": readings, **measure_goals(situation)}
+        if rate is None:
+            return ranges
+        held = self._held[fan]
+        held[index] = np.where(self._scanned(index, rate)[:, None], ranges, held[index])
+        return held[index].copy()
 
     def _scanned(self, index: Indices | slice, rate: float) -> Booleans:
         """Tell which robots' LiDAR has completed a scan in the last interval."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from viatool.arrays import Booleans, Floats
 
@@ -37,7 +38,9 @@ class NavigationTask:
     proximity_penalty: float = 0.5
     proximity_range: float = 1.35
 
-    def reward(self, actions: Floats, nearest: Floats, success: Booleans, collision: Booleans) -> Floats:
+    def reward(
+        self, actions: Floats, nearest: NDArray[np.floating], success: Booleans, collision: Booleans
+    ) -> Floats:
         """Return the reward of a step.
 
         Parameters

@@ -106,7 +106,7 @@ class Learner:
         self.agent = agent
         self.replay = replay
         self.bins = scaling.bins
-        self.mirror = Mirror(scaling.bins)
+        self.mirror = Mirror(scaling.channels)
         self.radius = scaling.radius(configuration.reachability_eps)
         self.generator = generator
         self.updates = 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +11,9 @@ import torch
 from torch import Tensor
 
 from viatool.arrays import Floats
-from viatool.policy import ActionChannel, LidarSpecification, ObservationChannel, PolicySpecification
+from viatool.channels import Quantities
+from viatool.policy import ActionChannel, ObservationChannel, PolicySpecification
+from viatool.simulate import navigation_channels
 from viatool.world import Robot
 
 LIDAR_CENTRE, LIDAR_SCALE = 2.0, 2.0  # metres
@@ -23,12 +26,15 @@ class Scaling:
 
     Parameters
     ----------
+    channels : tuple of ObservationChannel
+        What the n numbers of an observation mean, the budget included as the last entry.
     offset, factor : ndarray
-        ``(n,)``; the networks see ``(observation - offset) * factor``, the budget included as the last entry.
+        ``(n,)``; the networks see ``(observation - offset) * factor``.
     action_offset, action_factor : ndarray
         ``(A,)``; the robot gets ``action_offset + action_factor * tanh output``.
     """
 
+    channels: tuple[ObservationChannel, ...]
     offset: Floats
     factor: Floats
     action_offset: Floats
@@ -37,7 +43,7 @@ class Scaling:
     @property
     def bins(self) -> int:
         """Return how many LiDAR bins an observation begins with."""
-        return len(self.offset) - 6
+        return sum(lidar.channel.size for lidar, _ in Quantities.of(self.channels).lidars)
 
     def radius(self, eps: float) -> Tensor:
         """Return ``(n,)`` the half widths of a box of `eps` in every channel's unit, 0 for the budget."""
@@ -55,21 +61,9 @@ class Scaling:
 
 def make_specification(robot: Robot, budget: float, training: dict[str, Any]) -> PolicySpecification:
     """Describe a trained policy; its budget channel is fixed to `budget`, the final u."""
-    lidar = LidarSpecification(
-        field_of_view=robot.lidar.field_of_view,
-        rays=robot.lidar.rays,
-        bins=robot.lidar.bins,
-        minimum_range=robot.lidar.minimum_range,
-        maximum_range=robot.lidar.maximum_range,
-    )
     return PolicySpecification(
         observation=[
-            ObservationChannel(name="lidar", size=lidar.bins, unit="m", kind="lidar", lidar=lidar),
-            ObservationChannel(name="goal_distance", unit="m", kind="goal_distance"),
-            ObservationChannel(name="goal_cosine", kind="goal_cosine"),
-            ObservationChannel(name="goal_sine", kind="goal_sine"),
-            ObservationChannel(name="previous_linear", unit="m/s", kind="previous_linear"),
-            ObservationChannel(name="previous_angular", unit="rad/s", kind="previous_angular"),
+            *navigation_channels(robot.lidar),
             ObservationChannel(name="budget", kind="budget", value=budget),
         ],
         action=[
@@ -92,6 +86,7 @@ def make_scaling(robot: Robot, budget_limit: float) -> Scaling:
     middle = (robot.max_linear + robot.min_linear) / 2
     half = (robot.max_linear - robot.min_linear) / 2
     return Scaling(
+        channels=tuple(make_specification(robot, 0.0, {}).observation),
         offset=np.array([LIDAR_CENTRE] * bins + [GOAL_CENTRE, 0.0, 0.0, middle, 0.0, 0.0]),
         factor=1.0
         / np.array([LIDAR_SCALE] * bins + [GOAL_SCALE, 1.0, 1.0, half, robot.max_angular, budget_limit]),
@@ -115,16 +110,19 @@ class Mirror:
 
     Parameters
     ----------
-    bins : int
-        LiDAR bins, the first columns of an observation; then goal distance, cosine and sine, the previous
-        linear and angular velocity, and the budget.
+    channels : sequence of ObservationChannel
+        Of the observation; n columns.
+
+    Raises
+    ------
+    PolicyError
+        If a channel has no mirror image.
     """
 
-    def __init__(self, bins: int) -> None:
-        rest = torch.arange(bins, bins + 6)
-        self._columns = torch.cat([torch.arange(bins).flip(0), rest])
-        self._signs = torch.ones(bins + 6)
-        self._signs[[bins + 2, bins + 4]] = -1.0  # sine of the goal's bearing, previous angular velocity
+    def __init__(self, channels: Sequence[ObservationChannel]) -> None:
+        columns, signs = Quantities.of(channels).require("mirror").mirror()
+        self._columns = torch.from_numpy(columns)
+        self._signs = torch.from_numpy(signs.astype(np.float32))
         self._action_signs = torch.tensor([1.0, -1.0])
 
     def observation(self, observation: Tensor) -> Tensor:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from viatool.trajectory.assembly import assemble, polar_goals
 from viatool.trajectory.bag import Topics, is_bag
 from viatool.trajectory.columns import action_columns, observation_columns
 from viatool.trajectory.files import load_trajectory, write_trajectory
@@ -17,11 +16,9 @@ __all__ = [
     "Topics",
     "Trajectory",
     "action_columns",
-    "assemble",
     "is_bag",
     "load_trajectory",
     "observation_columns",
-    "polar_goals",
     "read_scenario",
     "whole_file",
     "write_scenario",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from viatool.arrays import Booleans, Floats, Indices
+from viatool.channels import Channel, Quantities, Recorded
 from viatool.errors import ConfigurationError, EmptyEvaluationError, PolicyError, TrajectoryError
-from viatool.trajectory.assembly import assemble, polar_goals
 from viatool.trajectory.bag import Bag, Topics, open_bag
 from viatool.trajectory.rows import Rows
 from viatool.trajectory.scans import Readings, Scans, bin_scans
@@ -19,12 +18,10 @@ from viatool.trajectory.trajectory import Trajectory
 from viatool.trajectory.transforms import compose, interpolate, turns_between
 
 if TYPE_CHECKING:
-    from viatool.policy import LidarSpecification, ObservationChannel, PolicySpecification
+    from viatool.policy import PolicySpecification
     from viatool.world import Scenario
 
 
-_GOALS = {"goal_distance", "goal_cosine", "goal_sine"}
-_PREVIOUS = {"previous_linear", "previous_angular"}
 _REASONS = (
     "without a pose at their time",
     "with a bin that measured nothing",
@@ -93,13 +90,12 @@ def load_bag(path: Path, specification: PolicySpecification | None, settings: Ba
     EmptyEvaluationError
         If no scan is left.
     """
-    lidar, needed = _needs(specification, settings)
-    assert specification is not None  # `_needs` refuses None
-    with open_bag(path, settings.topics, commands=bool(needed & _PREVIOUS)) as bag:
-        gathered = _Gathered(bag, lidar, settings)
-        columns = Rows(1, np.int64), Rows(3), Rows(specification.observation_size)
+    observed = _observed(specification, settings)
+    with open_bag(path, settings.topics, commands="command" in observed.needs) as bag:
+        gathered = _Gathered(bag, observed, settings)
+        columns = Rows(1, np.int64), Rows(3), Rows(observed.size)
         for scans in bag.scans:
-            for column, part in zip(columns, gathered.states(scans, specification.observation), strict=True):
+            for column, part in zip(columns, gathered.states(scans), strict=True):
                 column.add(part)
     if not gathered.scans or not len(bag.odometry.stamps):
         empty = "odometry" if gathered.scans else "scans"
@@ -126,31 +122,23 @@ def load_bag(path: Path, specification: PolicySpecification | None, settings: Ba
     )
 
 
-def _needs(
-    specification: PolicySpecification | None, settings: BagSettings
-) -> tuple[LidarSpecification | None, set[str]]:
-    """Return the LiDAR and the kinds of channels that a policy observes, refusing what no bag can give."""
+def _observed(specification: PolicySpecification | None, settings: BagSettings) -> Quantities:
+    """Return what a policy observes, refusing what no bag can give."""
     if specification is None:
         raise PolicyError(
             "a bag is read by the policy's specification, and there is none",
             "describe it with --spec robot.yaml",
         )
-    free = [channel for channel in specification.observation if channel.value is None]
-    for channel in free:
-        if channel.kind in ("other", "budget"):
-            raise PolicyError(
-                f"observation channel '{channel.name}' of kind '{channel.kind}' is not in a bag",
-                "give the channel a fixed `value` in the specification, or a table of states",
-            )
-        if channel.kind == "lidar" and channel.lidar is None:
-            raise PolicyError(
-                f"observation channel '{channel.name}' does not say how its readings are binned",
-                "describe the LiDAR in the policy's specification",
-            )
-    needed = {str(channel.kind) for channel in free}
-    if needed & _GOALS and settings.goal is None:
+    observed = Quantities.of(specification.observation).require("record")
+    several = [lidar.channel.name for lidar, _ in observed.lidars]
+    if len(several) > 1:
+        raise PolicyError(
+            f"observation channels {', '.join(map(repr, several))} are LiDARs, and a bag is read with one of them",
+            "record the states as a table, or give all but one a fixed `value` in the specification",
+        )
+    if "goal" in observed.needs and settings.goal is None:
         raise ConfigurationError("the policy observes its goal, which a bag does not hold", "give --goal X,Y")
-    return next((channel.lidar for channel in free if channel.kind == "lidar"), None), needed
+    return observed
 
 
 @dataclass(frozen=True)
@@ -169,20 +157,20 @@ class _Gathered:
     ----------
     bag : Bag
         Its odometry, commands and transforms.
-    lidar : LidarSpecification or None
-        What the policy observes of a scan.
+    observed : Quantities
+        What the policy observes; n numbers.
     settings : BagSettings
         Goal, topics and frame.
     """
 
-    def __init__(self, bag: Bag, lidar: LidarSpecification | None, settings: BagSettings) -> None:
-        self.bag, self.lidar, self.settings = bag, lidar, settings
+    def __init__(self, bag: Bag, observed: Quantities, settings: BagSettings) -> None:
+        self.bag, self.observed, self.settings = bag, observed, settings
         self.first = self.scans = self.kept = self.waiting = 0
         self.lost = dict.fromkeys(_REASONS, 0)
         self.mounted: _Mount | None = None
-        self.seen = Readings()
+        self.seen: dict[str, Readings] = {}
 
-    def states(self, scans: Scans, channels: Sequence[ObservationChannel]) -> tuple[Indices, Floats, Floats]:
+    def states(self, scans: Scans) -> tuple[Indices, Floats, Floats]:
         """Return stamps (K,), poses (K, 3) and observations (K, n) of those scans of which all is known."""
         if not self.scans:
             self.first = int(scans.stamps[0])
@@ -190,21 +178,22 @@ class _Gathered:
         if not len(self.bag.odometry.stamps):
             return scans.stamps[:0], np.zeros((0, 3)), np.zeros((0, 0))
         poses, located = self._locate(scans.stamps)
-        bins = self._see(scans)
         previous, commanded = self._previous(scans)
-        known = dict(zip(_REASONS, (located, np.isfinite(bins).all(axis=1), commanded), strict=True))
+        complete = np.ones(len(scans), dtype=bool)
+
+        def scan(channel: Channel) -> Floats:
+            bins = self._see(scans, channel)
+            complete[~np.isfinite(bins).all(axis=1)] = False
+            return bins
+
+        goal = None if self.settings.goal is None else np.array(self.settings.goal)
+        observations = self.observed.record(Recorded(poses, goal, previous, scan))
+        known = dict(zip(_REASONS, (located, complete, commanded), strict=True))
         keep = np.logical_and.reduce(list(known.values()))
         self.kept += int(keep.sum())
         for reason, which in known.items():
             self.lost[reason] += int((~which).sum())
-        measured = {
-            "lidar": bins[keep],
-            "previous_linear": previous[keep, 0],
-            "previous_angular": previous[keep, 1],
-        }
-        if self.settings.goal is not None:
-            measured |= polar_goals(poses[keep], np.array(self.settings.goal))
-        return scans.stamps[keep], poses[keep], assemble(channels, measured)
+        return scans.stamps[keep], poses[keep], observations[keep]
 
     def _locate(self, at: Indices) -> tuple[Floats, Booleans]:
         """Return the pose of the robot in the map frame, (S, 3), and whether it is known."""
@@ -224,13 +213,13 @@ class _Gathered:
     def _frame(self) -> str:
         return self.settings.frame.removeprefix("/")
 
-    def _see(self, scans: Scans) -> Floats:
-        """Return the bins of every scan, (S, bins); NaN where nothing was measured."""
-        if self.lidar is None:
-            return np.zeros((len(scans), 0))
+    def _see(self, scans: Scans, channel: Channel) -> Floats:
+        """Return the bins of every scan, (S, bins), for a LiDAR channel; NaN where nothing was measured."""
+        assert channel.lidar is not None  # refused before
         if self.mounted is None:
             self.mounted = self._mount(scans.frame)
-        return bin_scans(scans, self.lidar, self.mounted.yaw, self.mounted.side, self.seen)
+        seen = self.seen.setdefault(channel.name, Readings())
+        return bin_scans(scans, channel.lidar, self.mounted.yaw, self.mounted.side, seen)
 
     def _mount(self, sensor: str) -> _Mount:
         """Return how the LiDAR sits on the robot."""
@@ -280,8 +269,9 @@ class _Gathered:
             )
         if mounted.side < 0:
             notes.append("the LiDAR is mounted upside down; its rays count from the other side")
-        if self.lidar is not None:
-            notes += self.seen.notes(self.lidar)
+        for lidar, _ in self.observed.lidars:
+            if lidar.channel.lidar is not None and lidar.channel.name in self.seen:
+                notes += self.seen[lidar.channel.name].notes(lidar.channel.lidar)
         if self.waiting:
             notes.append(f"previous command 0 before the first one (scans: {self.waiting:,})")
         lost = ", ".join(f"{count:,} {reason}" for reason, count in self.lost.items() if count)

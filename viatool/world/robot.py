@@ -11,6 +11,10 @@ from numpy.typing import NDArray
 
 from viatool.arrays import Floats
 from viatool.errors import ConfigurationError
+from viatool.world.measurement import as_plane, point_edge_squared, winding_number
+
+_TOUCHING = 1e-9
+"""Metres from an outline within which a point counts as neither inside nor outside."""
 
 
 @dataclass(frozen=True)
@@ -125,6 +129,16 @@ class Footprint:
             "circle": f"disc of radius {self.radius:g} m",
             "polygon": f"polygon of {len(self.polygon)} corners",
         }[self.kind]
+
+    def holds_origin(self, distance: float = 0.0) -> bool:
+        """Tell whether the robot's origin, where its LiDAR is, lies within the outline or so near to it, in metres."""
+        if self.kind != "polygon":
+            return True
+        first = as_plane(self.polygon)[:, None]
+        edges, origin = (first, np.roll(first, -1, axis=0)), np.zeros(1, np.complex128)
+        away = float(np.sqrt(point_edge_squared(origin, *edges).min()))
+        within = bool(winding_number(origin, *edges)[0] > 0)
+        return (within and away > _TOUCHING) or away + _TOUCHING < distance
 
     @staticmethod
     def rectangle(length: float, width: float) -> Footprint:

@@ -71,9 +71,8 @@ const Drawing = (() => {
   }
 
   function drawFan(row) {
-    const { start, bins, view } = data.fan ?? {};
-    const pose = row === null || !data.fan ? null : States.poseOf(row);
-    Scene.drawFan(pose, view, pose === null ? [] : States.observationOf(row).slice(start, start + bins));
+    if (row === null) Scene.drawFan(null, [], []);
+    else Scene.drawFan(States.poseOf(row), data.fans, States.observationOf(row));
   }
 
   // Lower, middle and upper value of both commands.

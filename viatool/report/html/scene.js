@@ -4,16 +4,17 @@
 const Scene = (() => {
   const { fill, outline, outlines } = Figures;
 
-  // What a scan of `view` radians reads from a pose; nothing without a pose.
-  function drawFan(pose, view, ranges) {
+  // What each LiDAR reads from a pose: `bins` numbers of the observation over `view` radians; nothing without a pose.
+  function drawFan(pose, fans, observation) {
     const fan = { x: [], y: [], radius: [], start: [], end: [] };
-    const bins = pose === null ? 0 : ranges.length;
-    for (let bin = 0; bin < bins; bin += 1) {
-      fan.x.push(pose[0]);
-      fan.y.push(pose[1]);
-      fan.radius.push(Math.max(ranges[bin], 0));
-      fan.start.push(pose[2] - view / 2 + (view * bin) / bins);
-      fan.end.push(pose[2] - view / 2 + (view * (bin + 1)) / bins);
+    for (const { start, bins, view } of pose === null ? [] : fans) {
+      for (let bin = 0; bin < bins; bin += 1) {
+        fan.x.push(pose[0]);
+        fan.y.push(pose[1]);
+        fan.radius.push(Math.max(observation[start + bin], 0));
+        fan.start.push(pose[2] - view / 2 + (view * bin) / bins);
+        fan.end.push(pose[2] - view / 2 + (view * (bin + 1)) / bins);
+      }
     }
     fill("fan", fan);
   }

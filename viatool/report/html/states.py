@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viatool.arrays import Floats, Indices
+from viatool.channels import Quantities
 from viatool.report.closest_call import closest_state
 from viatool.report.foreign import one_line
 from viatool.report.palette import VERDICTS
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from viatool.policy import ObservationChannel
     from viatool.setting.rules import Rules
     from viatool.verification.result import Result
-    from viatool.world import Lidar, Obstacles
+    from viatool.world import Obstacles, Robot
 
 
 MOST_STATES = 20_000
@@ -85,7 +86,7 @@ def page_data(result: Result, kept: Indices) -> dict[str, Any]:
         "witnesses": _witnesses(result, kept),
         "episodes": [_episode(result, int(index)) for index in episodes],
         "channels": channel_list(result.channels, result.radii),
-        "fan": fan_of(result.channels, result.world_map.robot.lidar),
+        "fans": fans_of(result.channels, result.world_map.robot),
         "rules": rules_of(result.rules),
         "actions": [
             {"name": one_line(result.actions[c].name), "unit": one_line(result.actions[c].unit)}
@@ -179,17 +180,13 @@ def channel_list(channels: Sequence[ObservationChannel], radii: Floats) -> list[
     return listed
 
 
-def fan_of(channels: Sequence[ObservationChannel], robot: Lidar) -> dict[str, Any] | None:
-    """Return where the bins of the LiDAR channel look; None for a policy without one."""
-    start = 0
-    for channel in channels:
-        if channel.kind == "lidar":
-            lidar = channel.lidar or (robot if robot.bins == channel.size else None)
-            if lidar is None:
-                return None
-            return {"start": start, "bins": channel.size, "view": lidar.field_of_view}
-        start += channel.size
-    return None
+def fans_of(channels: Sequence[ObservationChannel], robot: Robot) -> list[dict[str, Any]]:
+    """Return where the bins of each LiDAR channel look; none for a policy without one."""
+    return [
+        {"start": columns.start, "bins": lidar.channel.size, "view": lidar.fan.lidar.field_of_view}
+        for lidar, columns in Quantities.of(channels, robot).lidars
+        if lidar.described
+    ]
 
 
 def rules_of(rules: Rules) -> dict[str, Any]:

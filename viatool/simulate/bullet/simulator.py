@@ -8,17 +8,14 @@ from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from viatool.arrays import Booleans, Floats, Indices
+from viatool.channels import Fan, Ranges, View
 from viatool.errors import ConfigurationError
 from viatool.simulate.bullet.worlds import Blueprint, Sight, open_worlds
 from viatool.simulate.models import model_of
-from viatool.simulate.observation import Situation
 from viatool.simulate.simulator import Simulator
 from viatool.world import Footprint, WorldMap
-
-Ranges = NDArray[np.float32]
 
 _RATE = 120.0  # least number of steps of the engine in a second
 
@@ -69,17 +66,20 @@ class BulletSimulator(Simulator):
         interval = self.robot.control_interval
         self._steps_per_interval = math.ceil(interval * _RATE - 1e-9)
         self._analytic = lidar == "analytic"
+        fans = self.observer.fans
         blueprint = Blueprint(
             world_map,
             self.model,
             self.model.acceleration if acceleration is None else acceleration,
             interval / self._steps_per_interval,
-            None if self._analytic else self.observer.directions.astype(np.float64),
-            self.observer.lidar.maximum_range,
+            None if self._analytic else np.hstack([fan.quick_directions for fan in fans]).astype(np.float64),
+            max(fan.lidar.maximum_range for fan in fans),
         )
         self._worlds = open_worlds(blueprint, min(workers, robots) if workers > 1 else workers)
         self._finalizer = weakref.finalize(self, self._worlds.close)
-        self._seen = np.zeros((robots, 0 if self._analytic else self.observer.lidar.rays), np.float32)
+        ends = np.cumsum([0, *(fan.lidar.rays for fan in fans)]).tolist()
+        self._rays = {fan: slice(*ends[place : place + 2]) for place, fan in enumerate(fans)}
+        self._seen = np.zeros((robots, 0 if self._analytic else ends[-1]), np.float32)
 
     def __enter__(self) -> BulletSimulator:
         """Return itself."""
@@ -132,10 +132,10 @@ class BulletSimulator(Simulator):
         if sight.ranges is not None:
             self._seen[row] = sight.ranges
 
-    def _ranges(self, index: Indices | slice, situation: Situation) -> Ranges:
+    def _ranges(self, fan: Fan, index: Indices | slice, view: View) -> Ranges:
         if self._analytic:
-            return super()._ranges(index, situation)
-        return self._seen[index].copy()
+            return super()._ranges(fan, index, view)
+        return np.minimum(self._seen[index][:, self._rays[fan]], np.float32(fan.lidar.maximum_range))
 
     def _check_room(self, index: Indices) -> None:
         """Refuse to put a body down into an obstacle."""

@@ -33,7 +33,7 @@ class NavigationEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
     def __init__(self, **setting: Any) -> None:
         self.setting = EnvironmentOptions(**setting)
         self.simulator = self.setting.simulator(1)
-        self.observation_space = self.setting.observation_space(self.simulator.observer.lidar)
+        self.observation_space = self.setting.observation_space()
         self.action_space = self.setting.action_space()
         self._fresh = True
 

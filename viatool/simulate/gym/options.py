@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from gymnasium.spaces import Box, Space
 
+from viatool.channels import Extent, Quantities
 from viatool.errors import ConfigurationError
 from viatool.policy import load_policy, load_specification
 from viatool.policy.specification import ActionChannel, ObservationChannel, PolicySpecification
@@ -22,7 +23,7 @@ from viatool.simulate.engines import make_simulator
 from viatool.simulate.observation import navigation_channels
 from viatool.simulate.simulator import Simulator
 from viatool.simulate.task import NavigationTask
-from viatool.world import Lidar, Robot, Scenario, WorldMap, load_map
+from viatool.world import Robot, Scenario, WorldMap, load_map
 
 Where = WorldMap | str | os.PathLike[str]
 Meaning = PolicySpecification | str | os.PathLike[str]
@@ -108,12 +109,12 @@ class EnvironmentOptions:
             ),
         )
 
-    def observation_space(self, lidar: Lidar) -> Space[Any]:
+    def observation_space(self) -> Space[Any]:
         """Return the limits of the columns, (n,) float32."""
-        bounds = [self._bounds(channel, lidar) for channel in self.specification.observation]
-        sizes = [channel.size for channel in self.specification.observation]
-        low, high = (np.repeat(np.array(side, np.float32), sizes) for side in zip(*bounds, strict=True))
-        return Box(low, high, dtype=np.float32)
+        quantities = Quantities.of(self.specification.observation, self.world_map.robot).require("bounds")
+        low, high = quantities.bounds(Extent(*self.world_map.bounds))
+        width = ~np.isnan(self.specification.fixed_values())  # of a constant; a space needs some
+        return Box((low - width).astype(np.float32), (high + width).astype(np.float32), dtype=np.float32)
 
     def action_space(self) -> Space[Any]:
         """Return the limits of v in m/s and omega in rad/s, (2,) float32."""
@@ -143,23 +144,6 @@ class EnvironmentOptions:
                 f"policy '{given}' carries no specification", "give a specification (YAML) as observation"
             )
         return specification
-
-    def _bounds(self, channel: ObservationChannel, lidar: Lidar) -> tuple[float, float]:
-        """Return the least and the largest value of a channel."""
-        if channel.value is not None:  # a constant; a space needs some width
-            return channel.value - 1.0, channel.value + 1.0
-        robot = self.world_map.robot
-        x_min, y_min, x_max, y_max = self.world_map.bounds
-        bounds: dict[str, tuple[float, float]] = {
-            "lidar": (lidar.minimum_range, lidar.maximum_range),
-            # With drift a goal may seem farther away than the arena is wide.
-            "goal_distance": (0.0, 2.0 * float(np.hypot(x_max - x_min, y_max - y_min))),
-            "goal_cosine": (-1.0, 1.0),
-            "goal_sine": (-1.0, 1.0),
-            "previous_linear": (robot.min_linear, robot.max_linear),
-            "previous_angular": (-robot.max_angular, robot.max_angular),
-        }
-        return bounds[channel.kind]
 
 
 def task_specification(robot: Robot) -> PolicySpecification:

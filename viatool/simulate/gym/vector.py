@@ -45,7 +45,7 @@ class NavigationVectorEnvironment(VectorEnv[Observations, NDArray[np.float32], N
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.setting = EnvironmentOptions(**setting)
         self.simulator = self.setting.simulator(num_envs)
-        self.single_observation_space = self.setting.observation_space(self.simulator.observer.lidar)
+        self.single_observation_space = self.setting.observation_space()
         self.single_action_space = self.setting.action_space()
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)

@@ -80,8 +80,7 @@
     const found = row === null ? null : Places.witness(row);
     fill("here", outline(found ? [found.pose] : []));
     Scene.drawRobot(rules, "map", found ? found.pose : null, 0.22);
-    const { start, bins, view } = data.fan ?? {};
-    Scene.drawFan(found && data.fan ? found.pose : null, view, found && data.fan ? found.observation.slice(start, start + bins) : []);
+    Scene.drawFan(found ? found.pose : null, data.fans, found ? found.observation : []);
     drawSituation();
     element("where").textContent = found ? `from ${poseText(found.pose)}: comes within ${nearText(found)}` : "no counterexample was found";
     const facts = found

@@ -10,7 +10,7 @@ from bokeh.palettes import Viridis256
 from viatool.arrays import Floats, Indices
 from viatool.places import SECTORS, STATUSES
 from viatool.report.certificates.places import is_free
-from viatool.report.html.states import channel_list, fan_of, pack, pack_coarsely, rules_of
+from viatool.report.html.states import channel_list, fans_of, pack, pack_coarsely, rules_of
 
 if TYPE_CHECKING:
     from viatool.places import Certificate, Raster
@@ -45,7 +45,7 @@ def page_data(certificate: Certificate) -> dict[str, Any]:
         "worst": worst.tolist(),
         "goal": list(certificate.scenario.goal),
         "channels": channel_list(setting.spec.observation, setting.radii),
-        "fan": fan_of(setting.spec.observation, certificate.world_map.robot.lidar),
+        "fans": fans_of(setting.spec.observation, certificate.world_map.robot),
         "rules": rules_of(certificate.rules),
         "scale": [int(colour[1:], 16) for colour in Viridis256],
     }

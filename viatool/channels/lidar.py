@@ -1,0 +1,92 @@
+"""LiDAR readings, each channel with a LiDAR of its own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+
+from viatool.arrays import Floats, Indices
+from viatool.channels.channel import Channel
+from viatool.channels.fan import Fan, Ranges
+from viatool.channels.quantity import Part, Quantity, observes
+from viatool.channels.views import BoxView, Extent, Recorded, View
+from viatool.errors import PolicyError
+from viatool.sets.forms import Forms
+from viatool.sight.scan import enclose_scan
+
+
+@observes("lidar")
+class LidarReadings(Quantity):
+    """The bins of a LiDAR: the channel's own, or the robot's where it describes none."""
+
+    needs = frozenset({"scan"})
+
+    @classmethod
+    def check(cls, channel: Channel) -> None:
+        """Check that there is a number for each bin."""
+        if channel.lidar is not None and channel.lidar.bins != channel.size:
+            raise ValueError(
+                f"channel '{channel.name}' has size {channel.size} but {channel.lidar.bins} LiDAR bins"
+            )
+
+    @property
+    def described(self) -> bool:
+        """Whether it is known which LiDAR the readings come from."""
+        return self.channel.lidar is not None or self.channel.size == self.robot.lidar.bins
+
+    @cached_property
+    def fan(self) -> Fan:
+        """The rays, with the robot's noise.
+
+        Raises
+        ------
+        PolicyError
+            If the channel describes no LiDAR, and the robot's has another number of bins.
+        """
+        asked, robot = self.channel.lidar, self.robot
+        if self.described:
+            return Fan(robot.lidar if asked is None else replace(robot.lidar, **asked.model_dump()))
+        raise PolicyError(
+            f"observation channel '{self.channel.name}' has {self.channel.size} numbers, "
+            f"but the LiDAR of {robot.name} has {robot.lidar.bins} bins",
+            "describe the LiDAR in the policy's specification",
+        )
+
+    def require(self, part: Part) -> None:
+        """Refuse a channel that does not say how its readings are binned."""
+        super().require(part)
+        if part == "record" and self.channel.lidar is None:
+            raise PolicyError(
+                f"observation channel '{self.channel.name}' does not say how its readings are binned",
+                "describe the LiDAR in the policy's specification",
+            )
+        if part in ("measure", "enclose"):
+            _ = self.fan
+
+    def measure(self, view: View) -> Ranges:
+        """Return the least range of each bin; in an obstacle and off the map, the least that the LiDAR reads."""
+        return self.fan.read(view.eyes(self.fan, view))
+
+    def record(self, recorded: Recorded) -> Floats:
+        """Return the bins of the recorded scans."""
+        return recorded.scan(self.channel)
+
+    def enclose(self, view: BoxView) -> Forms:
+        """Enclose the bins; where the sensor may stand in an obstacle or off the map, by all that it can read."""
+        lidar = self.fan.lidar
+        seen = enclose_scan(view.start.poses, view.shapes, lidar)
+        if view.submerged.any():
+            ends = (np.full_like(seen.centre, end) for end in (lidar.minimum_range, lidar.maximum_range))
+            seen = Forms.choose(view.submerged, Forms.between(*ends), seen)
+        return view.over_states(seen)
+
+    def bounds(self, extent: Extent) -> tuple[float, float]:
+        """Return the limits of the LiDAR."""
+        described = self.channel.lidar or self.robot.lidar
+        return described.minimum_range, described.maximum_range
+
+    def mirror(self) -> tuple[Indices, Floats]:
+        """Return the bins from left to right: the field of view is symmetric about forward."""
+        return np.arange(self.channel.size)[::-1], np.ones(self.channel.size)

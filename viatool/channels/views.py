@@ -1,0 +1,197 @@
+"""What quantities are measured of: robots in their surroundings, sets of their states, and recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from viatool.arrays import Booleans, Floats, Indices
+from viatool.channels.channel import Channel
+from viatool.channels.fan import Fan, Ranges
+from viatool.channels.goal_forms import GoalForms
+from viatool.sets.forms import Forms
+from viatool.sets.states import STATE, StateBoxes
+from viatool.sight.shapes import Shapes
+from viatool.world import Scenes
+
+
+@dataclass(frozen=True, eq=False)
+class Goals:
+    """Goals in the robots' frames: distance in metres, cosine and sine of the bearing, (B,) each; 0 on the goal."""
+
+    distance: Floats
+    cosine: Floats
+    sine: Floats
+
+    @classmethod
+    def seen_from(cls, poses: Floats, goals: Floats) -> Goals:
+        """Return goals (B, 2) or (2,) as seen from poses (B, 3)."""
+        dx, dy = (goals - poses[:, :2]).T
+        distance = np.sqrt(dx * dx + dy * dy)
+        inverse = 1.0 / np.maximum(distance, 1e-12)
+        cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+        return cls(distance, (dx * cosine + dy * sine) * inverse, (dy * cosine - dx * sine) * inverse)
+
+
+def see(fan: Fan, view: View) -> Ranges:
+    """Cast rays in float32: for simulations."""
+    return view.scenes.cast(view.poses, view.scene, fan.lidar, directions=fan.quick_directions)
+
+
+def see_precisely(fan: Fan, view: View) -> Ranges:
+    """Cast rays in float64: for counterexamples."""
+    return view.scenes.cast(view.poses, view.scene, fan.lidar, directions=fan.directions)
+
+
+Eyes = Callable[[Fan, "View"], Ranges]
+"""Gives the ranges (B, R) of a fan's rays in the order of its directions; the caller may overwrite them."""
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """B robots, what is around them and what they head for.
+
+    Parameters
+    ----------
+    scenes : Scenes
+        The geometry.
+    poses : ndarray
+        (B, 3) x, y, theta; metres and radians.
+    scene : ndarray
+        (B,) which situation of the geometry each of them is in.
+    goals : ndarray
+        (B, 2) metres.
+    previous : ndarray
+        (B, 2) the command of the step before, m/s and rad/s.
+    believed : ndarray, optional
+        (B, 3) where the robots think they are, if that differs from where they are; goals are seen from there.
+    steps : ndarray, optional
+        (B,) control intervals since the beginning of the episode; None where there is no episode.
+    eyes : callable
+        How ranges come about: by exact geometry, unless a simulator gives its own.
+    """
+
+    scenes: Scenes
+    poses: Floats
+    scene: Indices
+    goals: Floats
+    previous: Floats
+    believed: Floats | None = None
+    steps: Indices | None = None
+    eyes: Eyes = see
+
+    def __len__(self) -> int:
+        """Return B."""
+        return len(self.poses)
+
+    @cached_property
+    def goal(self) -> Goals:
+        """The goals in the robots' frames."""
+        return Goals.seen_from(self.poses if self.believed is None else self.believed, self.goals)
+
+
+@dataclass(frozen=True, eq=False)
+class BoxView:
+    """C sets of states, what is around them and what they head for.
+
+    Parameters
+    ----------
+    start : StateBoxes
+        C boxes around the sets.
+    states : Forms
+        (C, 5) the sets: x, y, theta and the v and omega before, in S symbols.
+    shapes : Shapes
+        What there is to be seen.
+    goal : ndarray
+        (2,) metres.
+    submerged : ndarray
+        (C,) bool: whether the robot's origin may be inside of an obstacle or off the map somewhere in the set.
+    """
+
+    start: StateBoxes
+    states: Forms
+    shapes: Shapes
+    goal: Floats
+    submerged: Booleans
+
+    def __len__(self) -> int:
+        """Return C."""
+        return len(self.start)
+
+    @cached_property
+    def goal_forms(self) -> GoalForms:
+        """The goal in the robots' frames, over the poses of the boxes."""
+        return GoalForms.seen_from(self.start.poses, self.goal, self.shapes.scale)
+
+    @cached_property
+    def _shares(self) -> Floats:
+        """How far each symbol of the states moves the pose, (C, S, 3), in half-widths of its box."""
+        radius = self.start.poses.radius[:, None]
+        return np.asarray(self.states.slope[:, :, :3] / np.where(radius > 0.0, radius, 1.0))
+
+    def over_states(self, forms: Forms) -> Forms:
+        """Return forms over the poses of the boxes, (C, K), in the symbols of the states."""
+        return Forms(forms.centre, self._shares @ forms.slope, forms.rest)
+
+    def state(self, name: str) -> Forms:
+        """Return one quantity of the state as forms (C, 1): x, y, theta, v or omega."""
+        column = [STATE.index(name)]
+        states = self.states
+        return Forms(states.centre[:, column], states.slope[:, :, column], states.rest[:, column])
+
+    def constant(self, value: float, size: int) -> Forms:
+        """Return `size` equal numbers that no state changes, as forms (C, size)."""
+        slope = np.zeros((*self.states.slope.shape[:2], size))
+        return Forms(np.full((len(self), size), value), slope, np.zeros((len(self), size)))
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """S instants of a recording.
+
+    Parameters
+    ----------
+    poses : ndarray
+        (S, 3) x, y, theta in the map frame; metres and radians.
+    goal : ndarray or None
+        (2,) metres; None where no quantity needs it.
+    previous : ndarray
+        (S, 2) the command before, m/s and rad/s.
+    scan : callable
+        Gives the bins (S, bins) of a LiDAR channel, NaN where nothing was measured.
+    """
+
+    poses: Floats
+    goal: Floats | None
+    previous: Floats
+    scan: Callable[[Channel], Floats]
+
+    @cached_property
+    def goals(self) -> Goals:
+        """The goal in the robot's frame."""
+        assert self.goal is not None  # refused before, by what its quantities need
+        return Goals.seen_from(self.poses, self.goal)
+
+
+@dataclass(frozen=True)
+class Extent:
+    """How far robots may be and go.
+
+    Parameters
+    ----------
+    x_min, y_min, x_max, y_max : float
+        The bounds of the map, in metres.
+    """
+
+    x_min: float
+    y_min: float
+    x_max: float
+    y_max: float
+
+    @property
+    def diagonal(self) -> float:
+        """Return the largest distance of two places, in metres."""
+        return float(np.hypot(self.x_max - self.x_min, self.y_max - self.y_min))
