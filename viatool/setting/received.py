@@ -84,7 +84,7 @@ def commands_under_way(setting: Setting, trajectory: Trajectory) -> Floats:
     begins = _begins(setting, trajectory)
     known = np.ones(len(newest), dtype=bool)
     for back in range(dead_time.commands):
-        at = rows - back
+        at = np.maximum(rows - back, 0)
         queue[known, dead_time.commands - 1 - back] = newest[at[known]]
         queue[known & begins[at], : dead_time.commands - 1 - back] = 0.0
         known = known & follows[at]

@@ -1,0 +1,125 @@
+"""Commands on their way: known from what was observed or recorded, or not known at all."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.hall import write_policy
+from viatool import load_map, load_policy
+from viatool.errors import ConfigurationError
+from viatool.setting.received import commands_before, commands_under_way
+from viatool.setting.setting import Setting
+from viatool.setting.wishes import Wishes
+from viatool.simulate import Conditions
+from viatool.simulate.roll_out import drive
+from viatool.trajectory import Trajectory
+
+LAB = load_map(Path("maps/lab.yaml"))
+COMMANDS = np.stack([np.linspace(0.0, 0.45, 10), np.linspace(-0.9, 0.9, 10)], axis=1)
+
+
+@pytest.fixture(scope="module")
+def policy(tmp_path_factory):
+    return load_policy(write_policy(tmp_path_factory.mktemp("policy") / "policy.onnx"))
+
+
+def recording(policy, *, observed=True, recorded=True, time=None, **more):
+    """Ten states of one episode, an interval apart, with the commands `COMMANDS`."""
+    spec = policy.spec
+    observations = np.full((10, spec.observation_size), 1.0)
+    first = spec.columns("previous_linear").start
+    observations[:, first : first + 2] = np.vstack([[0.3, 0.1], COMMANDS[:-1]]) if observed else 7.0
+    return Trajectory(
+        poses=np.zeros((10, 3)),
+        observations=observations,
+        actions=COMMANDS if recorded else np.zeros((10, 0)),
+        episode=np.zeros(10, dtype=np.int64),
+        time=np.arange(10) * 0.1 if time is None else time,
+        outcomes=np.array(["unknown"]),
+        costs=np.array([np.nan]),
+        scenarios=(None,),
+        **more,
+    )
+
+
+def setting(policy, delay, **spec):
+    asked = Setting.of(policy, LAB, 0.01, Wishes(delay=delay))
+    assert asked.rules.dead_time.commands == int(np.ceil(delay / 0.1 - 1e-9))
+    return asked
+
+
+@pytest.mark.parametrize("delay", [0.03, 0.1, 0.25, 0.3])
+def test_the_queue_holds_what_was_given_and_nothing_is_guessed_before_the_recording(policy, delay):
+    asked = setting(policy, delay)
+    queue = commands_under_way(asked, recording(policy))
+    count = asked.rules.dead_time.commands
+    for row in range(10):
+        for place in range(count):
+            given = row - (count - place)  # the state in which the command was given
+            if given >= 0:
+                np.testing.assert_allclose(queue[row, place], COMMANDS[given])
+            elif given == -1:
+                np.testing.assert_allclose(queue[row, place], [0.3, 0.1])  # observed in the first state
+            else:
+                assert np.isnan(queue[row, place]).all()
+
+
+def test_a_gap_in_the_recording_ends_what_is_known(policy):
+    late = np.arange(10) * 0.1 + 0.4 * (np.arange(10) >= 5)
+    known = np.isfinite(commands_under_way(setting(policy, 0.2), recording(policy, time=late))).all(
+        axis=(1, 2)
+    )
+    assert known.tolist() == [False, True, True, True, True, False, True, True, True, True]
+
+
+def test_what_contradicts_itself_is_not_known(policy):
+    other = recording(policy)
+    other.actions[3, 0] += 0.01
+    before = commands_before(setting(policy, 0.1), other)
+    assert np.flatnonzero(np.isnan(before).any(axis=1)).tolist() == [4]
+
+
+def test_a_robot_of_a_simulation_stands_before_its_first_command(policy):
+    simulated = recording(policy, observed=False, from_rest=True)
+    simulated.observations[:] = 0.0
+    start = policy.spec.columns("previous_linear").start
+    simulated.observations[1:, start : start + 2] = COMMANDS[:-1]
+    queue = commands_under_way(setting(policy, 0.3), simulated)
+    assert np.isfinite(queue).all()
+    np.testing.assert_array_equal(queue[0], 0.0)
+    np.testing.assert_allclose(queue[2], [[0.0, 0.0], COMMANDS[0], COMMANDS[1]])
+    later = simulated.select(np.arange(10) >= 4)  # a part of it does not begin at rest
+    assert np.isnan(commands_under_way(setting(policy, 0.3), later)[0, :2]).all()
+
+
+@pytest.mark.parametrize("delay", [0.1, 0.3])
+def test_the_queue_moves_the_robot_as_the_simulator_does(policy, delay):
+    """From every driven state, the commands on their way lead to where the simulator is after the dead time."""
+    from tests.safety.brute_force import drive_all
+
+    asked = setting(policy, delay)
+    path = drive(policy, asked, conditions=Conditions(noise=0.0, delay=delay), seed=1).trajectory
+    queue = commands_under_way(asked, path)
+    whole = round(delay / 0.1)
+    ends, here = path.poses, np.flatnonzero(path.episode[whole:] == path.episode[:-whole])
+    poses = path.poses[here]
+    for place in range(whole):
+        poses = drive_all(poses, *queue[here, place].T, np.array([[0.1]]))[:, -1]
+    away = poses[:, :2] - ends[here + whole, :2]
+    assert np.abs(away).max() < 1e-6
+
+
+def test_a_dead_time_without_any_command_is_refused(policy):
+    spec = policy.spec
+    fixed = [
+        c.model_copy(update={"value": 0.0} if c.name.startswith("previous") else {}) for c in spec.observation
+    ]
+    asked = Setting.of_specification(
+        spec.model_copy(update={"observation": fixed}), LAB, 0.01, Wishes(delay=0.1)
+    )
+    with pytest.raises(ConfigurationError, match="neither observed nor recorded"):
+        commands_under_way(asked, recording(policy, recorded=False))
+    queue = commands_under_way(asked, recording(policy))
+    np.testing.assert_allclose(queue[1:, 0], COMMANDS[:-1])  # not the value to which the channel is fixed
+    assert np.isnan(queue[0]).all()
