@@ -84,6 +84,13 @@ def test_torch_and_pybullet_stay_in_their_rooms() -> None:
                     assert room == home, f"{path}: {line.strip()}"
 
 
+def test_ci_runs_the_tests_of_the_readme_and_those_that_are_slow() -> None:
+    steps = [line for line in (ROOT / ".ci" / "run").read_text().splitlines() if line.startswith("step ")]
+    assert steps[-2:] == ['step bash -c "$tests"', 'step bash -c "$tests -m slow"']
+    marked = [path for path in (ROOT / "tests").rglob("test_*.py") if "@pytest.mark.slow" in path.read_text()]
+    assert len(marked) > 1  # pytest fails where it finds nothing to run
+
+
 def test_the_changelog_and_the_citation_name_the_version() -> None:
     assert f"## {viatool.__version__} " in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     assert f"version: {viatool.__version__}" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")

@@ -109,6 +109,29 @@ def test_the_centre_command_attains_what_it_is_said_to_attain(name):
             assert clearance(world, poses, footprint).min() <= max(found.attained[index], 0.0) + 1e-4
 
 
+def attained_too_low():
+    """By how much the centre command keeps more than it is said to attain at most, on arcs that bend much."""
+    footprint, manoeuvre, worst = FOOTPRINTS["circle"], Manoeuvre(1.0), -np.inf
+    for seed in range(4):
+        world, situations, _ = setting(seed, footprint)
+        command = np.random.default_rng(seed).uniform((0.5, 1.0), (1.0, 2.0), (len(situations), 2))
+        found = enclose(MotionBoxes.whole(command, command), situations, manoeuvre, footprint)
+        for index, (v, w) in enumerate(command):
+            poses = drive(situations.poses[index], v, w, np.linspace(0.0, 1.0, 201))
+            left = clearance(world, poses, footprint).min()
+            worst = max(worst, left - max(found.attained[index], 0.0))
+    return worst
+
+
+def test_an_arc_attains_what_its_chord_is_said_to():
+    assert attained_too_low() <= 2e-3
+
+
+def test_dense_arcs_catch_a_chord_without_its_sagitta(monkeypatch):
+    monkeypatch.setattr(enclosure, "sagitta", nothing)
+    assert attained_too_low() > 0.02
+
+
 def test_halves_cover_their_cell():
     cells = MotionBoxes.whole(np.array([[0.0, -1.0]]), np.array([[0.5, 1.0]]))
     halves = cells.halved(np.array([1]))

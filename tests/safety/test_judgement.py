@@ -98,6 +98,23 @@ def test_brute_force_agrees_with_every_verdict(name):
     assert disagreements(name) == 0
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("criterion", ["swept", "braking"])
+@pytest.mark.parametrize("name", FOOTPRINTS)
+def test_brute_force_agrees_in_many_rooms(name, criterion):
+    """Finer grids of commands, more delays, and boxes of commands from a point to the whole range."""
+    proved = 0
+    for seed, delay in enumerate((0.0, 0.03, 0.1, 0.17, 0.3), start=100):
+        world = random_world(seed, FOOTPRINTS[name])
+        case, lower, upper = make_cases(world, criterion, seed, count=COUNT, reach=0.3, delay=delay)
+        worst, _ = worst_found(world, case, lower, upper, commands=13)
+        judged = judge(case, lower, upper, find_contested(case))
+        assert _contradicted(judged.safe, worst, world.clearance.collision, NEAR) == 0
+        assert _contradicted(judged.danger, worst, world.clearance.danger, NEAR) == 0
+        proved += int(judged.safe.sum())
+    assert 20 <= proved <= 5 * COUNT - 20
+
+
 @pytest.mark.parametrize("name", QUESTIONS)
 def test_there_are_states_of_every_verdict(name):
     _, case, lower, upper = asked(name)

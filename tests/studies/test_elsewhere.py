@@ -73,6 +73,7 @@ def files(folder: Path) -> list[str]:
     return sorted(path.relative_to(folder).as_posix() for path in found)
 
 
+@pytest.mark.slow
 def test_processes_of_which_one_is_killed(tasks: Sequence[Task], whole: Path, tmp_path: Path) -> None:
     def kill() -> None:
         wait_for(lambda: any(tmp_path.rglob("*.pt")))  # there is something to go on from
@@ -82,6 +83,7 @@ def test_processes_of_which_one_is_killed(tasks: Sequence[Task], whole: Path, tm
     assert_same(Processes(2), Accident(kill), tasks, whole, tmp_path)
 
 
+@pytest.mark.slow
 def test_a_cluster_of_which_a_worker_is_killed_and_that_sees_no_files_of_this_machine(
     tasks: Sequence[Task], whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
