@@ -65,7 +65,9 @@ def test_an_obstacle_within_the_footprint_fails_though_the_outline_is_clear():
     assert not prove(Case(rules, situations), np.zeros((1, 2)), np.zeros((1, 2)), 0.0).proved[0]
 
 
-@pytest.mark.parametrize("effort", [Effort(levels=0), Effort(levels=2), Effort(cells=1), Effort(tolerance=1.0)])
+@pytest.mark.parametrize(
+    "effort", [Effort(levels=0), Effort(levels=2), Effort(cells=1), Effort(tolerance=1.0)]
+)
 def test_less_effort_proves_and_refutes_less(effort):
     """What is given up, for whatever reason, is neither proved nor refuted."""
     _, case, lower, upper = cases(7, FOOTPRINTS["point"], "swept")
