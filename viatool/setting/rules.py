@@ -13,7 +13,7 @@ from viatool.arrays import Floats
 from viatool.errors import ConfigurationError
 from viatool.motion.dead_time import DeadTime
 from viatool.motion.manoeuvre import Manoeuvre
-from viatool.world import Clearance, Footprint, WorldMap, simple_polygon
+from viatool.world import Clearance, Footprint, WorldMap
 
 Criterion = Literal["sampled", "swept", "braking"]
 CRITERIA: tuple[Criterion, ...] = get_args(Criterion)
@@ -145,4 +145,4 @@ def as_footprint(footprint: Footprint | str | float | Sequence[Sequence[float]])
         raise ConfigurationError(
             "the footprint is not a list of corners (x, y)", "give at least three corners"
         )
-    return Footprint("polygon", polygon=simple_polygon(corners, "footprint"))
+    return Footprint("polygon", polygon=corners)

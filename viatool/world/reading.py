@@ -6,6 +6,7 @@ import hashlib
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +19,11 @@ from viatool.world.complaints import located, shortened, validated, wrong
 from viatool.world.generator import ScenarioGenerator
 from viatool.world.map_file import Unknown
 from viatool.world.map_server import ServedMap, is_map_server_file, read_map_server
+from viatool.world.rings import simple_polygon
 from viatool.world.robot import ROBOTS, Footprint, Lidar, Robot
 from viatool.world.scenario import Scenario
 from viatool.world.scenes import Scenes
-from viatool.world.shapes import Obstacles, box_polygon, simple_polygon, wall_polygons
+from viatool.world.shapes import Obstacles, box_polygon, wall_polygons
 from viatool.world.world_map import Clearance, WorldMap
 from viatool.world.yaml_text import YamlDocument, read_yaml
 
@@ -180,11 +182,14 @@ def _arena(document: YamlDocument, arena: file.Box | file.Polygon | None, served
 
 
 def _polygon(document: YamlDocument, shape: file.Box | file.Polygon, location: Sequence[str | int]) -> Floats:
-    """Return the corners of a box or a checked polygon."""
-    if isinstance(shape, file.Box):
-        return box_polygon(shape.center, shape.size, shape.yaw)
-    points = np.array(shape.points)
-    return located(document, location, lambda: simple_polygon(points, shape.name or "polygon"))
+    """Return the checked corners of a box or a polygon."""
+
+    def build() -> Floats:
+        if isinstance(shape, file.Box):
+            return simple_polygon(box_polygon(shape.center, shape.size, shape.yaw), shape.name or "box")
+        return simple_polygon(shape.points, shape.name or "polygon")
+
+    return located(document, location, build)
 
 
 def _obstacles(
@@ -198,11 +203,16 @@ def _obstacles(
         if isinstance(shape, file.Circle):
             circles.append((*shape.center, shape.radius))
         elif isinstance(shape, file.Wall):
-            walls.extend(wall_polygons(shape.points, shape.thickness))
+            walls.extend(located(document, (*location, index), partial(_wall, shape)))
         else:
             polygons.append(_polygon(document, shape, (*location, index)))
     compact = Obstacles(np.array(circles).reshape(-1, 3), tuple(polygons))
     return compact + Obstacles(polygons=tuple(walls)), compact.centres()
+
+
+def _wall(shape: file.Wall) -> tuple[Floats, ...]:
+    boxes = wall_polygons(shape.points, shape.thickness)
+    return tuple(simple_polygon(box, shape.name or "wall") for box in boxes)
 
 
 def _scenarios(document: YamlDocument, given: Sequence[file.ScenarioFile]) -> tuple[Scenario, ...]:
@@ -243,18 +253,12 @@ def _robot(content: str | file.RobotFile) -> Robot:
         plain["lidar"] = Lidar(**(vars(robot.lidar) | given.lidar.model_dump(exclude_none=True)))
     if given.footprint is not None:
         plain["footprint"] = _footprint(given.footprint)
-    robot = replace(robot, **plain)
-    if robot.max_linear < max(robot.min_linear, 0.0):
-        raise MapError(
-            f"max_linear {robot.max_linear} m/s is below min_linear {robot.min_linear} m/s or below 0",
-            "correct the speed limits",
-        )
-    return robot
+    return replace(robot, **plain)
 
 
 def _footprint(content: file.FootprintFile) -> Footprint:
     if isinstance(content, file.FootprintPolygon):
-        return Footprint("polygon", polygon=simple_polygon(np.array(content.points), "footprint"))
+        return Footprint("polygon", polygon=np.array(content.points))
     if isinstance(content, file.FootprintCircle):
         return Footprint("circle", radius=content.radius)
     return Footprint()
@@ -312,7 +316,7 @@ def _check_free_space(document: YamlDocument, world: WorldMap) -> None:
     blocked = scenes.blocked(np.array([scenario.goal for scenario in world.scenarios]), index)
     least = world.clearance.collision
     for number, scenario in enumerate(world.scenarios):
-        if free[number] < least or free[number] <= 0.0:
+        if not (free[number] >= least and free[number] > 0.0):
             raise wrong(
                 document,
                 ("scenarios", number, "start"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 from viatool.arrays import Floats
 from viatool.errors import ConfigurationError
 from viatool.world.measurement import as_plane, point_edge_squared, winding_number
+from viatool.world.rings import fit, simple_polygon
+
+FootprintKind = Literal["point", "circle", "polygon"]
 
 _TOUCHING = 1e-9
 """Metres from an outline within which a point counts as neither inside nor outside."""
@@ -107,12 +110,34 @@ class Footprint:
     radius : float
         Of the circle, in metres.
     polygon : ndarray
-        (n, 2) corners of the polygon, counter-clockwise, in metres; (0, 2) for the other kinds.
+        (n, 2) corners of a simple polygon, in metres; kept counter-clockwise, without repeated corners. (0, 2) for
+        the other kinds.
+
+    Raises
+    ------
+    MapError
+        If the polygon is not simple, or a number is not finite.
+    ConfigurationError
+        If the kind is not known or the radius is no length.
     """
 
-    kind: Literal["point", "circle", "polygon"] = "point"
+    kind: FootprintKind = "point"
     radius: float = 0.0
     polygon: Floats = field(default_factory=lambda: np.zeros((0, 2)))
+
+    def __post_init__(self) -> None:
+        if self.kind not in get_args(FootprintKind):
+            raise ConfigurationError(
+                f"footprint has the kind '{self.kind}', expected one of {', '.join(get_args(FootprintKind))}",
+                "name one of them",
+            )
+        if self.kind == "polygon":
+            object.__setattr__(self, "polygon", simple_polygon(self.polygon, "footprint"))
+        if not (self.radius >= 0.0 and fit(self.radius)):
+            raise ConfigurationError(
+                f"footprint has a radius of {self.radius} m, expected a finite length of 0 or more",
+                "correct the radius",
+            )
 
     @property
     def reach(self) -> float:
@@ -167,6 +192,11 @@ class Robot:
         Outline in the robot's frame, from which clearances are measured.
     lidar : Lidar
         Its range finder.
+
+    Raises
+    ------
+    ConfigurationError
+        If a limit is not finite, the largest speed is below the least one or below 0, or another limit is negative.
     """
 
     name: str = "turtlebot3"
@@ -177,6 +207,32 @@ class Robot:
     control_interval: float = 0.1
     footprint: Footprint = field(default_factory=Footprint)
     lidar: Lidar = field(default_factory=Lidar)
+
+    def __post_init__(self) -> None:
+        limits = (
+            self.min_linear,
+            self.max_linear,
+            self.max_angular,
+            self.deceleration,
+            self.control_interval,
+        )
+        if not np.isfinite(limits).all():
+            raise ConfigurationError(
+                f"robot '{self.name}' has the limits {limits} (min_linear, max_linear, max_angular, deceleration, "
+                "control_interval), expected finite numbers",
+                "correct the limits",
+            )
+        if self.max_linear < max(self.min_linear, 0.0):
+            raise ConfigurationError(
+                f"max_linear {self.max_linear} m/s is below min_linear {self.min_linear} m/s or below 0",
+                "correct the speed limits",
+            )
+        for name in ("max_angular", "deceleration", "control_interval"):
+            if getattr(self, name) < 0.0:
+                raise ConfigurationError(
+                    f"{name} of robot '{self.name}' is {getattr(self, name)}, expected 0 or more",
+                    "correct it",
+                )
 
     def clip(self, actions: Floats) -> Floats:
         """Return commands (B, 2), v in m/s and omega in rad/s, as the robot carries them out."""

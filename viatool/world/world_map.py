@@ -9,6 +9,7 @@ from pathlib import Path
 from viatool.arrays import Floats
 from viatool.errors import ConfigurationError
 from viatool.world.generator import ScenarioGenerator
+from viatool.world.rings import simple_polygon
 from viatool.world.robot import Robot
 from viatool.world.scenario import Scenario
 from viatool.world.shapes import Obstacles
@@ -57,7 +58,7 @@ class WorldMap:
     sha256 : str
         Digest of that file.
     arena : ndarray
-        (n, 2) corners of a simple polygon, counter-clockwise, the first corner not repeated; metres.
+        (n, 2) corners of a simple polygon, in metres; kept counter-clockwise, without repeated corners.
     obstacles : Obstacles
         Present in every scenario.
     robot : Robot
@@ -73,6 +74,11 @@ class WorldMap:
     stated : frozenset of str
         What the file says of the robot: ``robot`` where it speaks of one at all, and ``lidar.rays`` and the like.
         What it does not say is a default, and binds nobody.
+
+    Raises
+    ------
+    MapError
+        If the arena is not a simple polygon of finite corners.
     """
 
     name: str
@@ -86,6 +92,9 @@ class WorldMap:
     generator: ScenarioGenerator | None = None
     warnings: tuple[str, ...] = ()
     stated: frozenset[str] = frozenset({"robot"})
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "arena", simple_polygon(self.arena, "arena"))
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
