@@ -64,7 +64,14 @@ def test_episode_labels_of_a_table_are_numbered_as_they_appear(tmp_path):
         ({"poses": np.zeros((5, 2))}, "'poses' has shape"),
         ({"time": np.zeros(4)}, "'time' has shape"),
         ({"observations": np.full((5, 4), np.inf)}, "row 0, column 0"),
+        ({"poses": np.full((5, 3), -np.inf)}, "'poses' holds -inf in row 0, column 0"),
+        (
+            {"poses": np.array([[0.0, 1e7, 0.0]] * 5)},
+            r"pose \[0.0, 10000000.0, 0.0\] in row 0, expected at most 1e",
+        ),
+        ({"time": np.array([0.0, np.nan, 0.1, 0.0, 0.1])}, "'time' holds nan in row 1"),
         ({"episode": np.array([0, 0, 0, 1, 2])}, "episodes 0 to 2"),
+        ({"episode": np.array([0, -1, 0, 1, 1])}, "episodes -1 to 1"),
         ({"outcomes": np.array(["success", "won"])}, "outcome 'won'"),
         ({"time": np.array([0.0, 0.2, 0.1, 0.0, 0.1])}, "clock of episode 0 goes back in row 2"),
     ],
@@ -127,6 +134,28 @@ def test_a_state_table_is_a_trajectory(tmp_path):
     trajectory = load_trajectory(path)
     assert (len(trajectory), trajectory.episodes) == (3, 1)
     np.testing.assert_array_equal(trajectory.outcomes, ["unknown"])
+
+
+HEADER = "episode,time,x,y,theta,observation_0\n"
+
+
+def test_rows_of_episodes_may_alternate_but_the_clock_of_each_runs_forward(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text(HEADER + "a,0,1,2,3,4\nb,7,1,2,3,4\na,1,1,2,3,4\nb,8,1,2,3,4\n")
+    trajectory = load_trajectory(path)
+    assert trajectory.episode.tolist() == [0, 1, 0, 1]
+    assert trajectory.notes == ()
+    path.write_text(HEADER + "a,0,1,2,3,4\nb,7,1,2,3,4\na,1,1,2,3,4\nb,6,1,2,3,4\n")
+    with pytest.raises(TrajectoryError, match="clock of episode 1 goes back in row 3"):
+        load_trajectory(path)
+
+
+def test_rows_that_stand_twice_are_told(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text(HEADER + "a,0,1,2,3,4\nb,0,1,2,3,4\na,0,1,2,3,4\na,0,1,2,3,5\nb,1,1,2,3,4\n")
+    assert load_trajectory(path).notes == (
+        "1 rows are the same as the one before in their episode, and count again",
+    )
 
 
 def test_unknown_suffixes_and_missing_files_are_refused(tmp_path):

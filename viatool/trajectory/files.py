@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import zipfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -73,7 +74,12 @@ def load_trajectory(
             f"trajectory '{path}' ends in '{path.suffix}', expected {', '.join((*_READERS, *BAGS))}",
             "convert it to npz or csv",
         )
-    return _named(path, lambda: reader(path, specification))
+    trajectory = _named(path, lambda: reader(path, specification))
+    twice = trajectory.repeated()
+    if not twice:
+        return trajectory
+    note = f"{twice:,} rows are the same as the one before in their episode, and count again"
+    return replace(trajectory, notes=(*trajectory.notes, note))
 
 
 def _named(path: Path, read: Callable[[], Trajectory]) -> Trajectory:

@@ -50,8 +50,8 @@ class Trajectory:
     Raises
     ------
     TrajectoryError
-        If shapes contradict each other, a number is not finite, an episode index has no outcome, or the
-        clock of an episode goes back.
+        If shapes contradict each other, a number is not finite, a pose is no place of a map, an episode index has no
+        outcome, or the clock of an episode goes back.
     """
 
     poses: Floats
@@ -73,6 +73,7 @@ class Trajectory:
         object.__setattr__(self, "scenarios", tuple(self.scenarios))
         _check_shapes(self)
         _check_finite(self)
+        _check_places(self)
         _check_episodes(self)
 
     def __len__(self) -> int:
@@ -100,7 +101,16 @@ class Trajectory:
         chosen = {name: getattr(self, name)[states] for name in _BY_STATE}
         return replace(self, **chosen)
 
+    def repeated(self) -> int:
+        """Return the number of states that are the same as the one before in their episode: time, pose, observation."""
+        order = np.argsort(self.episode, kind="stable")
+        same = np.diff(self.episode[order]) == 0
+        for values in (self.time[:, None], self.poses, self.observations):
+            same &= (values[order[1:]] == values[order[:-1]]).all(axis=1)
+        return int(same.sum())
 
+
+_FARTHEST = 1e6  # metres or radians, as for maps
 _BY_STATE = ("poses", "observations", "actions", "episode", "time")
 _KINDS: dict[str, type] = {
     "poses": np.float64,
@@ -144,6 +154,17 @@ def _check_finite(trajectory: Trajectory) -> None:
                 f"trajectory array '{name}' holds {values[tuple(bad[0])]} in {place}, which is not finite",
                 "leave out states that were not observed, and replace infinite ranges by the maximum range",
             )
+
+
+def _check_places(trajectory: Trajectory) -> None:
+    """Refuse poses that no map reaches, such as those in degrees of latitude times a million."""
+    far = np.argwhere(np.abs(trajectory.poses) > _FARTHEST)
+    if len(far):
+        row = int(far[0, 0])
+        raise TrajectoryError(
+            f"trajectory has the pose {trajectory.poses[row].tolist()} in row {row}, expected at most {_FARTHEST:g}",
+            "give poses in metres and radians, in the frame of the map",
+        )
 
 
 def _check_episodes(trajectory: Trajectory) -> None:
