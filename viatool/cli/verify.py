@@ -113,6 +113,9 @@ def command(ctx: click.Context, /, **given: Any) -> None:
     gate = build_gate(given)
     with keeping(given["checkpoint"]), show_progress(quiet=given["quiet"]) as progress:
         result = _verify(given, progress)
+    for found in result.recording:
+        if found.doubtful:
+            options.warn(found.warning)
     document = read_result(result)
     checks = evaluate(gate, document)
     write_outputs(result, outputs, checks)

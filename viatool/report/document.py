@@ -118,6 +118,24 @@ class HorizonDocument(_Part):
     least_clearance: list[float | None]
 
 
+class RecordingDocument(_Part):
+    """How recorded readings of one LiDAR agree with what the map shows at the recorded poses.
+
+    `off` are farther from it than eps, `contradicting` farther than eps and 5 cm; more than one contradicting reading
+    in twenty makes the recording `doubtful`.
+    """
+
+    channel: str
+    states: Count
+    readings: Count
+    off: Count
+    share: Share
+    contradicting: Count
+    median_difference: float
+    doubtful: bool
+    cause: str
+
+
 class RunDocument(_Part):
     """What every report says of its run: what was examined, under which assumptions, with which versions."""
 
@@ -145,6 +163,7 @@ class ReportDocument(RunDocument):
     reachable_width: dict[str, Width]
     unsafe_states: list[UnsafeState] | None = None
     horizon: HorizonDocument | None = None
+    recording: list[RecordingDocument] | None = None
 
 
 def read_result(result: Result) -> ReportDocument:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from viatool.simulate.agreement import Agreement, compare_with_map
 from viatool.simulate.conditions import Conditions
 from viatool.simulate.engines import ENGINES, make_simulator
 from viatool.simulate.kinematic import NavigationSimulator
@@ -15,6 +16,7 @@ from viatool.simulate.task import NavigationTask
 
 __all__ = [
     "ENGINES",
+    "Agreement",
     "Conditions",
     "Drive",
     "NavigationSimulator",
@@ -27,6 +29,7 @@ __all__ = [
     "Spread",
     "Statistics",
     "Step",
+    "compare_with_map",
     "drive",
     "make_simulator",
     "navigation_channels",

@@ -168,6 +168,7 @@ def verify(
         trajectory = as_received(setting, source.states(policy, setting))
         previous = None if horizon is None else commands_observed(setting, trajectory)
         under_way = commands_under_way(setting, trajectory)
+        recording = source.compared(setting, trajectory)
     engine = {"order": order, "approximation": approximation, "refine": refine}
     outlook = None if horizon is None else HorizonQuestion(policy, setting.bare(), horizon, arithmetic)
     examination = Examination(
@@ -199,6 +200,7 @@ def verify(
         origin=source.words,
         maps=policy.maps,
         horizon=findings.over(horizon),
+        recording=recording,
     )
 
 

@@ -18,6 +18,7 @@ from viatool.safety.witness import Witnesses
 from viatool.setting.premises import Premise
 from viatool.setting.rules import Rules
 from viatool.setting.setting import ActionName, Setting
+from viatool.simulate import Agreement
 from viatool.taylor import ReachableSet
 from viatool.trajectory import Trajectory
 from viatool.verification.horizon_result import HorizonResult
@@ -65,6 +66,8 @@ class Result:
         What is applied to the numbers before and after the network, in words.
     horizon : HorizonResult, optional
         What was found of the intervals that follow each state, if that was asked.
+    recording : tuple of Agreement
+        How recorded LiDAR readings agree with the map, one for each LiDAR; empty for states that were simulated.
     """
 
     policy_path: Path
@@ -83,6 +86,7 @@ class Result:
     origin: str = ""
     maps: Maps = field(default_factory=Maps)
     horizon: HorizonResult | None = None
+    recording: tuple[Agreement, ...] = ()
 
     EPISODE_COLUMNS: ClassVar = ("outcome",)
     """Arrays of the state table with one row for each episode instead of one for each state."""
@@ -266,6 +270,7 @@ class Result:
             "premises": [premise.to_json() for premise in self.premises],
             "unsafe_states": self.unsafe_states(),
             **({} if self.horizon is None else {"horizon": self.horizon.to_json()}),
+            **({"recording": [found.to_json() for found in self.recording]} if self.recording else {}),
         }
 
     def unsafe_states(self) -> list[dict[str, Any]]:
@@ -316,6 +321,7 @@ class Result:
         unknown = "" if grid is None else f"; unknown cells count as {taken}"
         return {
             "states": "; ".join([self.origin or "of unknown origin", *self.trajectory.notes]),
+            **({"recording": "; ".join(map(str, self.recording))} if self.recording else {}),
             "before_the_network": self.maps.before,
             "after_the_network": self.maps.after,
             "footprint": rules.footprint.words,

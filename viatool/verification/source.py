@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from viatool.errors import ConfigurationError
 from viatool.policy import Policy
 from viatool.setting.setting import Setting
-from viatool.simulate import Conditions, Places, drive, observe_places
+from viatool.simulate import Agreement, Conditions, Places, compare_with_map, drive, observe_places
 from viatool.trajectory import BagSettings, Trajectory, load_trajectory
 
 StrPath = str | os.PathLike[str]
@@ -57,6 +57,12 @@ class Source:
         if isinstance(self.trajectory, Trajectory):
             return self.trajectory
         return load_trajectory(self.trajectory, setting.spec, self.bag)
+
+    def compared(self, setting: Setting, states: Trajectory) -> tuple[Agreement, ...]:
+        """Return how the LiDAR readings of recorded states agree with the map; nothing of states that are simulated."""
+        if self.trajectory is None:
+            return ()
+        return compare_with_map(setting.spec.observation, states, setting.world_map, setting.errors.radii)
 
     @property
     def words(self) -> str:
