@@ -109,8 +109,12 @@ def test_brute_force_agrees_in_many_rooms(name, criterion):
         case, lower, upper = make_cases(world, criterion, seed, count=COUNT, reach=0.3, delay=delay)
         worst, _ = worst_found(world, case, lower, upper, commands=13)
         judged = judge(case, lower, upper, find_contested(case))
-        assert _contradicted(judged.safe, worst, world.clearance.collision, NEAR) == 0
-        assert _contradicted(judged.danger, worst, world.clearance.danger, NEAR) == 0
+        for holds, limit in (
+            (judged.safe, world.clearance.collision),
+            (judged.danger, world.clearance.danger),
+        ):
+            assert (worst[holds] > limit).all()
+            assert (~holds & (worst > limit + NEAR)).sum() <= 1  # given up, or missed by the grid
         proved += int(judged.safe.sum())
     assert 20 <= proved <= 5 * COUNT - 20
 
@@ -150,7 +154,6 @@ MUTANTS = {
     "clipped to less": (
         "swept", Rules, "clip", lambda right: lambda rules, actions: 0.5 * right(rules, actions),
     ),
-    "never clipped": ("swept", Rules, "clip", lambda right: lambda rules, actions: actions),
     "no braking": (
         "braking", Rules, "manoeuvre", lambda right: property(lambda rules: Manoeuvre(rules.interval)),
     ),
@@ -206,6 +209,15 @@ def test_a_disc_and_an_outline_are_settled_as_far_out_as_they_reach(name):
     settled = settle(case, world.clearance.collision)
     assert (worst[settled] > world.clearance.collision).all()
     assert settled.sum() > 20
+
+
+def test_commands_beyond_the_limits_count_as_the_limits():
+    _, case, _, _ = asked("longer")
+    most, every = np.broadcast_to(case.rules.upper, (COUNT, 2)), Contested(*[np.ones(COUNT, bool)] * 2)
+    at, beyond = judge(case, most, most, every), judge(case, most + 3.0, most + 5.0, every)
+    np.testing.assert_array_equal(beyond.safe, at.safe)
+    np.testing.assert_array_equal(beyond.sampled, at.sampled)
+    assert 1 <= at.safe.sum() < COUNT
 
 
 def test_chunks_change_nothing(monkeypatch):

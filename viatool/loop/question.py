@@ -17,6 +17,7 @@ from viatool.motion.manoeuvre import Manoeuvre
 from viatool.policy import Policy
 from viatool.safety import Situations
 from viatool.safety.proof import Effort, prove_clearance
+from viatool.sets.bounds import require_ordered
 from viatool.sets.forms import ROUNDING, PoseBoxes
 from viatool.sets.states import STATE, StateBoxes
 from viatool.setting.rules import Rules
@@ -111,7 +112,7 @@ class Question:
     def blocked(self, boxes: PoseBoxes) -> Booleans:
         """Tell which boxes hold no pose that keeps the collision distance, (C,)."""
         distance = self.situation.scenes.footprint_clearance(
-            boxes.centre, self.rules.footprint, np.zeros(len(boxes), np.int64)
+            boxes.checked().centre, self.rules.footprint, np.zeros(len(boxes), np.int64)
         )
         moved = boxes.extent + self.rules.footprint.reach * boxes.turn * (
             self.rules.footprint.kind == "polygon"
@@ -130,6 +131,8 @@ class Question:
         With a dead time the command before goes on from the pose, and the next one acts where that has led. Of the
         commands that were given before that one nothing is known: each may be any that the robot carries out.
         """
+        cells.checked()
+        require_ordered("commands", lower, upper)
         rules, boxes, count = self.rules, cells.poses, len(cells)
         kept = np.ones(count, dtype=bool)
         for index, manoeuvre in enumerate(rules.waiting, start=1):
@@ -162,6 +165,7 @@ class Question:
 
     def commands(self, cells: StateBoxes) -> Commands:
         """Bound what the policy commands anywhere in cells, whatever the sensors err. **Sound:** yes."""
+        cells.checked()
         found = [self._commands(cells.select(some)) for some in self._chunks(len(cells), _CHUNK)]
         return Commands(
             *(
@@ -180,7 +184,9 @@ class Question:
         seen = self.sensors.enclose(cells)
         inputs = input_model(seen.centre, seen.slope, seen.rest + self.setting.radii)
         reached = reach_correlated(self.policy.network, inputs, arithmetic=self.arithmetic)
-        lower, upper = (self.rules.clip(end[:, columns]) for end in (reached.lower, reached.upper))
+        bounds = reached.lower[:, columns], reached.upper[:, columns]
+        require_ordered("commands", *bounds)
+        lower, upper = (self.rules.clip(end) for end in bounds)
         moved = reached.influence / np.maximum(reached.influence.sum(axis=1, keepdims=True), 1e-12)
         moved = moved.max(axis=2)  # (C, 5 + n)
         linear, angular = moved[:, STATE.index("v")], moved[:, STATE.index("omega")]

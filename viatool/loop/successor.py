@@ -29,6 +29,7 @@ import numpy as np
 
 from viatool.arrays import Booleans, Floats, Indices
 from viatool.loop.question import Question
+from viatool.sets.bounds import require_ordered
 from viatool.sets.forms import ROUNDING, Forms, PoseBoxes
 from viatool.sets.states import StateBoxes
 from viatool.taylor.correlated import input_model, reach_linear
@@ -76,7 +77,7 @@ class Step:
 
 def states_of(cells: StateBoxes) -> Forms:
     """Return cells as forms (C, 5) of five symbols, one for each side."""
-    return cells.forms
+    return cells.checked().forms
 
 
 def step(question: Question, states: Forms) -> Step:
@@ -100,7 +101,7 @@ def step(question: Question, states: Forms) -> Step:
     there, the command and the next state lie within the rest of their forms for z and some errors of the command.
     Rounding of the proof and, as the arithmetic asks, of the program is counted. A robot without delay is meant.
     """
-    states = name_rests(states)
+    states = name_rests(states.checked())
     count, symbols = states.slope.shape[:2]
     chunk = max(1, _MOST_NUMBERS // ((symbols + len(question.setting.radii)) * 64))
     parts = [_step(question, select(states, slice(first, first + chunk))) for first in range(0, count, chunk)]
@@ -244,6 +245,7 @@ def _step(question: Question, states: Forms) -> Step:
     reached = reach_linear(question.policy.network, inputs, common, arithmetic=question.arithmetic)
     columns, rules = question.setting.columns, question.rules
     bounds = reached.lower[:, columns], reached.upper[:, columns]
+    require_ordered("commands", *bounds)
     centre, rest = reached.centre[:, columns], reached.rest[:, columns]
     # A limit moves a command by what it exceeds the limit by: a number between 0 and the most that it may.
     over = np.maximum(bounds[1] - rules.upper, 0.0)

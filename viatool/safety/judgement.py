@@ -10,6 +10,7 @@ import numpy as np
 from viatool.arrays import Booleans, Floats
 from viatool.safety.case import Case
 from viatool.safety.proof import Effort, Proof, prove_clearance
+from viatool.sets.bounds import require_ordered
 
 # The paper discretises the interval "into multiple time steps"; 10 steps here, with both ends.
 SAMPLED_FRACTIONS = np.linspace(0.0, 1.0, 11)
@@ -53,6 +54,10 @@ class Judgement:
     danger: Booleans
     sampled: Booleans
 
+    def __post_init__(self) -> None:
+        if any(part.dtype != np.bool_ for part in (self.safe, self.danger, self.sampled)):
+            raise TypeError("verdicts are booleans: a NaN would count as true")
+
 
 def find_contested(case: Case) -> Contested:
     """Return which states geometry alone does not settle, at both distances."""
@@ -68,7 +73,8 @@ def judge(case: Case, lower: Floats, upper: Floats, contested: Contested) -> Jud
     case : Case
         N states.
     lower, upper : ndarray
-        (N, 2) what the policy can command; only the contested states are read.
+        (N, 2) what the policy can command. Only those of contested states are read: all others may be NaN, as where
+        actions were not bounded because geometry alone settles a state.
     contested : Contested
         The states that are looked at; all others are safe.
 
@@ -76,6 +82,11 @@ def judge(case: Case, lower: Floats, upper: Floats, contested: Contested) -> Jud
     -------
     Judgement
         Of N states.
+
+    Raises
+    ------
+    BoundsError
+        If the bounds of a contested state are NaN or crossed.
 
     Notes
     -----
@@ -177,6 +188,7 @@ def prove(case: Case, lower: Floats, upper: Floats, threshold: float) -> Proof:
     Sound: yes. The robot clips a command to its limits, which is monotone, so the clipped ends bound the box.
     """
     rules = case.rules
+    require_ordered("commands", lower, upper)  # before they are clipped, which would hide it
     proof = prove_clearance(
         case.acting, rules.clip(lower), rules.clip(upper), threshold, rules.manoeuvre, rules.footprint
     )
@@ -205,6 +217,7 @@ def sample(case: Case, lower: Floats, upper: Floats, threshold: float) -> Boolea
     -----
     Sound: no. Nine commands at some instants do not speak for the others (equation 7 of the paper).
     """
+    require_ordered("commands", lower, upper)
     lower, upper = case.rules.clip(lower), case.rules.clip(upper)
     steps = np.array([(v, w) for v in (0.0, 0.5, 1.0) for w in (0.0, 0.5, 1.0)])
     actions = lower[:, None] + steps * (upper - lower)[:, None]  # (B, 9, 2)
