@@ -31,6 +31,7 @@ PUBLIC = [
     "Trajectory",
     "WorldMap",
     "__version__",
+    "certify",
     "draw_map",
     "draw_result",
     "load_map",

@@ -6,6 +6,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from viatool.places import certify
     from viatool.policy import Policy, load_policy
     from viatool.report.figure_report import draw_result
     from viatool.report.map_figure import draw_map
@@ -24,6 +25,7 @@ _ROOM_OF = {
     "Result": "viatool.verification.result",
     "Trajectory": "viatool.trajectory",
     "WorldMap": "viatool.world",
+    "certify": "viatool.places",
     "draw_map": "viatool.report.map_figure",
     "draw_result": "viatool.report.figure_report",
     "load_map": "viatool.world",
@@ -41,6 +43,7 @@ __all__ = [
     "Trajectory",
     "WorldMap",
     "__version__",
+    "certify",
     "draw_map",
     "draw_result",
     "load_map",

@@ -95,9 +95,12 @@ def test_what_is_no_footprint_gives_exit_2(run: Run, footprint: str) -> None:
 
 
 def test_delay_and_interval_ask_for_more(run: Run, tmp_path: Path) -> None:
-    safe = []
+    """Of the same states, as an ideal robot drove them."""
+    safe, recording = [], tmp_path / "run.npz"
+    assert run("simulate", *VERIFY[1:4], "--output", str(recording), "--quiet").exit_code == 0
     for more in ((), ("--delay", "0.05"), ("--interval", "0.15"), ("--criterion", "braking")):
         path = tmp_path / "report.json"
-        assert run(*VERIFY, "--only-contested", *more, "--output", f"json:{path}").exit_code == 0
+        asked = (*VERIFY, "--trajectory", str(recording), "--only-contested", *more)
+        assert run(*asked, "--output", f"json:{path}").exit_code == 0
         safe.append(json.loads(path.read_text())["verdicts"]["safe"])
     assert max(safe[1:]) < safe[0]

@@ -74,8 +74,10 @@ def command(**given: Any) -> None:
 
 def radii(policy: Policy, eps: dict[str, float]) -> Any:
     """Return the radius of every observation entry; without a specification one radius for all."""
+    from viatool.setting.sensor_errors import SensorErrors
+
     if policy.spec is not None:
-        return policy.spec.radii(eps)
+        return SensorErrors.of(policy.spec, eps).radii
     if not eps:
         raise ConfigurationError("no eps is given", "add --eps RADIUS")
     if set(eps) != {""}:

@@ -13,8 +13,9 @@ from torch import Tensor
 from viatool.arrays import Floats
 from viatool.channels import Quantities
 from viatool.policy import ActionChannel, ObservationChannel, PolicySpecification
+from viatool.setting.setting import Setting
 from viatool.simulate import navigation_channels
-from viatool.world import Robot
+from viatool.world import Robot, WorldMap
 
 LIDAR_CENTRE, LIDAR_SCALE = 2.0, 2.0  # metres
 GOAL_CENTRE, GOAL_SCALE = 3.0, 3.0  # metres
@@ -78,6 +79,12 @@ def make_specification(robot: Robot, budget: float, training: dict[str, Any]) ->
         control_interval=robot.control_interval,
         training=training,
     )
+
+
+def training_setting(world_map: WorldMap, budget: float = 0.0) -> Setting:
+    """Return what is asked of the policies that are trained on a map, by the specification that they will carry."""
+    specification = make_specification(world_map.robot, budget, {})
+    return Setting.of_specification(specification, world_map, 0.0, name="the policy to be trained")
 
 
 def make_scaling(robot: Robot, budget_limit: float) -> Scaling:

@@ -18,7 +18,7 @@ from viatool.train.constraint import initial_var
 from viatool.train.evaluation import actor_commands, drive
 from viatool.train.methods import METHODS
 from viatool.train.networks import Weights
-from viatool.train.observation import Scaling, make_scaling
+from viatool.train.observation import Scaling, make_scaling, training_setting
 from viatool.train.replay import PrioritisedReplay, ReplayBuffer
 from viatool.train.returns import NStepReturns
 from viatool.train.selection import Candidate, random_scenarios
@@ -105,6 +105,7 @@ def begin_run(configuration: TrainingConfiguration, world_map: WorldMap | None =
             f"map {configuration.map} has neither scenarios nor a generator",
             "add one of them to train on it",
         )
+    world_map = training_setting(world_map).world_map
     scaling = make_scaling(world_map.robot, configuration.budget_limit)
     generator = torch.Generator().manual_seed(configuration.seed)
     size = len(scaling.offset)

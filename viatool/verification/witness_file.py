@@ -20,6 +20,8 @@ from viatool.safety.nearest import describe_nearest
 from viatool.safety.situations import Situations
 from viatool.safety.witness import Witnesses
 from viatool.setting.rules import CRITERIA, Rules
+from viatool.setting.setting import Setting
+from viatool.setting.wishes import Wishes
 from viatool.trajectory import read_scenario, whole_file, write_scenario
 from viatool.verification.result import Result
 from viatool.world import Clearance, Footprint, Scenario, WorldMap
@@ -206,11 +208,12 @@ def replay(policy: Policy, world_map: WorldMap, file: WitnessFile) -> Replay:
             f"the witnesses have {size} observation entries, the policy takes {policy.input_size}",
             "replay them with the policy that they were found for",
         )
+    setting = Setting.of(policy, world_map, 0.0, _wishes(file.rules))
     columns = list(file.columns)
-    if not all(0 <= column < policy.output_size for column in columns):
+    if columns != setting.columns:
         raise ConfigurationError(
-            f"the witnesses name the actions {columns}, the policy has {policy.output_size}",
-            "replay them with the policy that they were found for",
+            f"the witnesses name the actions {columns}, the specification of the policy {setting.columns}",
+            "replay them with the policy and the --spec that they were found for",
         )
     raw = [policy.run(row[None])[0, columns] for row in file.observations]
     actions = file.rules.clip(np.array(raw, dtype=np.float64).reshape(count, 2))
@@ -222,6 +225,20 @@ def replay(policy: Policy, world_map: WorldMap, file: WitnessFile) -> Replay:
         for scenario, pose in zip(file.scenarios, poses, strict=True)
     )
     return Replay(actions, seconds, clearance, poses, clearance <= file.rules.clearance.collision, nearest)
+
+
+def _wishes(rules: Rules) -> Wishes:
+    """Return the rules of a file as what counts, whatever policy and map say."""
+    return Wishes(
+        criterion=rules.criterion,
+        clearance=rules.clearance.collision,
+        danger=rules.clearance.danger,
+        interval=rules.interval,
+        footprint=rules.footprint,
+        delay=rules.delay,
+        deceleration=rules.deceleration,
+        prefer={"": "map"},
+    )
 
 
 def _rules_document(rules: Rules) -> dict[str, Any]:
