@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -78,7 +77,11 @@ if TYPE_CHECKING:
     metavar="N",
     help="How often the ranges of the previous v and omega may be halved.",
 )
-@click.option("--budget-seconds", type=options.QuantityType("s"), help="Stop after so long.")
+@click.option(
+    "--budget-seconds",
+    type=options.QuantityType("s"),
+    help="Stop so long after the start, with what was examined until then.",
+)
 @click.option("--budget-cells", type=click.IntRange(min=1), metavar="N", help="Stop after so many cells.")
 @click.option(
     "--sample",
@@ -154,8 +157,9 @@ def command(ctx: click.Context, /, **given: Any) -> None:
     from viatool.report.certificates.console import print_certificate
     from viatool.report.certificates.document import read_certificate
     from viatool.report.certificates.gate import decide, parse_thresholds
-    from viatool.schedule import open_scheduler
+    from viatool.schedule import Deadline, open_scheduler
 
+    until = Deadline.after(given["budget_seconds"])
     outputs = tuple(parse_output(text, CERTIFICATE_REPORTERS) for text in given["output"])
     check_outputs(outputs)
     thresholds = parse_thresholds(given["fail_under"])
@@ -169,9 +173,7 @@ def command(ctx: click.Context, /, **given: Any) -> None:
             scenario,
             eps=options.plain_eps(given["eps"]),
             resolution=Resolution(given["smallest"], given["halvings"]),
-            budget=Budget(
-                given["budget_seconds"] or math.inf, given["budget_cells"] or 2**62, given["sample"]
-            ),
+            budget=Budget(until, given["budget_cells"] or 2**62, given["sample"]),
             outlook=Outlook(
                 for_ever=given["forever"],
                 lookahead=given["lookahead"],

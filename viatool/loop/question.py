@@ -17,6 +17,7 @@ from viatool.motion.manoeuvre import Manoeuvre
 from viatool.policy import Policy
 from viatool.safety import Situations
 from viatool.safety.proof import Effort, prove_clearance
+from viatool.schedule import check_time
 from viatool.sets.bounds import require_ordered
 from viatool.sets.forms import ROUNDING, PoseBoxes
 from viatool.sets.states import STATE, StateBoxes
@@ -155,8 +156,10 @@ class Question:
         shapes, rules = self.sensors.shapes, self.rules
         kept = np.zeros(len(boxes), dtype=bool)
         for some in self._chunks(len(boxes), 16 * _CHUNK):
+            check_time()
             kept[some] = keep_away(boxes.select(some), shapes, rules, manoeuvre, lower[some], upper[some])
         rest = np.flatnonzero(~kept)
+        check_time()
         here, least = self.at(boxes.select(rest)), rules.clearance.collision
         kept[rest] = prove_clearance(
             here, lower[rest], upper[rest], least, manoeuvre, rules.footprint, _EFFORT
@@ -180,6 +183,7 @@ class Question:
         return [slice(start, min(start + step, count)) for start in range(0, count, step)]
 
     def _commands(self, cells: StateBoxes) -> Commands:
+        check_time()
         columns = self.setting.columns
         seen = self.sensors.enclose(cells)
         inputs = input_model(seen.centre, seen.slope, seen.rest + self.setting.radii)

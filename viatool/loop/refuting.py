@@ -9,6 +9,7 @@ import numpy as np
 from viatool.arrays import Floats, Indices
 from viatool.loop.question import Commands, Question
 from viatool.safety import Case, Witnesses, search_witnesses
+from viatool.schedule import check_time
 from viatool.sets.forms import PoseBoxes
 from viatool.sets.states import StateBoxes
 
@@ -71,6 +72,7 @@ def refute(question: Question, cells: StateBoxes, commands: Commands, *, seed: i
     setting, rules = question.setting, question.rules
     previous = 0.5 * (cells.previous_lower + cells.previous_upper)
     row, place = _nearest_places(question, cells.poses)
+    check_time()
     poses = _worst_poses(question, cells.poses.select(row), place, previous[row])
     if not len(row):
         return Refutations(poses, previous[row], Witnesses.join([], len(setting.radii)))
@@ -78,6 +80,7 @@ def refute(question: Question, cells: StateBoxes, commands: Commands, *, seed: i
     radii = np.maximum(setting.radii - _AS_RECEIVED * (1.0 + np.abs(observations).max(axis=0)), 0.0)
     situations = replace(question.situation, poses=poses, scene=np.zeros(len(row), np.int64), radii=None)
     case = Case(rules, situations, rules.dead_time.queue(previous[row]))
+    check_time()
     found = search_witnesses(
         question.policy, setting.columns, case, np.arange(len(row)), observations, radii,
         commands.lower[row], commands.upper[row], seed=seed,

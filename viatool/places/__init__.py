@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from viatool.places.campaign import Budget, Campaign
+from viatool.places.campaign import Budget
 from viatool.places.certificate import SECTOR_NAMES, SECTORS, Certificate
 from viatool.places.findings import STATUSES, Findings
 from viatool.places.job import Resolution, certify
 from viatool.places.over_time import Outlook, Prospect
 from viatool.places.raster import Raster
+from viatool.schedule import Campaign
 
 __all__ = [
     "SECTORS",

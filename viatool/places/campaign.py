@@ -1,16 +1,16 @@
-"""All cells of a map: cut into pieces, carried out by a scheduler within a budget, kept in a checkpoint."""
+"""All cells of a map in random order, as work for the driver of long work, and when to stop."""
 
 from __future__ import annotations
 
 import json
 import math
-import os
-import time
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from viatool.arrays import Indices
 from viatool.errors import ConfigurationError
@@ -18,14 +18,12 @@ from viatool.loop.question import Question
 from viatool.places.findings import Findings
 from viatool.places.search import search
 from viatool.places.tree import Lattice
-from viatool.schedule import Checkpoint, Piece, Scheduler, Serial, cut, digest_of
+from viatool.schedule import NEVER, Deadline, Span, Work, digest_of
 from viatool.versions import result_versions
 from viatool.world import Scenario
 
-Tell = Callable[[str, int, int], None]
-
 _ROOTS_AT_ONCE = 512
-"""Of a piece; always the same, as the search for counterexamples draws for many cells at once."""
+"""Of a piece that is kept; always the same, as the search for counterexamples draws for many cells at once."""
 _MOST_ROOTS = 20_000_000
 
 
@@ -35,15 +33,15 @@ class Budget:
 
     Parameters
     ----------
-    seconds : float
-        Wall-clock time.
+    until : Deadline
+        When the time is up: ``Deadline.after(60.0)`` is a minute from now, for all that is asked.
     cells : int
         Leaves.
     share : float
         Of the roots, drawn at random: an unbiased estimate of the whole.
     """
 
-    seconds: float = math.inf
+    until: Deadline = NEVER
     cells: int = 2**62
     share: float = 1.0
 
@@ -67,59 +65,75 @@ class Inspection:
         return search(self.question, self.lattice, self.lattice.roots().select(roots), seed=self.seed)
 
 
-@dataclass(frozen=True)
-class Campaign:
-    """Who does the work, and where it is kept.
+@dataclass(frozen=True, eq=False)
+class RootWork(Work[Indices, Findings]):
+    """The inspection of roots in random order, so that the first ones are a fair sample; a unit is a root.
 
     Parameters
     ----------
-    scheduler : Scheduler
-        Here, in processes or on a cluster.
-    checkpoint : path, optional
-        Folder that keeps what is finished.
-    resume : bool
-        Whether to continue from it.
+    inspection : Inspection
+        What happens to a piece.
+    share : float
+        Of all roots.
+    about : mapping
+        What the findings depend on, see `describe`.
+
+    Raises
+    ------
+    ConfigurationError
+        If there are too many roots.
     """
 
-    scheduler: Scheduler = field(default_factory=Serial)
-    checkpoint: str | os.PathLike[str] | None = None
-    resume: bool = False
+    inspection: Inspection
+    share: float
+    about: Mapping[str, Any]
+    stage = "roots"
 
-    def carry_out(
-        self, inspection: Inspection, budget: Budget, about: Mapping[str, Any], tell: Tell | None
-    ) -> tuple[Findings, int]:
-        """Examine roots in random order, so that what is done when the budget ends is a fair sample.
-
-        Returns
-        -------
-        tuple
-            The findings, the same for every scheduler, and the number of roots that were examined.
-        """
-        count = int(np.prod(inspection.lattice.count))
+    @cached_property
+    def order(self) -> Indices:
+        """Return the numbers of the roots, (R,)."""
+        count = int(np.prod(self.inspection.lattice.count))
         if count > _MOST_ROOTS:
             raise ConfigurationError(f"{count:,} roots are too many", "make the smallest cells larger")
-        order = np.random.default_rng(inspection.seed).permutation(count)
-        order = order[: max(1, math.ceil(budget.share * count))]
-        store = None
-        if self.checkpoint is not None:
-            store = Checkpoint(self.checkpoint, about, resume=self.resume)
-        stored = [] if store is None else [kept for kept in store.finished() if kept[0].last <= len(order)]
-        found = {span: Findings.from_arrays(arrays) for span, arrays in stored}
-        spans = cut(len(order), found, _ROOTS_AT_ONCE)
-        pieces = (
-            Piece(s, f"roots {s.first:,} to {s.last - 1:,}", np.sort(order[s.first : s.last])) for s in spans
-        )
-        start = time.perf_counter()
-        for piece, part in self.scheduler.run(inspection, pieces):
-            if store is not None:
-                store.write(piece.span, part.to_arrays(), piece.name)
-            found[piece.span] = part
-            if tell is not None:
-                tell("roots", sum(map(len, found)), len(order))
-            leaves = sum(map(len, found.values()))
-            if leaves >= budget.cells or time.perf_counter() - start > budget.seconds:
-                break
-        return Findings.join([found[span] for span in sorted(found)]), sum(map(len, found))
+        order = np.random.default_rng(self.inspection.seed).permutation(count)
+        return order[: max(1, math.ceil(self.share * count))]
+
+    def __len__(self) -> int:
+        """Return R."""
+        return len(self.order)
+
+    @property
+    def function(self) -> Inspection:
+        """Return what happens to a piece."""
+        return self.inspection
+
+    def content(self, span: Span) -> Indices:
+        """Return the numbers of some roots."""
+        return np.sort(self.order[span.first : span.last])
+
+    def at_once(self, workers: int) -> int:
+        """Return the roots of a piece, always the same."""
+        return _ROOTS_AT_ONCE
+
+    def whole(self, span: Span) -> bool:
+        """Tell whether a piece is one of those into which the order is always cut."""
+        return span.first % _ROOTS_AT_ONCE == 0 and span.last == min(span.first + _ROOTS_AT_ONCE, len(self))
+
+    def describe(self) -> Mapping[str, Any]:
+        """Return what the findings depend on."""
+        return self.about
+
+    def to_arrays(self, part: Findings) -> dict[str, NDArray[Any]]:
+        """Return findings as arrays."""
+        return part.to_arrays()
+
+    def from_arrays(self, arrays: Mapping[str, NDArray[Any]]) -> Findings:
+        """Return findings."""
+        return Findings.from_arrays(arrays)
+
+    def join(self, parts: Sequence[Findings]) -> Findings:
+        """Return the findings of several pieces as one."""
+        return Findings.join(parts)
 
 
 def describe(inspection: Inspection, scenario: Scenario) -> dict[str, Any]:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from viatool.arrays import Booleans, Indices
 from viatool.places.mesh import CellSet, Mesh
 from viatool.places.passages import Passages
+from viatool.schedule import check_time, time_is_up
 
 FOR_EVER = np.iinfo(np.int16).max
 """Intervals of a cell that is left only towards the goal."""
@@ -52,6 +53,7 @@ class Loop:
         members[passages.owner[passages.kept < 1]] = False
         rows = np.arange(len(passages))
         while True:
+            check_time()
             rows = rows[members[passages.owner[rows]]]
             within = CellSet(self.mesh, members)
             lost = rows[~self._leads(rows, [within] * passages.intervals)]
@@ -83,7 +85,7 @@ class Loop:
             lost = rest[~self._leads(rest, earlier)]
             alive[passages.owner[lost]] = False
             count[alive & (count < number)] = number
-            if not len(rows):
+            if not len(rows) or time_is_up():  # fewer intervals than there are may be claimed
                 break
             earlier = [CellSet(self.mesh, alive | self.exempt), *earlier[: passages.intervals - 1]]
         return count

@@ -13,11 +13,12 @@ import numpy as np
 
 from viatool.errors import ConfigurationError, EmptyEvaluationError
 from viatool.loop.question import Question
-from viatool.places.campaign import Budget, Campaign, Inspection, Tell, describe
+from viatool.places.campaign import Budget, Inspection, RootWork, describe
 from viatool.places.certificate import Certificate
-from viatool.places.over_time import Outlook, look_ahead
+from viatool.places.over_time import Outlook, check_outlook, look_ahead
 from viatool.places.tree import Lattice
 from viatool.policy import Policy, PolicySpecification, load_policy
+from viatool.schedule import Campaign, Staged, ignore
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
 from viatool.taylor import Arithmetic
@@ -25,6 +26,9 @@ from viatool.versions import result_versions
 from viatool.world import Footprint, Scenario, WorldMap, load_map
 
 StrPath = str | os.PathLike[str]
+
+_FOLLOWING = 0.2
+"""Of a budget in seconds, that is left for following cells after the search where that is asked."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +76,7 @@ def certify(
     outlook: Outlook | None = None,
     seed: int = 0,
     campaign: Campaign | None = None,
-    tell: Tell | None = None,
+    tell: Staged = ignore,
 ) -> Certificate:
     """Decide for every pose of a map, and every command before it, whether the next action is safe.
 
@@ -108,8 +112,8 @@ def certify(
         Of the order of the roots, and of the search for counterexamples.
     campaign : Campaign, optional
         Who does the work, and where it is kept; by default this process.
-    tell : callable, optional
-        Called with the stage, the roots done and the roots in all.
+    tell : Staged
+        Told the stage, the roots done and the roots in all.
 
     Returns
     -------
@@ -145,20 +149,27 @@ def certify(
     outlook = outlook or Outlook()
     grain = max(1, outlook.coarser)
     lattice = Lattice.over(setting.world_map.bounds, (rules.lower, rules.upper), smallest, grain)
+    if outlook.asked:
+        check_outlook(outlook, rules, lattice)
     start = time.perf_counter()
     inspection = Inspection(question, lattice, seed)
-    about = describe(inspection, scenario)
+    work = RootWork(inspection, budget.share, describe(inspection, scenario))
     campaign = campaign or Campaign()
-    findings, examined = campaign.carry_out(inspection, budget, about, tell)
-    if not (findings.status > 0).any():
+    search_until = budget.until.moved(-_FOLLOWING) if outlook.asked else budget.until
+    found = campaign.carry_out(
+        work, tell, until=search_until, enough=lambda parts: sum(map(len, parts)) >= budget.cells
+    )
+    if not (found.part.status > 0).any():
         raise EmptyEvaluationError("no free place was examined", "lower the clearance or raise the budget")
     seconds = {"search": time.perf_counter() - start}
     prospect = None
     if outlook.asked:
         start = time.perf_counter()
-        prospect = look_ahead(question, lattice, findings, scenario.goal, outlook, campaign.scheduler, tell)
+        prospect = look_ahead(
+            question, lattice, found.part, scenario.goal, outlook, campaign, tell, until=budget.until
+        )
         seconds["over_time"] = time.perf_counter() - start
     return Certificate(
-        policy, setting, scenario, arithmetic, lattice, findings, examined,
+        policy, setting, scenario, arithmetic, lattice, found.part, found.units,
         int(np.prod(lattice.count)), seconds, result_versions(), prospect,
     )  # fmt: skip

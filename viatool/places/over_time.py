@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any
@@ -20,15 +21,28 @@ from viatool.places.forever import FOR_EVER, Loop
 from viatool.places.mesh import CellSet, Mesh, boxes_between
 from viatool.places.passages import Passages, follow, join
 from viatool.places.tree import AXES, Lattice
-from viatool.schedule import Piece, Scheduler, Span
+from viatool.schedule import (
+    NEVER,
+    Campaign,
+    Deadline,
+    Span,
+    Staged,
+    TimeUp,
+    Work,
+    digest_of,
+    ignore,
+    within,
+)
+from viatool.setting.rules import Rules
 from viatool.simulate.task import NavigationTask
-
-Tell = Callable[[str, int, int], None]
 
 _CELLS_AT_ONCE = 8192
 _POSES_AT_ONCE = 1 << 17
 _MOST_CELLS = 60_000_000
 _GOAL_ROUNDING = 1e-9
+_LOOPS = 0.1
+"""Of a budget in seconds: half of it before the deadline, no cell is followed further, so that what was found can be
+put together; so much after it, that ends as well, with what it has."""
 
 
 @dataclass(frozen=True)
@@ -48,8 +62,6 @@ class Outlook:
     coarser : int
         How often less than the smallest cells those are halved of which the sets consist: a cell is safe if all the
         leaves in it are, so that what is undecided may be cut further than where the loop leads.
-    seconds : float
-        After which no cell is followed further.
     """
 
     steps: int = 0
@@ -57,7 +69,6 @@ class Outlook:
     lookahead: int = 4
     goal_radius: float = NavigationTask.goal_radius
     coarser: int = 0
-    seconds: float = math.inf
 
     def __post_init__(self) -> None:
         if not 0 <= self.steps < FOR_EVER:
@@ -200,46 +211,15 @@ class Prospect:
         }
 
 
-def look_ahead(
-    question: Question,
-    lattice: Lattice,
-    findings: Findings,
-    goal: tuple[float, float],
-    outlook: Outlook,
-    scheduler: Scheduler,
-    tell: Tell | None = None,
-) -> Prospect:
-    """Find out for how long the safe cells of a certification stay certified.
-
-    Parameters
-    ----------
-    question, lattice, findings
-        The certification.
-    goal : tuple of float
-        Where the run ends, within the outlook's radius.
-    outlook : Outlook
-        What is asked.
-    scheduler : Scheduler
-        Who does the work.
-    tell : callable, optional
-        Called with the stage, the cells done and the cells of the stage.
-
-    Returns
-    -------
-    Prospect
-        The same for every scheduler.
+def check_outlook(outlook: Outlook, rules: Rules, lattice: Lattice) -> Mesh:
+    """Return the cells that are to be followed.
 
     Raises
     ------
     ConfigurationError
         If there are too many cells, or the robot acts with a delay.
-
-    Notes
-    -----
-    Sound: yes. A run that starts at a free pose of a cell that holds for ever keeps its clearance in every interval
-    until it reaches the goal, if it does, whatever the sensors err within eps; for a cell with k intervals, in these.
     """
-    if question.rules.delay:
+    if rules.delay:
         raise ConfigurationError(
             "with a delay it is not known for how long cells stay certified",
             "leave out --delay, --steps and --forever",
@@ -254,26 +234,145 @@ def look_ahead(
             f"{int(mesh.count.max()):,} smallest cells side by side are too many to look ahead",
             "make the smallest cells larger",
         )
+    return mesh
+
+
+def look_ahead(
+    question: Question,
+    lattice: Lattice,
+    findings: Findings,
+    goal: tuple[float, float],
+    outlook: Outlook,
+    campaign: Campaign,
+    tell: Staged = ignore,
+    *,
+    until: Deadline = NEVER,
+) -> Prospect:
+    """Find out for how long the safe cells of a certification stay certified.
+
+    Parameters
+    ----------
+    question, lattice, findings
+        The certification.
+    goal : tuple of float
+        Where the run ends, within the outlook's radius.
+    outlook : Outlook
+        What is asked.
+    campaign : Campaign
+        Who does the work, and where it is kept.
+    tell : Staged
+        Told the stage, the cells done and the cells of the stage.
+    until : Deadline
+        After which no cell is followed further; what was not followed is not claimed.
+
+    Returns
+    -------
+    Prospect
+        The same for every scheduler, if there was time enough.
+
+    Raises
+    ------
+    ConfigurationError
+        If there are too many cells, or the robot acts with a delay.
+
+    Notes
+    -----
+    Sound: yes. A run that starts at a free pose of a cell that holds for ever keeps its clearance in every interval
+    until it reaches the goal, if it does, whatever the sensors err within eps; for a cell with k intervals, in these.
+    """
+    mesh = check_outlook(outlook, question.rules, lattice)
     status = mesh.statuses(lattice, findings)
     status[_without_free_pose(question, mesh) & (status > BLOCKED)] = BLOCKED  # parts of larger leaves
     reached = _within(mesh, goal, outlook.goal_radius) & (status != BLOCKED)
     exempt = reached | (status == BLOCKED)
     safe = np.flatnonzero(((status == SETTLED) | (status == CERTIFIED)) & ~reached)
-    start, rounds, open_ = time.perf_counter(), [], safe
+    rounds, open_ = [], safe
     passages: list[Passages] = []
     held = np.zeros(len(mesh), bool)
     for intervals in outlook.rounds:
-        if not len(open_) or time.perf_counter() - start > outlook.seconds:
+        if not len(open_) or until.passed:
             break
         before = time.perf_counter()
-        known = CellSet(mesh, held | exempt)
-        found = _follow(question, mesh, open_, intervals, known, scheduler, tell)
-        passages = [*(part.select(held[part.owner]) for part in passages), found]
-        held = Loop(mesh, exempt, join(passages)).for_ever()
-        rounds.append(Round(intervals, len(open_), int(held.sum()), time.perf_counter() - before))
+        work = FollowWork(question, mesh, open_, intervals, held | exempt)
+        kept = campaign.within(f"follow-{digest_of(work.describe())[:16]}")
+        found = kept.carry_out(work, tell, until=until.moved(-_LOOPS / 2.0))
+        followed = np.zeros(len(mesh), bool)
+        followed[open_[: found.units]] = True
+        passages = [*(part.select(~followed[part.owner]) for part in passages), found.part]
+        with within(until.moved(_LOOPS)), suppress(TimeUp):  # what held before holds still
+            held = Loop(mesh, exempt, join(passages)).for_ever()
+        rounds.append(Round(intervals, found.units, int(held.sum()), time.perf_counter() - before))
         open_ = safe[~held[safe]]
-    count = Loop(mesh, exempt, join(passages)).intervals(outlook.steps, held)
+    with within(until.moved(_LOOPS)):
+        count = Loop(mesh, exempt, join(passages)).intervals(outlook.steps, held)
     return Prospect(mesh, status, reached, count, outlook, rounds)
+
+
+@dataclass(frozen=True, eq=False)
+class FollowWork(Work[Indices, Passages]):
+    """The cells that one round follows.
+
+    Parameters
+    ----------
+    question, mesh
+        The closed loop, and its cells.
+    cells : ndarray
+        (C,) numbers of those that are followed.
+    intervals : int
+        For how many.
+    known : ndarray
+        (N,) bool, in which cells nothing needs to be followed further.
+    """
+
+    question: Question
+    mesh: Mesh
+    cells: Indices
+    intervals: int
+    known: Booleans
+
+    @property
+    def stage(self) -> str:
+        """Return what the round does."""
+        return f"cells followed for {self.intervals}"
+
+    def __len__(self) -> int:
+        """Return C."""
+        return len(self.cells)
+
+    @property
+    def function(self) -> Callable[[Indices], Passages]:
+        """Return what follows some cells."""
+        known = CellSet(self.mesh, self.known)
+        return partial(follow, self.question, self.mesh, intervals=self.intervals, known=known)
+
+    def content(self, span: Span) -> Indices:
+        """Return the numbers of some cells."""
+        return self.cells[span.first : span.last]
+
+    def at_once(self, workers: int) -> int:
+        """Return the cells of a piece, always the same."""
+        return _CELLS_AT_ONCE
+
+    def whole(self, span: Span) -> bool:
+        """Tell whether a piece is one of those into which the cells are always cut."""
+        return span.first % _CELLS_AT_ONCE == 0 and span.last == min(span.first + _CELLS_AT_ONCE, len(self))
+
+    def describe(self) -> dict[str, str | int]:
+        """Return everything that the passages depend on beside the search, in whose folder they are kept."""
+        known = np.packbits(self.known)
+        return {"cells": digest_of((self.cells, known)), "intervals": self.intervals}
+
+    def to_arrays(self, part: Passages) -> dict[str, NDArray[Any]]:
+        """Return passages as arrays."""
+        return part.to_arrays()
+
+    def from_arrays(self, arrays: Mapping[str, NDArray[Any]]) -> Passages:
+        """Return passages."""
+        return Passages.from_arrays(arrays)
+
+    def join(self, parts: Sequence[Passages]) -> Passages:
+        """Return all passages as one."""
+        return join(parts)
 
 
 def _without_free_pose(question: Question, mesh: Mesh) -> Booleans:
@@ -295,29 +394,3 @@ def _within(mesh: Mesh, goal: tuple[float, float], radius: float) -> Booleans:
         far.append(np.maximum(*(np.abs(end - goal[axis]) for end in ends)))
     inside = np.hypot(far[0][:, None], far[1]) < radius - _GOAL_ROUNDING
     return np.broadcast_to(inside[:, :, None, None, None], tuple(mesh.count)).ravel()
-
-
-def _follow(
-    question: Question,
-    mesh: Mesh,
-    cells: Indices,
-    intervals: int,
-    known: CellSet,
-    scheduler: Scheduler,
-    tell: Tell | None,
-) -> Passages:
-    """Follow cells in pieces, by whoever does the work."""
-    starts = range(0, len(cells), _CELLS_AT_ONCE)
-    spans = [Span(first, min(first + _CELLS_AT_ONCE, len(cells))) for first in starts]
-    pieces = (
-        Piece(span, f"cells {span.first:,} to {span.last - 1:,}", cells[span.first : span.last])
-        for span in spans
-    )
-    found: dict[Any, Passages] = {}
-    work = partial(follow, question, mesh, intervals=intervals, known=known)
-    for piece, part in scheduler.run(work, pieces):
-        found[piece.span] = part
-        if tell is not None:
-            done = sum(len(part) for part in found.values())
-            tell(f"cells followed for {intervals}", done, len(cells))
-    return join([found[span] for span in spans])

@@ -7,8 +7,9 @@ clearance until then.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from viatool.arrays import Booleans, Floats, Indices
 from viatool.loop.question import Question
 from viatool.loop.successor import Step, fold, select, states_of, step
 from viatool.places.mesh import CellSet, Mesh, Ranges, boxes_between
+from viatool.schedule import check_time
 from viatool.sets.forms import Forms
 
 _SYMBOLS = 12
@@ -53,6 +55,19 @@ class Passages:
     def select(self, which: Indices | Booleans) -> Passages:
         """Return some of the parts."""
         return Passages(self.owner[which], [each.select(which) for each in self.ranges], self.kept[which])
+
+    def to_arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the arrays by name; ranges are stacked, (M, P, 5)."""
+        ends = {name: [getattr(each, name) for each in self.ranges] for name in ("first", "last")}
+        none = np.zeros((0, len(self), 5), np.int16)
+        stacked = {name: np.stack(part) if part else none for name, part in ends.items()}
+        return {"owner": self.owner, "kept": self.kept, **stacked}
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> Passages:
+        """Return what `to_arrays` gave."""
+        ranges = [Ranges(*ends) for ends in zip(arrays["first"], arrays["last"], strict=True)]
+        return cls(arrays["owner"], ranges, arrays["kept"])
 
 
 def follow(
@@ -100,6 +115,7 @@ def follow(
     kept = np.zeros(len(owner), np.int16)
     ranges = []
     for number in range(intervals):
+        check_time()
         found = step(question, states)
         holds = np.ones(len(going), bool)
         if number > 0:

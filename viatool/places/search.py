@@ -11,6 +11,7 @@ from viatool.loop.question import Commands, Question
 from viatool.loop.refuting import refute
 from viatool.places.findings import BLOCKED, CERTIFIED, REFUTED, SETTLED, UNKNOWN, Findings
 from viatool.places.tree import Lattice, Nodes
+from viatool.schedule import check_time
 from viatool.sets.states import StateBoxes
 
 _BATCH = 4096
@@ -67,6 +68,7 @@ def search(question: Question, lattice: Lattice, roots: Nodes, *, seed: int = 0)
     """
     frontier, found = Frontier(roots), []
     while len(nodes := frontier.take(_BATCH)):
+        check_time()
         settled, contested = _geometry(question, lattice, nodes, frontier)
         judged = [_judge(question, lattice, contested, frontier, seed)] if len(contested) else []
         found += [settled, *judged]

@@ -13,6 +13,7 @@ from viatool.arrays import Floats, Indices
 from viatool.policy.network import Network
 from viatool.safety.case import Case
 from viatool.safety.nearest import describe_nearest
+from viatool.schedule import check_time
 from viatool.taylor.attained import climb
 from viatool.taylor.propagation import Box
 from viatool.world import Footprint, Scenario, WorldMap
@@ -151,6 +152,7 @@ def search_witnesses(
     generator = np.random.default_rng(seed)
     parts: list[Witnesses] = []
     for start in range(0, len(doubtful), _CHUNK):
+        check_time()
         rows = doubtful[start : start + _CHUNK]
         some, seen = case.select(rows), observations[rows]
         easy = confirm(policy, columns, some, seen[:, None])

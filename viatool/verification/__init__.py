@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from viatool.verification.job import Progress, verify
+from viatool.verification.job import verify
 
-__all__ = ["Progress", "verify"]
+__all__ = ["verify"]

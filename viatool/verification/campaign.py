@@ -1,16 +1,17 @@
-"""All states of a run through an examination: cut into chunks, carried out by a scheduler, kept in a checkpoint."""
+"""All states of a run through an examination, as work for the driver of long work."""
 
 from __future__ import annotations
 
 import json
-import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from viatool.schedule import Checkpoint, Piece, Scheduler, Span, cut, digest_of
+from numpy.typing import NDArray
+
+from viatool.schedule import Span, Work, digest_of
 from viatool.verification.examination import Examination
-from viatool.verification.findings import Findings
+from viatool.verification.findings import Arrays, Findings
 from viatool.verification.states import States
 
 _CHUNKS_PER_WORKER = 8
@@ -18,84 +19,69 @@ _MOST_BLOCKS = 8
 _MOST_FLOATS = 2**20  # 8 MB, below which Dask does not complain of large messages
 
 
-@dataclass(frozen=True)
-class Campaign:
-    """How the states of a run are worked through.
+@dataclass(frozen=True, eq=False)
+class StateWork(Work[States, Findings]):
+    """The examination of states; a unit is a block of them.
 
     Parameters
     ----------
-    scheduler : Scheduler
-        Who does the work.
-    checkpoint : path, optional
-        Folder that keeps what is finished.
-    resume : bool
-        Whether to continue from it.
-    chunk : int, optional
-        States that a worker gets at once, rounded up to whole blocks; by default as many as keep all workers
-        busy to the end in little memory.
+    examination : Examination
+        What happens to each block.
+    states : States
+        N states.
+    versions : mapping
+        Of everything that may change a result.
     """
 
-    scheduler: Scheduler
-    checkpoint: str | os.PathLike[str] | None = None
-    resume: bool = False
-    chunk: int | None = None
+    examination: Examination
+    states: States
+    versions: Mapping[str, str]
+    stage = "states"
 
-    def carry_out(
-        self,
-        examination: Examination,
-        states: States,
-        versions: Mapping[str, str],
-        tell: Callable[[int, int], None],
-    ) -> Findings:
-        """Examine all states.
+    def __len__(self) -> int:
+        """Return the number of blocks."""
+        return self.states.block_count
 
-        Parameters
-        ----------
-        examination : Examination
-            What happens to each block.
-        states : States
-            N states.
-        versions : mapping
-            Of everything that may change a result.
-        tell : callable
-            Called with the states done and the states in all.
+    @property
+    def function(self) -> Examination:
+        """Return what happens to each block."""
+        return self.examination
 
-        Returns
-        -------
-        Findings
-            Of N states: the same, bit for bit, for every scheduler, chunk and interruption.
-        """
-        store = None
-        if self.checkpoint is not None:
-            run = describe(examination, states, versions)
-            store = Checkpoint(self.checkpoint, run, resume=self.resume)
-        found = {} if store is None else {span: Findings.from_arrays(part) for span, part in store.finished()}
-        done = sum(len(part.contested.danger) for part in found.values())
-        if done:
-            tell(done, len(states))
-        spans = cut(states.block_count, found, self._blocks_at_once(states))
-        for piece, part in self.scheduler.run(examination, _pieces(states, spans)):
-            if store is not None:
-                store.write(piece.span, part.to_arrays(), piece.name)
-            found[piece.span] = part
-            done += len(piece.content)
-            tell(done, len(states))
-        return Findings.join([found[span] for span in sorted(found)])
+    def content(self, span: Span) -> States:
+        """Return the states of some blocks."""
+        return self.states.blocks(span)
 
-    def _blocks_at_once(self, states: States) -> int:
-        if self.chunk is not None:
-            return max(1, -(-self.chunk // states.block_size))
+    def size(self, span: Span) -> int:
+        """Return the number of states in some blocks."""
+        return min(span.last * self.states.block_size, len(self.states)) - span.first * self.states.block_size
+
+    def name(self, span: Span) -> str:
+        """Return which states some blocks are."""
+        first = self.states.first + span.first * self.states.block_size
+        return f"states {first:,} to {first + self.size(span) - 1:,}"
+
+    def at_once(self, workers: int) -> int:
+        """Return as many blocks as keep all workers busy to the end in little memory."""
+        states = self.states
         light = _MOST_FLOATS // (states.block_size * int(states.observations.shape[1]))
-        fair = states.block_count // (_CHUNKS_PER_WORKER * self.scheduler.workers)
+        fair = states.block_count // (_CHUNKS_PER_WORKER * workers)
         return max(1, min(light, fair, _MOST_BLOCKS))
 
+    def describe(self) -> dict[str, Any]:
+        """Return everything that the findings depend on."""
+        return describe(self.examination, self.states, self.versions)
 
-def _pieces(states: States, spans: Iterable[Span]) -> Iterator[Piece[States]]:
-    """Cut the pieces out of the states, each when it is asked for."""
-    for span in spans:
-        content = states.blocks(span)
-        name = f"states {content.first:,} to {content.first + len(content) - 1:,}"
-        yield Piece(span, name, content)
+    def to_arrays(self, part: Findings) -> Arrays:
+        """Return findings as arrays."""
+        return part.to_arrays()
+
+    def from_arrays(self, arrays: Mapping[str, NDArray[Any]]) -> Findings:
+        """Return findings."""
+        return Findings.from_arrays(arrays)
+
+    def join(self, parts: Sequence[Findings]) -> Findings:
+        """Return the findings of consecutive blocks as one."""
+        return Findings.join(parts)
 
 
 def describe(examination: Examination, states: States, versions: Mapping[str, str]) -> dict[str, Any]:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Literal
 
 from viatool.errors import ConfigurationError
 from viatool.loop.horizon import Horizon
 from viatool.policy import Policy, PolicySpecification, load_policy
-from viatool.schedule import Scheduler, open_scheduler
+from viatool.schedule import Campaign, Scheduler, Staged, ignore, open_scheduler
 from viatool.setting.received import as_received, commands_observed, commands_under_way
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
@@ -18,7 +18,7 @@ from viatool.simulate import Places
 from viatool.taylor import Arithmetic, Refinement
 from viatool.taylor.approximation import Approximation
 from viatool.trajectory import BagSettings, Trajectory
-from viatool.verification.campaign import Campaign
+from viatool.verification.campaign import StateWork
 from viatool.verification.clock import Clock
 from viatool.verification.examination import Examination
 from viatool.verification.horizon import HorizonQuestion
@@ -29,13 +29,6 @@ from viatool.versions import result_versions
 from viatool.world import Footprint, Scenario, WorldMap, load_map
 
 StrPath = str | os.PathLike[str]
-
-
-class Progress(Protocol):
-    """Told how far a stage has come."""
-
-    def __call__(self, stage: str, done: int, total: int) -> None:
-        """Note that `done` of `total` units of `stage` are finished."""
 
 
 def verify(
@@ -69,7 +62,7 @@ def verify(
     chunk: int | None = None,
     checkpoint: StrPath | None = None,
     resume: bool = False,
-    progress: Progress | None = None,
+    progress: Staged | None = None,
 ) -> Result:
     """Verify a policy on a map: no sensor error within bounds makes it come too close to something.
 
@@ -175,13 +168,10 @@ def verify(
         policy, setting.bare(), {**engine, "arithmetic": arithmetic}, only_contested, seed, outlook
     )
     campaign = Campaign(scheduler, checkpoint, resume, chunk)
+    asked = States.of(trajectory, under_way, previous)
     with clock.timed("examine"):
-        findings = campaign.carry_out(
-            examination,
-            States.of(trajectory, under_way, previous),
-            result_versions(),
-            _tell(progress, "states"),
-        )
+        work = StateWork(examination, asked, result_versions())
+        findings = campaign.carry_out(work, progress or ignore).part
     clock.share_out("examine", findings.seconds)
     return Result(
         policy_path=policy.path,
@@ -202,7 +192,3 @@ def verify(
         horizon=findings.over(horizon),
         recording=recording,
     )
-
-
-def _tell(progress: Progress | None, stage: str) -> Callable[[int, int], None]:
-    return lambda done, total: progress(stage, done, total) if progress else None
