@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from viatool.errors import ConfigurationError, EmptyEvaluationError
 from viatool.loop.refuting import observe
 from viatool.places import STATUSES, Budget, Campaign, Resolution, campaign, certify
 from viatool.safety import Situations
-from viatool.schedule import Processes, Serial
+from viatool.schedule import Deadline, Processes, Serial
 from viatool.world import Scenario
 
 ROOM, POLICY = load_map(Path("maps/room.yaml")), load_policy(Path("policies/via.onnx"))
@@ -90,6 +91,31 @@ def test_workers_and_interruptions_change_nothing(monkeypatch, tmp_path):
             POLICY, ROOM, SCENARIO, eps=0.02, resolution=Resolution(0.25, 0), seed=3,
             campaign=Campaign(Serial(), tmp_path / "kept", True),
         )  # fmt: skip
+
+
+def test_when_the_time_is_up_the_first_roots_are_reported_whoever_worked():
+    """A clock that goes on by a second with every look at it, so that no machine is too slow."""
+    looks = itertools.count()
+    run = {"eps": 0.01, "resolution": Resolution(0.05, 0), "seed": 3}
+    until = Deadline.after(400.0, lambda: float(next(looks)))
+    part = certify(POLICY, ROOM, SCENARIO, budget=Budget(until), **run)
+    assert 4 < part.examined < part.roots
+    assert next(looks) < 480
+    same = certify(POLICY, ROOM, SCENARIO, budget=Budget(share=part.examined / part.roots), **run)
+    assert same.examined == part.examined
+    assert {name: part.units[name] for name in ("blocked", "uncontested", "certified")} == {
+        name: same.units[name] for name in ("blocked", "uncontested", "certified")
+    }
+
+
+def test_a_budget_of_cells_is_the_same_for_every_scheduler(monkeypatch):
+    monkeypatch.setattr(campaign, "_ROOTS_AT_ONCE", 4)
+    run = {"eps": 0.01, "resolution": Resolution(0.25, 0), "budget": Budget(cells=3000), "seed": 3}
+    found = [
+        certify(POLICY, ROOM, SCENARIO, campaign=Campaign(who), **run) for who in (Serial(), Processes(2))
+    ]
+    assert 0 < found[0].examined == found[1].examined < found[0].roots
+    assert found[0].units == found[1].units
 
 
 def test_what_a_pose_observes_is_what_the_oracle_casts():

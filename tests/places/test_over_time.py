@@ -9,14 +9,17 @@ from tests.benchmarks.forever import CellList, Robots, attack
 from tests.loop.plant import Plant
 from viatool import load_map, load_policy
 from viatool.errors import ConfigurationError
-from viatool.places import Campaign, Outlook, Resolution, certify
+from viatool.loop.question import Question
+from viatool.places import Campaign, Outlook, Resolution, certify, over_time
 from viatool.places.forever import FOR_EVER, Loop
 from viatool.places.mesh import CellSet, Mesh, Ranges
+from viatool.places.over_time import look_ahead
 from viatool.places.passages import Passages
+from viatool.places.passages import follow as passages
 from viatool.policy.activations import activation
 from viatool.policy.network import Activation, Affine, Input, Network
 from viatool.policy.writer import write_onnx
-from viatool.schedule import Processes
+from viatool.schedule import Deadline, Processes
 
 ROOM, VIA = load_map(Path("maps/room.yaml")), load_policy(Path("policies/via.onnx"))
 SCENARIO = ROOM.scenarios[0]
@@ -190,6 +193,56 @@ def test_workers_change_nothing(tmp_path, straight):
         goal_radius=0.8, campaign=Campaign(Processes(2)),
     )  # fmt: skip
     np.testing.assert_array_equal(again.intervals, straight.intervals)
+
+
+def follow(policy, **how):
+    return certify(
+        policy, ROOM, SCENARIO, eps=0.01, criterion="swept", resolution=Resolution(0.25, 0),
+        outlook=Outlook(steps=8, for_ever=True, goal_radius=0.8), **how,
+    ).prospect  # fmt: skip
+
+
+def test_cells_that_were_followed_are_kept_and_not_followed_again(tmp_path, straight, monkeypatch):
+    monkeypatch.setattr(over_time, "_CELLS_AT_ONCE", 500)
+    policy = load_policy(constant(tmp_path / "straight.onnx", 0.5, 0.0).path)
+    first = follow(policy, campaign=Campaign(checkpoint=tmp_path / "kept"))
+    kept = sorted((tmp_path / "kept").glob("follow-*/units-*"))
+    assert len(kept) > 4
+    kept[1].unlink()
+    followed = []
+    monkeypatch.setattr(
+        over_time, "follow", lambda *given, **more: followed.append(len(given[2])) or passages(*given, **more)
+    )
+    again = follow(policy, campaign=Campaign(checkpoint=tmp_path / "kept", resume=True))
+    assert followed == [500]
+    for found in (first, again):
+        np.testing.assert_array_equal(found.intervals, straight.intervals)
+
+
+class Looks:
+    """A clock that goes on by a second with every look at it."""
+
+    def __init__(self):
+        self.now = 0.0
+
+    def __call__(self):
+        self.now += 1.0
+        return self.now
+
+
+@pytest.mark.parametrize("seconds", [400.0, 700.0, 1000.0, 1300.0])
+def test_what_was_not_followed_in_time_is_not_claimed(straight, tmp_path, seconds, monkeypatch):
+    monkeypatch.setattr(over_time, "_CELLS_AT_ONCE", 50)
+    policy = load_policy(constant(tmp_path / "straight.onnx", 0.5, 0.0).path)
+    whole = certify(policy, ROOM, SCENARIO, eps=0.01, criterion="swept", resolution=Resolution(0.25, 0))
+    found = look_ahead(
+        Question.of(policy, ROOM, SCENARIO, whole.layout, whole.rules), whole.lattice, whole.findings,
+        SCENARIO.goal, straight.outlook, Campaign(), until=Deadline.after(seconds, Looks()),
+    )  # fmt: skip
+    assert (found.intervals <= straight.intervals).all()
+    assert (found.intervals < straight.intervals).any()
+    assert (found.intervals[found.free] > 0).any()
+    assert not (found.for_ever & ~straight.for_ever).any()
 
 
 @pytest.mark.parametrize(

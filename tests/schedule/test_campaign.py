@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -62,7 +62,6 @@ class Units(Work[Any, Any]):
     numbers: Sequence[float]
     does: Callable[[Sequence[float]], Sequence[float]] = list
     most: int = 64
-    told: list[int] = field(default_factory=list)
     stage = "units"
 
     @property
@@ -122,6 +121,8 @@ def test_without_a_budget_pieces_are_as_large_as_ever():
     work = Units(list(range(150)), lambda units: sizes.append(len(units)) or units)
     found = Campaign().carry_out(work)
     assert (found.units, sizes) == (150, [64, 64, 22])
+    Campaign(chunk=10).carry_out(work)  # which would change what is found
+    assert sizes[3:] == sizes[:3]
 
 
 def test_units_that_take_long_count_as_often_as_others():

@@ -132,7 +132,8 @@ class Campaign:
     resume : bool
         Whether to continue from it.
     chunk : int, optional
-        Of what progress counts, how many a worker gets at once; by default what fits the work.
+        Of what progress counts, how many a worker gets at once, if what is found does not depend on it; by default
+        what fits the work.
     """
 
     scheduler: Scheduler = field(default_factory=Serial)
@@ -196,9 +197,11 @@ class Campaign:
         return front.found()
 
     def _units_at_once(self, work: Work[Content, Part]) -> int:
-        if self.chunk is None:
-            return max(1, work.at_once(self.scheduler.workers))
-        return max(1, -(-self.chunk // work.size(Span(0, 1))))
+        if self.chunk is not None:
+            units = min(len(work), max(1, -(-self.chunk // work.size(Span(0, 1)))))
+            if work.whole(Span(0, units)):
+                return units
+        return max(1, work.at_once(self.scheduler.workers))
 
 
 class _Front(Generic[Part]):
