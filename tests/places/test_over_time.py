@@ -236,7 +236,7 @@ def test_what_was_not_followed_in_time_is_not_claimed(straight, tmp_path, second
     policy = load_policy(constant(tmp_path / "straight.onnx", 0.5, 0.0).path)
     whole = certify(policy, ROOM, SCENARIO, eps=0.01, criterion="swept", resolution=Resolution(0.25, 0))
     found = look_ahead(
-        Question.of(policy, ROOM, SCENARIO, whole.layout, whole.rules), whole.lattice, whole.findings,
+        Question.of(policy, whole.setting, SCENARIO), whole.lattice, whole.findings,
         SCENARIO.goal, straight.outlook, Campaign(), until=Deadline.after(seconds, Looks()),
     )  # fmt: skip
     assert (found.intervals <= straight.intervals).all()
