@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,10 @@ import pytest
 from tests.loop.plant import Plant
 from tests.safety.brute_force import drive_all
 from viatool import load_map, load_policy
-from viatool.loop import waiting
 from viatool.loop.question import Question
 from viatool.loop.waiting import after_waiting
+from viatool.motion.differential import DifferentialDrive
+from viatool.motion.law import Kinematics
 from viatool.motion.manoeuvre import Manoeuvre
 from viatool.places import Budget, Resolution, certify
 from viatool.sets.forms import PoseBoxes
@@ -27,31 +29,41 @@ OUTLINE = Footprint(
 SETTINGS = {"delay": {"delay": DELAY}, "outline": {"footprint": OUTLINE, "clearance": 0.2}}
 
 
-def beyond():
+def beyond(delay=0.5, faster=1.0):
     """By how much sampled places and headings leave their box after the dead time, at most."""
     generator = np.random.default_rng(0)
     centre = generator.uniform((-2, -2, -math.pi), (2, 2, math.pi), (300, 3))
     boxes = PoseBoxes(centre, generator.uniform(0, 0.05, (300, 3)) * generator.choice([0.0, 1.0], (300, 3)))
-    lower = generator.uniform((-0.3, -1.0), (0.3, 0.8), (300, 2))
+    lower = generator.uniform((-0.3, -1.0), (0.3, 0.8), (300, 2)) * [1.0, faster]
     upper = lower + generator.uniform(0.0, 0.3, (300, 2)) * generator.choice([0.0, 1.0], (300, 2))
-    after = after_waiting(boxes, Manoeuvre(0.5), lower, upper)
+    after = after_waiting(boxes, Manoeuvre(delay), lower, upper)
     signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * 5)).reshape(5, -1).T  # (32, 5)
     poses = (boxes.centre[:, None] + signs[:, :3] * boxes.radius[:, None]).reshape(-1, 3)
     commands = np.where(signs[:, 3:] > 0, upper[:, None], lower[:, None]).reshape(-1, 2)
-    ends = drive_all(poses, *commands.T, np.array([0.5]), np.float64).reshape(300, 32, 3)
+    ends = drive_all(poses, *commands.T, np.array([delay]), np.float64).reshape(300, 32, 3)
     away = ends - after.centre[:, None]
     away[..., 2] = np.angle(np.exp(1j * away[..., 2]))
     return float((np.abs(away) - after.radius[:, None]).max())
 
 
-def test_poses_after_a_dead_time_lie_within_their_box():
-    assert beyond() <= 0.0
+@pytest.mark.parametrize(("delay", "faster"), [(0.5, 1.0), (2.0, 9.0)])
+def test_poses_after_a_dead_time_lie_within_their_box(delay, faster):
+    """Also after more than a circle: up to 18 rad."""
+    assert beyond(delay, faster) <= 0.0
 
 
-@pytest.mark.parametrize("rule", ["command_deviation", "pose_deviation", "path_radii"])
+@pytest.mark.parametrize("rule", ["away", "turned", "from elsewhere"])
 def test_driving_catches_a_box_without_one_of_its_terms(monkeypatch, rule):
-    right = getattr(waiting, rule)
-    monkeypatch.setattr(waiting, rule, lambda *given: 0.0 * np.array(right(*given)))
+    deviation, elsewhere = DifferentialDrive.deviation, Kinematics.from_elsewhere
+    if rule == "from elsewhere":
+        monkeypatch.setattr(Kinematics, "from_elsewhere", lambda *given: 0.0 * np.array(elsewhere(*given)))
+    else:
+
+        def without(*given):
+            found = deviation(*given)
+            return replace(found, **{rule: 0.0 * getattr(found, rule)})
+
+        monkeypatch.setattr(DifferentialDrive, "deviation", without)
     assert beyond() > 1e-4
 
 

@@ -93,12 +93,13 @@ def setting(seed, name, count=700):
     return PoseBoxes(centre, radius * [1.0, 1.0, 2.0]), lower, upper, generator
 
 
-def least(name, seeds=(0,)):
+def least(name, seeds=(0,), faster=1.0):
     """The least clearance, less the collision distance, on paths from free poses that are said to keep away."""
     worst, kept, straddling = math.inf, 0, 0
     rules = rules_of(name)
     for seed in seeds:
         boxes, lower, upper, generator = setting(seed, name)
+        lower, upper = lower * [1.0, faster], upper * [1.0, faster]
         holds = np.flatnonzero(keep_away(boxes, Shapes.of(WORLD, None), rules, rules.manoeuvre, lower, upper))
         z = generator.choice([-1.0, 1.0], (len(holds), 12, 3)) * generator.choice(
             [1.0, 0.5], (len(holds), 12, 1)
@@ -115,6 +116,14 @@ def least(name, seeds=(0,)):
         worst = min(worst, float(clearance(ways, OUTLINES[name]).min()) - DISTANCE)
         kept += len(holds)
     return worst, kept, straddling
+
+
+@pytest.mark.parametrize("name", OUTLINES)
+def test_outlines_that_turn_by_more_than_a_circle_keep_away_where_it_is_said(name):
+    """Commands of up to 40 rad/s: most paths turn by several circles."""
+    worst, kept, _ = least(name, faster=40.0)
+    assert kept > 0
+    assert worst > -1e-9
 
 
 @pytest.mark.parametrize("name", OUTLINES)

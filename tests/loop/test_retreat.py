@@ -10,6 +10,7 @@ from tests.safety.brute_force import drive_all
 from tests.world.random_worlds import ARENAS
 from viatool.loop import retreat
 from viatool.loop.retreat import keep_away
+from viatool.motion.law import Directions
 from viatool.motion.manoeuvre import Manoeuvre
 from viatool.sets.forms import PoseBoxes
 from viatool.setting.rules import Rules
@@ -32,7 +33,7 @@ def clearance(places):
     return SCENES.clearance(flat, np.zeros(len(flat), np.int64)).reshape(places.shape[:-1])
 
 
-def setting(seed, count=3000):
+def setting(seed, count=3000, faster=1.0):
     """Boxes at the rim of the free space that head along it, more or less, and boxes of commands."""
     generator = np.random.default_rng(seed)
     centre = generator.uniform((-5.0, -4.0, -math.pi), (5.0, 4.0, math.pi), (60 * count, 3))
@@ -48,12 +49,13 @@ def setting(seed, count=3000):
     )
     lower = generator.uniform((0.0, -1.0), (0.3, 0.8), (len(centre), 2))
     upper = np.minimum(lower + generator.uniform(0, 0.2, (len(centre), 2)), (0.5, 1.0))
+    lower, upper = lower * [1.0, faster], upper * [1.0, faster]
     return PoseBoxes(centre, radius * [1.0, 1.0, 2.0]), lower, upper, generator
 
 
-def least(seed=0):
+def least(seed=0, faster=1.0):
     """The least clearance, less the collision distance, on paths from free poses that are said to keep away."""
-    boxes, lower, upper, generator = setting(seed)
+    boxes, lower, upper, generator = setting(seed, faster=faster)
     rules = Rules.of(WORLD, "braking")
     holds = np.flatnonzero(keep_away(boxes, Shapes.of(WORLD, None), rules, rules.manoeuvre, lower, upper))
     z = generator.choice([-1.0, 1.0], (len(holds), 12, 3)) * generator.choice([1.0, 0.5], (len(holds), 12, 1))
@@ -73,6 +75,24 @@ def test_free_poses_that_keep_away_stay_clear():
     assert worst > -1e-9
 
 
+@pytest.mark.parametrize("faster", [8.0, 16.0])
+def test_commands_that_turn_by_more_than_a_circle_are_not_taken_for_a_retreat(faster):
+    """The longest paths turn by 4.8 and 9.6 rad; what is left out, a chord that points backwards, is met."""
+    worst, kept = least(faster=faster)
+    assert kept > 20
+    assert worst > -1e-9
+
+
+def test_ends_that_are_crossed_or_nan_keep_nothing_away():
+    boxes, lower, upper, _ = setting(0, 100)
+    rules, shapes = Rules.of(WORLD, "braking"), Shapes.of(WORLD, None)
+    assert keep_away(boxes, shapes, rules, rules.manoeuvre, lower, upper).any()
+    crossed, lost = np.maximum(lower, upper + 1e-3), np.full_like(lower, np.nan)
+    still = np.zeros_like(lower)
+    for low, high in ((crossed, upper), (lost, upper), (lower, lost), (still, still - [0.0, 0.1])):
+        assert not keep_away(boxes, shapes, rules, rules.manoeuvre, low, high).any()
+
+
 @pytest.mark.parametrize(
     "rule", ["cone", "headings", "commands that turn", "shapes behind", "the way", "places", "radii"]
 )
@@ -82,9 +102,9 @@ def test_driving_catches_the_argument_without_one_of_its_rules(monkeypatch, rule
         "cone": (retreat, "cone", lambda reach, distance: 0.0 * distance),
         "headings": (PoseBoxes, "turn", property(lambda boxes: 0.0 * boxes.radius[:, 2])),
         "commands that turn": (
-            retreat,
-            "turns",
-            lambda manoeuvre, low, high: (0.0 * low[:, 0], 0.0 * low[:, 0]),
+            Manoeuvre,
+            "directions",
+            lambda manoeuvre, low, high: Directions(0.0 * low[:, 0], 0.0 * low[:, 0], low[:, 0] > 9.0),
         ),
         "the way": (Manoeuvre, "longest", lambda manoeuvre, low, high: 0.0 * low[:, 0]),
         "places": (PoseBoxes, "extent", property(lambda boxes: 0.0 * boxes.radius[:, 2])),

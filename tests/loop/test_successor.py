@@ -8,9 +8,10 @@ import pytest
 
 from tests.loop.plant import Plant
 from viatool import load_map, load_policy
-from viatool.loop import successor
 from viatool.loop.question import Question
-from viatool.loop.successor import advance_forms, displacement, fold, hull, states_of, step
+from viatool.loop.successor import fold, hull, states_of, step
+from viatool.motion import twists
+from viatool.motion.kinematics import DIFFERENTIAL
 from viatool.places import passages
 from viatool.sets.forms import Forms, PoseBoxes
 from viatool.sets.states import StateBoxes
@@ -109,11 +110,12 @@ def forms(generator, count, size):
     return Forms(centre, slope, generator.uniform(0.0, size, (count, 5)))
 
 
-def misses(seconds=0.1):
-    """How far arcs from the corners of sets end beyond what `advance_forms` says, in the worst case."""
+def misses(seconds=0.1, faster=1.0):
+    """How far arcs from the corners of sets end beyond what `Kinematics.successor` says, in the worst case."""
     generator = np.random.default_rng(2)
     sets = forms(generator, 4000, 0.12)
-    moved = advance_forms(sets, seconds, np.zeros(4000))
+    sets.centre[:, 4] *= faster
+    moved = DIFFERENTIAL.successor(sets, seconds, np.zeros(4000))
     worst = -np.inf
     for _ in range(8):
         z = generator.choice([-1.0, 1.0], (4000, 4))
@@ -125,12 +127,14 @@ def misses(seconds=0.1):
     return worst
 
 
-def test_arcs_end_where_forms_say():
-    assert misses() < 1e-12
+@pytest.mark.parametrize(("seconds", "faster"), [(0.1, 1.0), (2.0, 1.0), (2.0, 9.0)])
+def test_arcs_end_where_forms_say(seconds, faster):
+    """Also those that turn by more than a circle: up to 18 rad."""
+    assert misses(seconds, faster) < 1e-11
 
 
 def test_the_second_order_of_arcs_is_needed(monkeypatch):
-    monkeypatch.setattr(successor, "second_order", lambda speed, a, b, c, seconds: 0.0 * speed)
+    monkeypatch.setattr(twists, "second_order", lambda speed, a, b, c, seconds: 0.0 * speed)
     assert misses() > 1e-4
 
 
@@ -141,7 +145,7 @@ def test_rounding_is_counted_and_would_be_missed():
     point = Forms(centre, np.zeros((40, 1, 5)), np.zeros((40, 5)))
     off = []
     with mpmath.workdps(40):
-        moved = advance_forms(point, 0.1, np.zeros(40))
+        moved = DIFFERENTIAL.successor(point, 0.1, np.zeros(40))
         for row, (x, y, theta, v, w) in enumerate(centre.tolist()):
             half = mpmath.mpf(w) * mpmath.mpf(0.1) / 2
             chord = mpmath.mpf(v) * mpmath.mpf(0.1) * mpmath.sin(half) / half
@@ -158,7 +162,7 @@ def test_displacements_of_boxes_hold_and_a_robot_without_speed_stays(speed):
     boxes = PoseBoxes(generator.uniform(-3.2, 3.2, (3000, 3)), generator.uniform(0.0, 0.6, (3000, 3)))
     lower = np.column_stack([np.zeros(3000), generator.uniform(-1, 0.5, 3000)])
     upper = np.column_stack([np.full(3000, speed), lower[:, 1] + generator.uniform(0, 0.5, 3000)])
-    least, most = displacement(boxes, lower, upper, 0.1)
+    least, most = DIFFERENTIAL.displacement(boxes, lower, upper, 0.1)
     for _ in range(10):
         states = np.hstack([boxes.centre + generator.choice([-1, 1], (3000, 3)) * boxes.radius, lower])
         commands = lower + generator.choice([0.0, 1.0, 0.5], (3000, 2)) * (upper - lower)
@@ -168,6 +172,36 @@ def test_displacements_of_boxes_hold_and_a_robot_without_speed_stays(speed):
     if not speed:
         assert not least[:, :2].any()
         assert not most[:, :2].any()
+
+
+def displaced_beyond(seconds=2.0):
+    """How far arcs of up to two circles, forward and back, displace a robot beyond the bounds, in the worst case."""
+    generator = np.random.default_rng(7)
+    boxes = PoseBoxes(generator.uniform(-3.2, 3.2, (4000, 3)), generator.uniform(0.0, 0.1, (4000, 3)))
+    lower = generator.uniform((-0.3, -6.0), (0.5, 6.0), (4000, 2))
+    upper = lower + generator.uniform(0.0, 0.3, (4000, 2)) * generator.choice([0.0, 1.0], (4000, 2))
+    least, most = DIFFERENTIAL.displacement(boxes, lower, upper, seconds)
+    worst = -np.inf
+    for _ in range(10):
+        states = np.hstack([boxes.centre + generator.choice([-1, 1], (4000, 3)) * boxes.radius, lower])
+        commands = lower + generator.choice([0.0, 1.0, 0.5], (4000, 2)) * (upper - lower)
+        added = arc(states, commands, seconds, 1000)[:, :3] - states[:, :3]
+        worst = max(worst, float(np.maximum(least - added, added - most).max()))
+    return worst
+
+
+def test_displacements_hold_beyond_a_circle_forward_and_backward():
+    assert displaced_beyond() <= 1e-9
+
+
+def test_a_chord_that_points_backwards_would_be_missed(monkeypatch):
+    monkeypatch.setattr(twists, "least_sinc", lambda half: np.maximum(np.sinc(half / np.pi), 0.0))
+    assert displaced_beyond() > 0.01
+
+
+def test_the_largest_chord_that_points_backwards_counts_for_all_larger_turns(monkeypatch):
+    monkeypatch.setattr(twists, "least_sinc", lambda half: np.sinc(half / np.pi) - 2.0**-40)
+    assert displaced_beyond() > 0.01
 
 
 def test_folded_symbols_stay_in_the_hull():

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.safety.brute_force import drive, drive_and_stop
-from viatool.motion.arcs import advance
+from viatool.motion.kinematics import DIFFERENTIAL
 from viatool.motion.manoeuvre import Manoeuvre
 
 numbers = st.floats(-3.0, 3.0)
@@ -15,7 +15,7 @@ numbers = st.floats(-3.0, 3.0)
 @settings(deadline=None)
 @given(numbers, numbers, numbers, numbers, st.floats(-2.0, 2.0), st.floats(0.0, 2.0))
 def test_arcs_agree_with_the_difference_of_sines(x, y, theta, omega, v, seconds):
-    moved = advance(np.array([x, y, theta]), np.array([v, omega]), seconds)
+    moved = DIFFERENTIAL.advance(np.array([x, y, theta]), np.array([v, omega]), seconds)
     expected = drive((x, y, theta), v, omega, np.array(seconds))
     np.testing.assert_allclose(moved[:2], expected[:2], atol=1e-8)
     np.testing.assert_allclose(np.exp(1j * moved[2]), np.exp(1j * expected[2]), atol=1e-8)
@@ -23,12 +23,12 @@ def test_arcs_agree_with_the_difference_of_sines(x, y, theta, omega, v, seconds)
 
 @pytest.mark.parametrize("omega", [0.0, 1e-300, 1e-17, 1e-9, 1e-5])
 def test_small_turns_lose_no_digits(omega):
-    moved = advance(np.zeros(3), np.array([0.5, omega]), 0.1)
+    moved = DIFFERENTIAL.advance(np.zeros(3), np.array([0.5, omega]), 0.1)
     np.testing.assert_allclose(moved, [0.05, 0.5 * 0.05 * 0.1 * omega, 0.1 * omega], rtol=1e-12, atol=0.0)
 
 
 def test_shapes_broadcast():
-    moved = advance(np.zeros((4, 1, 1, 3)), np.ones((4, 9, 1, 2)), np.linspace(0, 1, 5))
+    moved = DIFFERENTIAL.advance(np.zeros((4, 1, 1, 3)), np.ones((4, 9, 1, 2)), np.linspace(0, 1, 5))
     assert moved.shape == (4, 9, 5, 3)
 
 

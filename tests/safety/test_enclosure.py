@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from tests.safety.brute_force import FOOTPRINTS, clearance, drive, random_world, rim_of
+from viatool.motion import twists
+from viatool.motion.differential import DifferentialDrive
 from viatool.motion.manoeuvre import Manoeuvre
-from viatool.safety import enclosure
 from viatool.safety.enclosure import MotionBoxes, enclose
 from viatool.safety.situations import Situations
 
@@ -59,30 +60,67 @@ def test_no_command_of_a_cell_comes_nearer_than_its_bound(name, kind):
     assert excess(FOOTPRINTS[name], manoeuvre_of(kind, FOOTPRINTS[name])) <= 0.0
 
 
+@pytest.mark.parametrize("name", FOOTPRINTS)
+def test_bounds_hold_for_commands_that_turn_by_more_than_a_circle(name):
+    assert excess(FOOTPRINTS[name], Manoeuvre(6.0), seeds=range(4)) <= 0.0
+    slow = Manoeuvre(0.1, 0.05, rim_of(FOOTPRINTS[name]))
+    assert excess(FOOTPRINTS[name], slow, seeds=range(4)) <= 0.0
+
+
+@pytest.mark.parametrize("name", ["circle", "square"])
+@pytest.mark.parametrize("column", range(3))
+def test_ends_that_are_crossed_or_nan_prove_and_refute_nothing(name, column):
+    _, situations, cells = setting(0, FOOTPRINTS[name])
+    crossed, lost = cells.lower.copy(), cells.lower.copy()
+    crossed[:, column] = cells.upper[:, column] + 0.5
+    lost[:, column] = np.nan
+    for lower in (crossed, lost):
+        found = enclose(
+            MotionBoxes(cells.state, lower, cells.upper), situations, Manoeuvre(0.1), FOOTPRINTS[name]
+        )
+        assert not (found.least > -1e9).any()
+        assert not (found.attained < 1e9).any()
+
+
 def nothing(*arrays):
     return np.zeros(len(arrays[0]))
 
 
 MUTANTS = {
     "other speeds": (
-        "path_radii",
-        lambda right: lambda *a: (0.0 * right(*a)[0], right(*a)[1]),
+        (twists, "path_radii"),
+        lambda right: lambda *a: (0.0 * right(*a)[0], *right(*a)[1:]),
         "point",
         "swept",
     ),
     "other turns": (
-        "path_radii",
-        lambda right: lambda *a: (right(*a)[0], 0.0 * right(*a)[1]),
+        (twists, "path_radii"),
+        lambda right: lambda *a: (*right(*a)[:2], 0.0 * right(*a)[2]),
         "square",
         "swept",
     ),
-    "sideways": ("sideways", lambda right: nothing, "point", "swept"),
-    "sagitta": ("sagitta", lambda right: nothing, "circle", "swept"),
-    "outline motion": ("outline_motion", lambda right: nothing, "wedge", "swept"),
-    "turning outline": ("outline_motion", lambda right: lambda *a: right(*a[:3], 0.0), "square", "swept"),
+    "sideways": ((twists, "sideways"), lambda right: nothing, "point", "swept"),
+    "sagitta": (
+        (DifferentialDrive, "sagitta"),
+        lambda right: lambda move, *a: nothing(*a),
+        "circle",
+        "swept",
+    ),
+    "outline motion": (
+        (DifferentialDrive, "outline_motion"),
+        lambda right: lambda move, *a: nothing(*a),
+        "wedge",
+        "swept",
+    ),
+    "turning outline": (
+        (DifferentialDrive, "outline_motion"),
+        lambda right: lambda *a: right(*a[:4], 0.0),
+        "square",
+        "swept",
+    ),
     "longer braking": (
-        "_path",
-        lambda right: lambda v, w, m: right(v, w, Manoeuvre(m.interval)),
+        (twists, "path"),
+        lambda right: lambda part, others, seconds: right(part, others, Manoeuvre(0.1).seconds),
         "point",
         "braking",
     ),
@@ -91,8 +129,8 @@ MUTANTS = {
 
 @pytest.mark.parametrize("name", MUTANTS)
 def test_brute_force_catches_a_bound_without_one_of_its_terms(monkeypatch, name):
-    function, mutate, footprint, kind = MUTANTS[name]
-    monkeypatch.setattr(enclosure, function, mutate(getattr(enclosure, function)))
+    place, mutate, footprint, kind = MUTANTS[name]
+    monkeypatch.setattr(*place, mutate(getattr(*place)))
     assert excess(FOOTPRINTS[footprint], manoeuvre_of(kind, FOOTPRINTS[footprint])) > 0.0
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from tests.safety.brute_force import FOOTPRINTS, clearance, drive_all, random_world, rim_of
+from viatool.motion.law import Kinematics
 from viatool.motion.manoeuvre import Manoeuvre
-from viatool.safety import enclosure
 from viatool.safety.enclosure import MotionBoxes, enclose
 from viatool.safety.proof import prove_clearance
 from viatool.safety.situations import Situations
@@ -59,14 +59,14 @@ def test_no_pose_of_a_box_comes_nearer_than_its_bound(name, kind):
 
 
 def test_brute_force_catches_a_bound_that_forgets_other_places(monkeypatch):
-    right = enclosure.pose_deviation
-    monkeypatch.setattr(enclosure, "pose_deviation", lambda *a: (0.0 * right(*a)[0], right(*a)[1]))
+    right = Kinematics.from_elsewhere
+    monkeypatch.setattr(Kinematics, "from_elsewhere", lambda *a: (0.0 * right(*a)[0], right(*a)[1]))
     assert excess("point", Manoeuvre(0.1)) > 0.0
 
 
 def test_brute_force_catches_a_bound_that_forgets_other_headings(monkeypatch):
-    right = enclosure.pose_deviation
-    monkeypatch.setattr(enclosure, "pose_deviation", lambda *a: (right(*a)[0], 0.0 * right(*a)[1]))
+    right = Kinematics.from_elsewhere
+    monkeypatch.setattr(Kinematics, "from_elsewhere", lambda *a: (right(*a)[0], 0.0 * right(*a)[1]))
     assert excess("square", Manoeuvre(0.01), turning=True) > 0.0
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from viatool.errors import ConfigurationError
-from viatool.motion.arcs import advance
+from viatool.motion.kinematics import DIFFERENTIAL
 from viatool.simulate import Conditions, NavigationSimulator
 from viatool.world import ROBOTS, Obstacles, Scenario, WorldMap, load_map
 
@@ -39,7 +39,7 @@ def test_a_command_acts_after_the_delay_and_not_before(hall: WorldMap, delay: fl
         for instant in range(100):  # a millisecond each
             sent = (number * 0.1 + instant * 0.001 + 0.0005) - delay
             acting = (0.0, 0.0) if sent < 0.0 else commands[int(sent / 0.1)]
-            pose = advance(pose, np.array(acting), 0.001)
+            pose = DIFFERENTIAL.advance(pose, np.array(acting), 0.001)
         assert tested.poses[0] == pytest.approx(pose, abs=1e-9)
         assert tested.previous[0] == pytest.approx(command)  # observed is what was sent
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from viatool.errors import ConfigurationError, PolicyError
-from viatool.motion.arcs import advance
+from viatool.motion.kinematics import DIFFERENTIAL
 from viatool.policy.specification import ActionChannel, ObservationChannel, PolicySpecification
 from viatool.simulate import navigation_channels, roll_out
 from viatool.trajectory import Trajectory
@@ -62,7 +62,7 @@ def test_states_follow_from_each_other(trajectory: Trajectory, lab: WorldMap) ->
         poses, actions = trajectory.poses[mine], trajectory.actions[mine]
         assert tuple(poses[0]) == scenario.start
         assert trajectory.time[mine] == pytest.approx(0.1 * np.arange(mine.sum()))
-        moved = advance(poses, lab.robot.clip(actions[:, ::-1]), 0.1)
+        moved = DIFFERENTIAL.advance(poses, DIFFERENTIAL.clip(actions[:, ::-1], lab.robot), 0.1)
         assert moved[:-1] == pytest.approx(poses[1:])
         end = moved[-1:, :2]
         clearance = Scenes.of(lab, [scenario]).clearance(end, np.zeros(1, int))[0]

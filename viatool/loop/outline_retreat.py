@@ -12,8 +12,9 @@ shrink where it is greater than d, then it stays greater than d if it was so at 
 shrinks below what is greater than d. So does the clearance, and no shape gets inside of the outline.
 
 Let the middle of the robot be within rho and its heading within eta of what the centre of a piece has. A body point a
-(as a complex number in the robot's frame) moves along ``g = v + i omega a``; braking scales it, and what holds for the
-four corners of the box of commands holds for all of it, as g is linear in them.
+(as a complex number in the robot's frame) moves along ``g = u + i omega a``, u the velocity of the origin; braking
+scales it. g is linear in u and omega, so what holds for velocities whose convex hull holds those of all commands
+(`Kinematics.velocities`) holds for all commands.
 
 *Corners and edges.* A corner q is within ``r = rho + |q| eta`` of where the centre has it. The way w from the nearest
 point of an edge is 1-Lipschitz, so w is within r of the centre's; where it is longer than d it turns by at most `cone`,
@@ -33,16 +34,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from viatool.arrays import Booleans, Floats, Indices, Plane
-from viatool.motion.arcs import advance
 from viatool.motion.manoeuvre import Manoeuvre
 from viatool.rounding import SIGHT_ROUNDING
-from viatool.safety.enclosure import (
-    MotionBoxes,
-    command_deviation,
-    outline_motion,
-    path_radii,
-    pose_deviation,
-)
 from viatool.sets.forms import PoseBoxes
 from viatool.sight.shapes import Shapes
 
@@ -62,40 +55,33 @@ class Placements:
     shift, turn : ndarray
         (C, T) how far any placement of the piece is from the centre's.
     linear, angular : ndarray
-        (C, 4) the corners of the boxes of commands.
+        (C, K) velocities of the origin in the robot's frame and turning speeds, whose hull holds those of all commands.
     """
 
     place: Plane
     heading: Floats
     shift: Floats
     turn: Floats
-    linear: Floats
+    linear: Plane
     angular: Floats
 
     @classmethod
     def along(cls, boxes: PoseBoxes, manoeuvre: Manoeuvre, lower: Floats, upper: Floats) -> Placements:
-        """Return the pieces of all paths; commands (C, 2) each."""
-        count, ends = len(boxes), np.linspace(0.0, 1.0, _PIECES + 1)
+        """Return the pieces of all paths; commands (C, A) each."""
+        count, ends, move = len(boxes), np.linspace(0.0, 1.0, _PIECES + 1), manoeuvre.kinematics
         state = np.repeat(np.arange(count), _PIECES)
-        begin, end = (np.tile(part, count)[:, None] for part in (ends[:-1], ends[1:]))
-        radius = boxes.radius[state]
-        cells = MotionBoxes(
-            state, np.hstack([lower[state], begin, -radius]), np.hstack([upper[state], end, radius])
-        )
-        actions = 0.5 * (lower + upper)[state]
-        seconds = manoeuvre.seconds(np.abs(actions[:, 0]), np.abs(actions[:, 1]))
-        length, turn = np.abs(actions[:, 0]) * seconds, np.abs(actions[:, 1]) * seconds
-        begin, end = begin[:, 0], end[:, 0]
-        middle = advance(boxes.centre[state], actions, seconds * 0.5 * (begin + end))
-        away, turned = pose_deviation(cells, end * length, 0.0)
-        shift = away + turned + command_deviation(cells, manoeuvre, 0.0)
-        shift += outline_motion(length, turn, end - begin, 0.0)
-        turning = radius[:, 2] + end * path_radii(cells, manoeuvre)[1] + 0.5 * turn * (end - begin)
-        place = middle[:, 0] + 1j * middle[:, 1]
-        shape, commands = (count, _PIECES), np.stack([lower, upper], axis=2)
+        begin, end = (np.tile(part, count) for part in (ends[:-1], ends[1:]))
+        radius, actions = boxes.radius[state], 0.5 * (lower + upper)[state]
+        length, turn = manoeuvre.extent(actions)
+        middle = manoeuvre.path(boxes.centre[state], actions, 0.5 * (begin + end))
+        others = manoeuvre.deviation(lower[state], upper[state], end)
+        away, turned = move.from_elsewhere(radius, end * length, 0.0)
+        shift = away + turned + others.away + move.outline_motion(length, turn, end - begin, 0.0)
+        turning = radius[:, 2] + others.turned + 0.5 * turn * (end - begin)
+        place, shape = middle[:, 0] + 1j * middle[:, 1], (count, _PIECES)
         return cls(
             place.reshape(shape), middle[:, 2].reshape(shape), shift.reshape(shape), turning.reshape(shape),
-            commands[:, 0][:, [0, 0, 1, 1]], commands[:, 1][:, [0, 1, 0, 1]],
+            *move.velocities(lower, upper),
         )  # fmt: skip
 
     def select(self, which: Indices) -> Placements:
@@ -130,7 +116,7 @@ def keep_outline_away(
     distance : float
         The collision distance, in metres.
     lower, upper : ndarray
-        (C, 2) commands as the robot carries them out.
+        (C, A) commands as the robot carries them out.
 
     Returns
     -------
@@ -178,7 +164,7 @@ def _corners_keep(
     reach = pieces.shift[:, :, None] + np.abs(corners) * pieces.turn[:, :, None] + slack
     flat = between_ends(along, length, reach) & (reach - apart <= distance)
     opening = np.where(flat, 0.0, cone(reach, apart, distance)) + pieces.turn[:, :, None]
-    moved = pieces.linear[:, None] + 1j * pieces.angular[:, None] * corners[:, None]  # (P, V, 4)
+    moved = pieces.linear[:, None] + 1j * pieces.angular[:, None] * corners[:, None]  # (P, V, K)
     off = np.abs(np.angle(towards[..., None] * moved[:, None] * np.conj(way)[..., None]))
     retreats = ((off + opening[..., None] <= _RIGHT) | (moved == 0.0)[:, None]).all(axis=3)
     return np.asarray((retreats | (apart - reach > distance)).all(axis=(1, 2)))
@@ -197,8 +183,8 @@ def _points_keep(
     way, reach = seen - nearest, (pieces.shift + np.abs(away) * pieces.turn)[:, :, None] + slack
     apart, least = np.abs(way), distance[:, None, None]
     flat = (between_ends(along, length, reach) & (reach - apart <= least))[..., None]
-    angular = pieces.angular[:, None, None]  # (P, 1, 1, 4)
-    moved = pieces.linear[:, None, None] + 1j * angular * nearest[..., None]  # (P, T, V, 4)
+    angular = pieces.angular[:, None, None]  # (P, 1, 1, K)
+    moved = pieces.linear[:, None, None] + 1j * angular * nearest[..., None]  # (P, T, V, K)
     speed, change = np.abs(moved), np.abs(angular) * reach[..., None]
     straight = -(np.conj(way)[..., None] * moved).real >= apart[..., None] * (change + 1e-9 * speed)
     off = np.abs(np.angle(-moved * np.conj(way)[..., None])) + cone(reach, apart, least)[..., None]

@@ -147,8 +147,10 @@ class Question:
         return kept
 
     def _any_commands(self, count: int) -> tuple[Floats, Floats]:
-        """Return the ends (C, 2) of all commands that the robot carries out."""
-        lower, upper = (np.broadcast_to(end, (count, 2)) for end in (self.rules.lower, self.rules.upper))
+        """Return the ends (C, A) of all commands that the robot carries out."""
+        lower, upper = (
+            np.broadcast_to(end, (count, len(end))) for end in (self.rules.lower, self.rules.upper)
+        )
         return lower, upper
 
     def _keep_clear(self, boxes: PoseBoxes, manoeuvre: Manoeuvre, lower: Floats, upper: Floats) -> Booleans:
@@ -192,8 +194,9 @@ class Question:
         require_ordered("commands", *bounds)
         lower, upper = (self.rules.clip(end) for end in bounds)
         moved = reached.influence / np.maximum(reached.influence.sum(axis=1, keepdims=True), 1e-12)
-        moved = moved.max(axis=2)  # (C, 5 + n)
-        linear, angular = moved[:, STATE.index("v")], moved[:, STATE.index("omega")]
-        return Commands(
-            lower, upper, np.stack([moved.sum(axis=1) - linear - angular, linear, angular], axis=1)
-        )
+        moved = moved.max(axis=2)  # (C, 3 + A + n)
+        pose, before = moved.sum(axis=1), []
+        for axis in range(len(self.rules.kinematics.axes)):
+            before.append(moved[:, 3 + axis])
+            pose = pose - before[-1]
+        return Commands(lower, upper, np.stack([pose, *before], axis=1))

@@ -4,8 +4,8 @@ A robot that keeps the collision distance and then moves away from an obstacle k
 the rim of the free space, of which a part is not free: what is claimed of a cell holds for its free poses.
 
 *Retreat.* Let K be convex, a circle or an edge, and n the unit vector from its nearest point to p. The distance
-from K is convex, so ``dist(p + D) >= dist(p) + n . D``. A command with v >= 0 displaces the robot by D in a
-direction between theta and theta + phi / 2, for phi up to the turn of the whole path. So if all these directions
+from K is convex, so ``dist(p + D) >= dist(p) + n . D``. The kinematics bounds the direction of every displacement D
+relative to the heading. So if all these directions
 are within a right angle of n, for all poses of the box, the distance from K never falls below what it is at the
 pose. The way to the nearest point of a convex set is 1-Lipschitz, so for the places within rho of p_0, n turns by
 at most ``arcsin(rho / |p_0 - nearest point|)``; for a circle take its centre as the nearest point.
@@ -42,7 +42,7 @@ def keep_away(
     manoeuvre : Manoeuvre
         How a command becomes a path.
     lower, upper : ndarray
-        (C, 2) commands as the robot carries them out.
+        (C, A) commands as the robot carries them out.
 
     Returns
     -------
@@ -58,26 +58,19 @@ def keep_away(
     distance, reach = np.abs(away), boxes.extent[:, None]
     way = manoeuvre.longest(lower, upper)[:, None] + rules.footprint.reach
     far = distance - radii - reach - way > rules.clearance.collision + slack
+    held = (lower <= upper).all(axis=1)  # ends that are crossed, or NaN, bound no command
     if rules.footprint.kind == "polygon":
         outline, least = rules.footprint.polygon, rules.clearance.collision
-        return keep_outline_away(boxes, shapes, ~far, manoeuvre, outline, least, lower, upper)
-    right, left = turns(manoeuvre, lower, upper)
-    towards = boxes.centre[:, 2] + 0.5 * (left + right)
-    off = np.angle(np.exp(1j * towards)[:, None] * np.conj(away))
+        return held & keep_outline_away(boxes, shapes, ~far, manoeuvre, outline, least, lower, upper)
+    towards = manoeuvre.directions(lower, upper)
+    right, left = towards.right, towards.left
+    middle = boxes.centre[:, 2] + 0.5 * (left + right)
+    off = np.angle(np.exp(1j * middle)[:, None] * np.conj(away))
     opening = (0.5 * (left - right) + boxes.turn)[:, None] + cone(reach, distance)
     retreats = np.abs(off) + opening + slack < 0.5 * np.pi
-    retreats &= ((lower[:, 0] >= 0.0) & (left - right < np.pi))[:, None]
-    stays = (lower[:, 0] == 0.0) & (upper[:, 0] == 0.0)
     # Neither reads all of these, so what is NaN would be proved by what is not.
-    known = np.isfinite(distance).all(axis=1) & (lower <= upper).all(axis=1)
-    return np.asarray(known & (stays | (far | retreats).all(axis=1)))
-
-
-def turns(manoeuvre: Manoeuvre, lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
-    """Bound the direction of every displacement relative to the heading, to the right (at most 0) and to the left."""
-    speed = np.maximum(np.abs(lower), np.abs(upper))
-    half = 0.5 * manoeuvre.seconds(speed[:, 0], speed[:, 1])
-    return half * np.minimum(lower[:, 1], 0.0), half * np.maximum(upper[:, 1], 0.0)
+    known = held & np.isfinite(distance).all(axis=1)
+    return np.asarray(known & (towards.still | (far | retreats).all(axis=1)))
 
 
 def cone(reach: Floats, distance: Floats) -> Floats:

@@ -1,7 +1,7 @@
 """Sets of states as parts by heading: cut along theta, and joined again wherever parts overlap.
 
 What a LiDAR reads depends above all on the heading: it jumps where an edge crosses a ray, and that takes a turn of less
-than a ray's spacing. So the set of a tube is kept as boxes (x, y, theta, v, omega), each a narrow sector of headings.
+than a ray's spacing. So the set of a tube is kept as boxes of pose and command, each a narrow sector of headings.
 
 *The cut.* A step turns a box into a set ``q = c + G s + r e``, s and e in [-1, 1]. Of its states with a heading theta
 in [a, b], for any number k,
@@ -39,7 +39,7 @@ class Parts:
     tube : ndarray
         (P,) index of the tube, ascending.
     lower, upper : ndarray
-        (P, 5) ends of x, y, theta, and of v and omega of the step before.
+        (P, 3 + A) ends of x, y, theta, and of the command of the step before.
     """
 
     tube: Indices
@@ -62,8 +62,8 @@ class Parts:
         return StateBoxes(PoseBoxes(centre[:, :3], radius[:, :3]), self.lower[:, 3:], self.upper[:, 3:])
 
     def hulls(self, tubes: int) -> tuple[Floats, Floats]:
-        """Return boxes (B, 5) around the parts of each tube; NaN for one without parts."""
-        lower, upper = np.full((tubes, 5), np.nan), np.full((tubes, 5), np.nan)
+        """Return boxes (B, 3 + A) around the parts of each tube; NaN for one without parts."""
+        lower, upper = np.full((2, tubes, self.lower.shape[1]), np.nan)
         there, first = np.unique(self.tube, return_index=True)
         if len(there):
             lower[there], upper[there] = join(self.lower, self.upper, first)
@@ -80,9 +80,9 @@ def cut_by_heading(
     tube : ndarray
         (C,) the tube of each set, ascending.
     states : Forms
-        (C, 5) x, y, theta, v, omega.
+        (C, 3 + A) pose and command.
     bounds : tuple of ndarray
-        (C, 5) twice: what else is known of the sets.
+        (C, 3 + A) twice: what else is known of the sets.
     sector : float
         Radians.
     most : int
@@ -126,7 +126,7 @@ def cut_by_heading(
 def _within(
     states: Forms, bounds: tuple[Floats, Floats], of: Indices, a: Floats, b: Floats
 ) -> tuple[Floats, Floats]:
-    """Return boxes (P, 5) around the states of sets (P,) whose headings lie between a and b."""
+    """Return boxes (P, 3 + A) around the states of sets (P,) whose headings lie between a and b."""
     heading = states.slope[:, :, HEADING]
     variance = np.maximum(np.square(heading).sum(axis=1), 1e-300)[:, None]
     k = np.einsum("cs,csi->ci", heading, states.slope) / variance
@@ -145,11 +145,11 @@ def _within(
 
 
 def left_over(states: Forms, k: Floats) -> Floats:
-    """Bound by how much ``q_i - k theta`` varies over sets, (C, 5)."""
+    """Bound by how much ``q_i - k theta`` varies over sets, (C, 3 + A)."""
     apart = np.abs(states.slope - k[:, None] * states.slope[:, :, HEADING, None]).sum(axis=1)
     return np.asarray(apart + states.rest + np.abs(k) * states.rest[:, HEADING, None])
 
 
 def join(lower: Floats, upper: Floats, first: Indices) -> tuple[Floats, Floats]:
-    """Return the boxes around consecutive boxes (P, 5), from each first one to the next."""
+    """Return the boxes around consecutive boxes (P, 3 + A), from each first one to the next."""
     return np.minimum.reduceat(lower, first, axis=0), np.maximum.reduceat(upper, first, axis=0)

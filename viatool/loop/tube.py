@@ -56,9 +56,9 @@ class Loop:
         return np.asarray(np.hypot(*away.T) * (1.0 + SPARE) < self.goal_radius)
 
     def beginning(self, poses: Floats, previous: Floats) -> Parts:
-        """Return the parts of the tubes of B states: poses (B, 3) within their error, previous commands (B, 2)."""
+        """Return the parts of the tubes of B states: poses (B, 3) within their error, previous commands (B, A)."""
         state = np.concatenate([poses, previous], axis=1)
-        error = np.concatenate([self.horizon.pose_error, np.zeros(2)])
+        error = np.concatenate([self.horizon.pose_error, np.zeros(previous.shape[1])])
         reach = error + SPARE * (np.abs(state) + 1.0) * (error > 0.0)
         tube = np.arange(len(state))
         parts = Parts(tube, state - reach, state + reach)
@@ -72,7 +72,7 @@ class Loop:
         poses : ndarray
             (B, 3) recorded poses.
         previous : ndarray
-            (B, 2) commands of the step before, as the robot carried them out.
+            (B, A) commands of the step before, as the robot carried them out.
 
         Returns
         -------
@@ -115,7 +115,7 @@ class Loop:
     def _all_clear(self, parts: Parts, count: int) -> Booleans:
         """Tell of which tubes (B,) every pose keeps the collision distance at the beginning."""
         rules, boxes = self.question.rules, parts.cells.poses
-        still = np.zeros((len(parts), 2))
+        still = np.zeros((len(parts), len(rules.lower)))
         here = self.question.at(boxes)
         clear = prove_clearance(
             here, still, still, rules.clearance.collision, rules.manoeuvre, rules.footprint

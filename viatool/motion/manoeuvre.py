@@ -1,11 +1,4 @@
-"""How a differential-drive robot moves while one command is held, and while it brakes afterwards.
-
-A command (v, omega) that is held for t seconds moves the robot along a circular arc of length ``l = v t``
-that turns it by ``phi = omega t``. With ``e(a) = (cos a, sin a)``, the position after the fraction s of the
-arc is
-
-    p(s) = p + s l * int_0^1 e(theta + s phi u) du = p + s l * sinc(s phi / 2) * e(theta + s phi / 2).
-"""
+"""How a robot moves while one command is held, and while it brakes afterwards."""
 
 from __future__ import annotations
 
@@ -14,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from viatool.arrays import Floats
-from viatool.motion.arcs import advance
+from viatool.motion.kinematics import DIFFERENTIAL
+from viatool.motion.law import Deviation, Directions, Kinematics
 
 
 @dataclass(frozen=True)
@@ -30,19 +24,22 @@ class Manoeuvre:
     rim : float
         Distance from the robot's origin to the outermost point whose deceleration counts, in metres; 0 when
         the footprint looks the same in every heading.
+    kinematics : Kinematics
+        How a held command moves the robot.
 
     Notes
     -----
-    The brakes act along the commanded curvature: v and omega fall in proportion and linearly to 0, as fast as
-    no point within `rim` decelerates harder than `deceleration`. That takes ``(|v| + rim |omega|) /
-    deceleration`` seconds and covers the arc that the full command would cover in half of that time. The
-    whole path is hence the arc of the constant command over `seconds`, which makes braking a longer interval
+    The brakes act along the commanded path: all speeds fall in proportion and linearly to 0, as fast as
+    no point within `rim` decelerates harder than `deceleration`. That takes ``(speed + rim turn) /
+    deceleration`` seconds and covers the way that the full command would cover in half of that time. The
+    whole path is hence that of the constant command over `seconds`, which makes braking a longer interval
     and nothing else.
     """
 
     interval: float
     deceleration: float | None = None
     rim: float = 0.0
+    kinematics: Kinematics = DIFFERENTIAL
 
     def seconds(self, speed: Floats, turn: Floats) -> Floats:
         """Return for how long the constant command would take to cover the same path.
@@ -50,7 +47,7 @@ class Manoeuvre:
         Parameters
         ----------
         speed, turn : ndarray
-            (...) ``|v|`` in m/s and ``|omega|`` in rad/s; the result grows with both.
+            (...) m/s and rad/s, at least 0; the result grows with both.
 
         Returns
         -------
@@ -61,13 +58,17 @@ class Manoeuvre:
             return np.full(np.broadcast_shapes(speed.shape, turn.shape), self.interval)
         return np.asarray(self.interval + 0.5 * (speed + self.rim * turn) / self.deceleration)
 
+    def duration(self, actions: Floats) -> Floats:
+        """Return `seconds` of commands (..., A), as (...)."""
+        return self.seconds(*self.kinematics.rates(actions, actions))
+
     def path(self, poses: Floats, actions: Floats, fractions: Floats) -> Floats:
         """Return the poses at fractions of the path.
 
         Parameters
         ----------
         poses, actions : ndarray
-            (..., 3) and (..., 2).
+            (..., 3) and (..., A).
         fractions : ndarray
             (...) in [0, 1].
 
@@ -76,8 +77,7 @@ class Manoeuvre:
         ndarray
             (..., 3) poses.
         """
-        seconds = self.seconds(np.abs(actions[..., 0]), np.abs(actions[..., 1]))
-        return advance(poses, actions, seconds * fractions)
+        return self.kinematics.advance(poses, actions, self.duration(actions) * fractions)
 
     def clock(self, actions: Floats, fractions: Floats) -> Floats:
         """Return after how many seconds the robot really is at fractions of the path.
@@ -85,7 +85,7 @@ class Manoeuvre:
         Parameters
         ----------
         actions : ndarray
-            (..., 2) commands.
+            (..., A) commands.
         fractions : ndarray
             (...) in [0, 1].
 
@@ -94,7 +94,7 @@ class Manoeuvre:
         ndarray
             (...) seconds since the command began to act; later than at full speed while it brakes.
         """
-        speed, turn = np.abs(actions[..., 0]), np.abs(actions[..., 1])
+        speed, turn = self.kinematics.rates(actions, actions)
         at_full_speed = fractions * self.seconds(speed, turn)
         if self.deceleration is None:
             return np.asarray(at_full_speed)
@@ -104,6 +104,25 @@ class Manoeuvre:
         return np.where(past > 0.0, self.interval + stop * (1.0 - left), at_full_speed)
 
     def longest(self, lower: Floats, upper: Floats) -> Floats:
-        """Return a bound of the length of the path over action boxes (..., 2); metres."""
-        speed = np.maximum(np.abs(lower), np.abs(upper))
-        return np.asarray(speed[..., 0] * self.seconds(speed[..., 0], speed[..., 1]))
+        """Return a bound of the length of the path over boxes of commands (..., A); metres."""
+        speed, turn = self.kinematics.rates(lower, upper)
+        return np.asarray(speed * self.seconds(speed, turn))
+
+    def extent(self, actions: Floats) -> tuple[Floats, Floats]:
+        """Return the length in metres and the turn in radians of the paths of commands (..., A), at least 0."""
+        speed, turn = self.kinematics.rates(actions, actions)
+        seconds = self.seconds(speed, turn)
+        return speed * seconds, turn * seconds
+
+    def deviation(self, lower: Floats, upper: Floats, until: Floats, rim: float = 0.0) -> Deviation:
+        """Bound how far commands of boxes (C, A) lead from where their centres lead, see `Kinematics.deviation`."""
+        return self.kinematics.deviation(lower, upper, until, rim, self.seconds)
+
+    def directions(self, lower: Floats, upper: Floats) -> Directions:
+        """Bound where commands of boxes (C, A) displace the robot, see `Kinematics.directions`."""
+        return self.kinematics.directions(lower, upper, self.seconds)
+
+    def loss(self, lower: Floats, upper: Floats) -> Floats:
+        """Return how far the extent of boxes (C, A) along each axis spreads where the path ends, roughly; (C, A)."""
+        speed, turn = self.kinematics.rates(lower, upper)
+        return self.kinematics.loss(upper - lower, speed, self.seconds(speed, turn))

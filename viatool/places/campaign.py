@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -146,7 +145,7 @@ def describe(inspection: Inspection, scenario: Scenario) -> dict[str, Any]:
         "network": digest_of((policy.network, meaning)),
         "map": digest_of((world_map.arena, world_map.obstacles, scenario.obstacles)),
         "goal": list(scenario.goal),
-        "rules": json.loads(json.dumps(asdict(setting.rules), default=lambda array: array.tolist())),
+        "rules": setting.rules.to_json(),
         "radii": setting.radii.tolist(),
         "arithmetic": question.arithmetic,
         "cells": {name: part.tolist() for name, part in vars(inspection.lattice).items()},

@@ -9,6 +9,7 @@ import numpy as np
 from viatool.arrays import Floats, Indices
 from viatool.loop.question import Commands, Question
 from viatool.loop.refuting import refute
+from viatool.motion.manoeuvre import Manoeuvre
 from viatool.places.findings import BLOCKED, CERTIFIED, REFUTED, SETTLED, UNKNOWN, Findings
 from viatool.places.tree import Lattice, Nodes
 from viatool.schedule import check_time
@@ -123,10 +124,7 @@ def _largest_axis(nodes: Nodes, deepest: Indices) -> Indices:
 def _loosest_axis(question: Question, lattice: Lattice, nodes: Nodes, commands: Commands) -> Indices:
     """Return the axis whose extent costs most: the command box that it widens, or the places that it spreads."""
     rules = question.rules
-    speed = np.maximum(np.abs(commands.lower), np.abs(commands.upper))
-    seconds = rules.manoeuvre.seconds(speed[:, 0], speed[:, 1])
-    width = commands.upper - commands.lower
-    loss = width[:, 0] * seconds + 0.5 * speed[:, 0] * width[:, 1] * np.square(seconds)
+    loss = rules.manoeuvre.loss(commands.lower, commands.upper).sum(axis=1)
     cells = lattice.cells(nodes)
     places = cells.poses.extent
     score = np.column_stack(
@@ -143,8 +141,7 @@ def _loosest_axis(question: Question, lattice: Lattice, nodes: Nodes, commands: 
 
 
 def _spread_while_waiting(question: Question, cells: StateBoxes) -> Floats:
-    """Return how far v and omega of the step before spread the places at which the next command acts, (C, 2)."""
-    delay = question.rules.delay
-    width = cells.previous_upper - cells.previous_lower
-    speed = np.maximum(np.abs(cells.previous_lower), np.abs(cells.previous_upper))[:, 0]
-    return np.asarray(delay * np.stack([width[:, 0], 0.5 * delay * speed * width[:, 1]], axis=1))
+    """Return how far each entry of the command before spreads the places at which the next one acts, (C, A)."""
+    rules = question.rules
+    wait = Manoeuvre(rules.delay, kinematics=rules.kinematics)
+    return wait.loss(cells.previous_lower, cells.previous_upper)

@@ -10,9 +10,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from viatool.arrays import Floats
-from viatool.motion.arcs import advance
 from viatool.report.drawing import FLOOR, HALO, INK, WALL, draw_region, swept_regions
 from viatool.report.palette import COLOUR
+from viatool.setting.rules import Rules
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -50,15 +50,15 @@ def draw_closest_call(axes: Axes, result: Result) -> None:
     if state is None:
         axes.set_axis_off()
         return
-    trajectory, interval = result.trajectory, result.rules.interval
+    trajectory, rules = result.trajectory, result.rules
     pose, lower, upper = trajectory.poses[state], result.commands[0][state], result.commands[1][state]
-    region = swept_regions(pose[None], lower[None], upper[None], interval)[0]
+    region = swept_regions(pose[None], lower[None], upper[None], rules.interval, rules.kinematics)[0]
     blocked = _blocked(result, int(trajectory.episode[state]))
     _frame(axes, region, blocked, result.rules.clearance.collision)
     _draw_limits(axes, result, blocked)
     verdict = str(result.verdict[state])
     draw_region(axes, region, facecolor=COLOUR[verdict], edgecolor=COLOUR[verdict], alpha=0.45, zorder=4)
-    arcs = _nine_arcs(pose, lower, upper, interval)
+    arcs = _nine_arcs(pose, lower, upper, rules)
     for arc in arcs:
         axes.plot(*arc.T, color=INK, lw=0.5, alpha=0.7, zorder=5)
     _draw_robot(axes, pose)
@@ -107,11 +107,11 @@ def _draw_limits(axes: Axes, result: Result, blocked: BaseGeometry) -> None:
     draw_region(axes, near, facecolor=WALL, edgecolor=INK, alpha=1.0, zorder=2)
 
 
-def _nine_arcs(pose: Floats, lower: Floats, upper: Floats, interval: float) -> Floats:
+def _nine_arcs(pose: Floats, lower: Floats, upper: Floats, rules: Rules) -> Floats:
     """Return the paths of the lower, middle and upper value of both commands, (9, T, 2) metres."""
     shares = np.array([(v, omega) for v in (0.0, 0.5, 1.0) for omega in (0.0, 0.5, 1.0)])
-    actions = lower + shares * (upper - lower)
-    return advance(pose[None, None], actions[:, None], np.linspace(0.0, interval, 12))[..., :2]
+    actions, times = lower + shares * (upper - lower), np.linspace(0.0, rules.interval, 12)
+    return rules.kinematics.advance(pose[None, None], actions[:, None], times)[..., :2]
 
 
 def _draw_robot(axes: Axes, pose: Floats) -> None:

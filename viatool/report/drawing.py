@@ -13,7 +13,8 @@ from matplotlib.path import Path as Outline
 from numpy.typing import NDArray
 
 from viatool.arrays import Booleans, Floats, Indices
-from viatool.motion.arcs import advance
+from viatool.motion.kinematics import DIFFERENTIAL
+from viatool.motion.law import Kinematics
 from viatool.report.cells import draw_cells
 from viatool.report.palette import COLOUR, VERDICTS
 
@@ -137,7 +138,9 @@ def draw_region(
         )
 
 
-def swept_regions(poses: Floats, lower: Floats, upper: Floats, interval: float) -> Sequence[BaseGeometry]:
+def swept_regions(
+    poses: Floats, lower: Floats, upper: Floats, interval: float, kinematics: Kinematics = DIFFERENTIAL
+) -> Sequence[BaseGeometry]:
     """Return where the robot's origin can be during one interval, for drawing: B convex polygons.
 
     Parameters
@@ -145,9 +148,11 @@ def swept_regions(poses: Floats, lower: Floats, upper: Floats, interval: float) 
     poses : ndarray
         (B, 3) metres and radians.
     lower, upper : ndarray
-        (B, 2) speed in m/s and turning speed in rad/s.
+        (B, A) ends of the commands.
     interval : float
         Seconds.
+    kinematics : Kinematics
+        How the robot moves.
 
     Notes
     -----
@@ -155,10 +160,10 @@ def swept_regions(poses: Floats, lower: Floats, upper: Floats, interval: float) 
     """
     import shapely
 
-    corners = np.stack(
-        [lower, upper, np.stack([lower[:, 0], upper[:, 1]], 1), np.stack([upper[:, 0], lower[:, 1]], 1)], 1
-    )
+    axes = lower.shape[1]
+    corner = (np.arange(2**axes)[:, None] >> np.arange(axes)) & 1
+    corners = np.where(corner, upper[:, None], lower[:, None])  # (B, K, A)
     times = np.linspace(0.0, interval, 4)
-    points = advance(poses[:, None, None], corners[:, :, None], times)[..., :2]
+    points = kinematics.advance(poses[:, None, None], corners[:, :, None], times)[..., :2]
     batch = points.reshape(len(poses), points.shape[1] * points.shape[2], 2)
     return list(shapely.convex_hull(shapely.multipoints(batch)))

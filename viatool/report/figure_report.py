@@ -154,6 +154,7 @@ def _tube(axes: Axes, result: Result, states: NDArray[np.bool_]) -> None:
             result.commands[0][states],
             result.commands[1][states],
             result.rules.interval,
+            result.rules.kinematics,
         )
     )
     for level, verdict in enumerate(VERDICTS):

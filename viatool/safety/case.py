@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viatool.arrays import Booleans, Floats
-from viatool.motion.arcs import advance
 from viatool.safety.proof import Proof, prove_clearance
 from viatool.safety.situations import Situations
 from viatool.setting.rules import Rules
@@ -60,7 +59,7 @@ class Case:
             assert self.under_way is not None
             held = self.under_way[:, index]
             found.append((seconds, here, held))
-            here = here.moved(advance(here.poses, held, seconds))
+            here = here.moved(self.rules.kinematics.advance(here.poses, held, seconds))
         return tuple(found)
 
     @cached_property
@@ -69,7 +68,7 @@ class Case:
         if not self.waits:
             return self.situations
         seconds, here, held = self.waits[-1]
-        return here.moved(advance(here.poses, held, seconds))
+        return here.moved(self.rules.kinematics.advance(here.poses, held, seconds))
 
     @property
     def known(self) -> Booleans:

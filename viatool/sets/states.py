@@ -25,7 +25,7 @@ class StateBoxes:
     poses : PoseBoxes
         C boxes.
     previous_lower, previous_upper : ndarray
-        (C, 2) ends of v in m/s and omega in rad/s.
+        (C, A) ends of the commands, of a differential drive v in m/s and omega in rad/s.
     """
 
     poses: PoseBoxes
@@ -48,9 +48,9 @@ class StateBoxes:
 
     @property
     def forms(self) -> Forms:
-        """Return the boxes as forms (C, 5) of five symbols, one for each side."""
+        """Return the boxes as forms (C, 3 + A) of as many symbols, one for each side."""
         middle = 0.5 * (self.previous_lower + self.previous_upper)
         half = np.maximum(self.previous_upper - middle, middle - self.previous_lower)
         radius = np.concatenate([self.poses.radius, half], axis=1)
         centre = np.concatenate([self.poses.centre, middle], axis=1)
-        return Forms(centre, radius[:, :, None] * np.eye(len(STATE)), np.zeros_like(centre))
+        return Forms(centre, radius[:, :, None] * np.eye(radius.shape[1]), np.zeros_like(centre))

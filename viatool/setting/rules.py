@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal, get_args
+from dataclasses import asdict, dataclass
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from viatool.arrays import Floats
 from viatool.errors import ConfigurationError
 from viatool.motion.dead_time import DeadTime
+from viatool.motion.kinematics import DIFFERENTIAL, kinematics_of
+from viatool.motion.law import Kinematics
 from viatool.motion.manoeuvre import Manoeuvre
 from viatool.world import Clearance, Footprint, WorldMap
 
@@ -33,13 +36,16 @@ class Rules:
     footprint : Footprint
         Outline in the robot's frame.
     lower, upper : ndarray
-        (2,) the commands that the robot carries out, v in m/s and omega in rad/s; others are clipped to them.
+        (A,) the commands that the robot carries out, of a differential drive v in m/s and omega in rad/s; others are
+        clipped to them.
     interval : float
         Seconds for which a command is held.
     deceleration : float
         Largest braking, in m/s^2.
     delay : float
         Dead time in seconds, for which the commands before go on.
+    kinematics : Kinematics
+        How the robot moves.
     """
 
     criterion: Criterion
@@ -50,6 +56,7 @@ class Rules:
     interval: float
     deceleration: float
     delay: float = 0.0
+    kinematics: Kinematics = DIFFERENTIAL
 
     @classmethod
     def of(
@@ -66,9 +73,11 @@ class Rules:
         Raises
         ------
         ConfigurationError
-            If the criterion is not known, or a number is out of its range.
+            If the criterion or the robot's kinematics is not known, or a number is out of its range.
         """
         robot = world_map.robot
+        kinematics = followed(kinematics_of(robot.kinematics))
+        lower, upper = kinematics.limits(robot)
         if criterion not in CRITERIA:
             raise ConfigurationError(
                 f"criterion '{criterion}' is not known", f"choose one of {', '.join(CRITERIA)}"
@@ -89,20 +98,21 @@ class Rules:
             criterion=next(name for name in CRITERIA if name == criterion),
             clearance=world_map.clearance,
             footprint=robot.footprint if footprint is None else as_footprint(footprint),
-            lower=np.array([robot.min_linear, -robot.max_angular]),
-            upper=np.array([robot.max_linear, robot.max_angular]),
+            lower=lower,
+            upper=upper,
             interval=interval,
             deceleration=robot.deceleration,
             delay=delay,
+            kinematics=kinematics,
         )
 
     @property
     def manoeuvre(self) -> Manoeuvre:
         """Return the path on which the clearance counts."""
         if self.criterion != "braking":
-            return Manoeuvre(self.interval)
+            return Manoeuvre(self.interval, kinematics=self.kinematics)
         rim = self.footprint.reach if self.footprint.kind == "polygon" else 0.0
-        return Manoeuvre(self.interval, self.deceleration, rim)
+        return Manoeuvre(self.interval, self.deceleration, rim, self.kinematics)
 
     @property
     def dead_time(self) -> DeadTime:
@@ -112,11 +122,37 @@ class Rules:
     @property
     def waiting(self) -> tuple[Manoeuvre, ...]:
         """Return the W paths that the commands on their way add before the new one acts, the oldest first."""
-        return tuple(Manoeuvre(seconds) for seconds in self.dead_time.durations)
+        return tuple(Manoeuvre(seconds, kinematics=self.kinematics) for seconds in self.dead_time.durations)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the rules as plain data, by which stored work is told from that of other rules."""
+
+        def plain(value: Any) -> Any:
+            return value.name if isinstance(value, Kinematics) else value.tolist()
+
+        document: dict[str, Any] = json.loads(json.dumps(asdict(self), default=plain))
+        return document
 
     def clip(self, actions: Floats) -> Floats:
-        """Return commands (..., 2) as the robot carries them out; monotone, so ends of a box map to ends."""
+        """Return commands (..., A) as the robot carries them out; monotone, so ends of a box map to ends."""
         return np.clip(actions, self.lower, self.upper)
+
+
+def followed(kinematics: Kinematics) -> Kinematics:
+    """Return a kinematics whose motion depends on nothing but pose and command.
+
+    Raises
+    ------
+    ConfigurationError
+        If it has a state of its own, which the proofs do not follow.
+    """
+    if kinematics.state:
+        names = ", ".join(axis.name for axis in kinematics.state)
+        raise ConfigurationError(
+            f"kinematics '{kinematics.name}' has a state of its own ({names}), which is not followed",
+            "choose a kinematics whose robot has the speed that it is told to have",
+        )
+    return kinematics
 
 
 def as_footprint(footprint: Footprint | str | float | Sequence[Sequence[float]]) -> Footprint:

@@ -10,6 +10,7 @@ import numpy as np
 
 from viatool.arrays import Floats
 from viatool.errors import ConfigurationError, PolicyError
+from viatool.motion.law import Kinematics
 from viatool.policy import PolicySpecification
 from viatool.policy.network import Network
 from viatool.setting.premises import Premise
@@ -135,11 +136,11 @@ class Setting:
     ) -> Setting:
         """Put together what is asked of a policy of which only the specification exists yet; as `of`."""
         wishes = wishes or Wishes()
-        columns = command_columns(spec, name)
         world_map = world_map.with_clearance(wishes.clearance, wishes.danger)
         spec, robot, premises = reconcile(Parties(spec, name, world_map, wishes))
         world_map = world_map.with_robot(robot)
         rules = Rules.of(world_map, wishes.criterion, delay=wishes.delay)
+        columns = command_columns(spec, rules.kinematics, name)
         errors = SensorErrors.of(spec, eps)
         chosen = world_map.scenarios if scenarios is None else tuple(scenarios)
         premises += _premises(world_map, rules, wishes) + errors.premises()
@@ -195,22 +196,22 @@ def specification_of(policy: Specified) -> PolicySpecification:
     return policy.spec
 
 
-def command_columns(spec: PolicySpecification, name: str = "the policy") -> list[int]:
-    """Return which actions are v and omega.
+def command_columns(spec: PolicySpecification, kinematics: Kinematics, name: str = "the policy") -> list[int]:
+    """Return which actions are the entries of a command, in the order of a kinematics' axes.
 
     Raises
     ------
     PolicyError
         If one is missing.
     """
-    kinds = [channel.kind for channel in spec.action]
-    for kind in ("linear", "angular"):
-        if kind not in kinds:
-            raise PolicyError(
-                f"no action of {name} is of kind '{kind}'",
-                "name the kinds of the actions in the specification",
-            )
-    return [kinds.index("linear"), kinds.index("angular")]
+    kinds: list[str] = [channel.kind for channel in spec.action]
+    try:
+        return kinematics.columns(kinds)
+    except KeyError as missing:
+        raise PolicyError(
+            f"no action of {name} is of kind '{missing.args[0]}'",
+            "name the kinds of the actions in the specification",
+        ) from None
 
 
 def _premises(world_map: WorldMap, rules: Rules, wishes: Wishes) -> tuple[Premise, ...]:

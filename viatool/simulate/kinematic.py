@@ -1,4 +1,4 @@
-"""The kinematic engine: many robots at once on the arcs of the unicycle, without a loop over robots."""
+"""The kinematic engine: many robots at once by their kinematics, without a loop over robots."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from viatool.arrays import Booleans, Floats, Indices
-from viatool.motion.arcs import advance
+from viatool.motion.arcs import drive_arc
 from viatool.simulate.models import model_of
 from viatool.simulate.simulator import Simulator
 from viatool.world import WorldMap
@@ -53,7 +53,7 @@ class NavigationSimulator(Simulator):
         poses = self.poses
         for seconds, command in commands:
             if self.conditions.acceleration is None:
-                poses = advance(poses, command, seconds)
+                poses = self.kinematics.advance(poses, command, seconds)
             else:
                 poses = self._accelerate(poses, command, seconds, self.conditions.acceleration)
         return poses, self._touching
@@ -69,6 +69,5 @@ class NavigationSimulator(Simulator):
             self._rims = before + np.clip(targets - before, -acceleration * fine, acceleration * fine)
             changing = np.abs(self._rims - before) / (acceleration * fine)  # share of the time
             right, left = (self._rims - 0.5 * changing * (self._rims - before)).T  # means over the time
-            speeds = np.stack([0.5 * (right + left), (right - left) / self._track], axis=1)
-            poses = advance(poses, speeds, fine)
+            poses = drive_arc(poses, 0.5 * (right + left), (right - left) / self._track, fine)
         return poses

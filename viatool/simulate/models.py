@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass
 
 from viatool.errors import ConfigurationError
+from viatool.motion.kinematics import DIFFERENTIAL
 from viatool.world import Robot
 
 
@@ -135,8 +136,13 @@ def model_of(robot: Robot) -> RobotModel:
     Raises
     ------
     ConfigurationError
-        If no body is known for it.
+        If no body is known for it, or it does not drive on two wheels.
     """
+    if robot.kinematics != DIFFERENTIAL.name:
+        raise ConfigurationError(
+            f"robot '{robot.name}' moves as '{robot.kinematics}', and bodies are known on two driven wheels alone",
+            "simulate with the kinematic engine, without drift and acceleration",
+        )
     model = MODELS.get(robot.name)
     if model is None:
         raise ConfigurationError(

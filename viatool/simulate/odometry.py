@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from viatool.arrays import Booleans, Floats, Indices
-from viatool.motion.arcs import advance, wrap_angle
+from viatool.motion.arcs import drive_arc, wrap_angle
 from viatool.motion.dead_time import DeadTime
 
 
@@ -57,8 +57,8 @@ class Odometry:
             (travelled + side * 0.5 * self._track * turned) * self._scale[:, wheel]
             for wheel, side in enumerate((-1.0, 1.0))
         )
-        measured = np.stack([0.5 * (left + right), (right - left) / self._track], axis=1)
-        self.poses = advance(self.poses, measured, 1.0)
+        speed, turn = 0.5 * (left + right), (right - left) / self._track
+        self.poses = drive_arc(self.poses, speed, turn, 1.0)
 
     def keep(self, which: Booleans) -> None:
         """Go on with some of the robots only."""
@@ -76,18 +76,20 @@ class DelayLine:
         Seconds on the way.
     interval : float
         Seconds between two commands.
+    axes : int
+        A, of a command.
     """
 
-    def __init__(self, robots: int, delay: float, interval: float) -> None:
+    def __init__(self, robots: int, delay: float, interval: float, axes: int = 2) -> None:
         self._dead_time = DeadTime(delay, interval)
-        self._sent = np.zeros((self._dead_time.whole + 2, robots, 2))  # the newest first
+        self._sent = np.zeros((self._dead_time.whole + 2, robots, axes))  # the newest first
 
     def reset(self, index: Indices) -> None:
         """Forget what was sent to some robots; they stand still until a new command arrives."""
         self._sent[:, index] = 0.0
 
     def send(self, commands: Floats) -> Sequence[tuple[float, Floats]]:
-        """Send commands (E, 2) and return what arrives in this interval: seconds and commands (E, 2)."""
+        """Send commands (E, A) and return what arrives in this interval: seconds and commands (E, A)."""
         rest, interval = self._dead_time.rest, self._dead_time.interval
         self._sent = np.concatenate([commands[None], self._sent[:-1]])
         if rest == 0.0:

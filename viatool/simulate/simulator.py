@@ -15,6 +15,7 @@ import numpy as np
 from viatool.arrays import Booleans, Floats, Indices
 from viatool.channels import Fan, Ranges, View, see
 from viatool.errors import ConfigurationError
+from viatool.motion.kinematics import kinematics_of
 from viatool.policy.specification import ObservationChannel
 from viatool.simulate.conditions import Conditions
 from viatool.simulate.models import model_of
@@ -87,7 +88,7 @@ class Simulator(ABC):
     Attributes
     ----------
     poses, goals, previous : ndarray
-        (E, 3), (E, 2) and (E, 2): x, y, theta; x, y; the last command as sent to the motors, in m/s and rad/s.
+        (E, 3), (E, 2) and (E, A): x, y, theta; x, y; the last command as sent to the motors.
     steps : ndarray
         (E,) since the last reset.
     scenes, scene : Scenes, ndarray
@@ -118,6 +119,8 @@ class Simulator(ABC):
     ) -> None:
         self.world_map = world_map
         self.robot = world_map.robot
+        self.kinematics = kinematics_of(self.robot.kinematics)
+        axes = len(self.kinematics.axes)
         self.task = _task(task, horizon)
         self.conditions = (conditions or Conditions()).with_noise(noise)
         self.observer = Observer(
@@ -138,7 +141,7 @@ class Simulator(ABC):
         self.scene = np.zeros(robots, np.int64)
         self.poses = np.zeros((robots, 3))
         self.goals = np.zeros((robots, 2))
-        self.previous = np.zeros((robots, 2))
+        self.previous = np.zeros((robots, axes))
         self.steps = np.zeros(robots, np.int64)
         slow = self.conditions.lidar_rate is not None  # then a scan is held until the next one
         fans = self.observer.fans if slow else ()
@@ -147,7 +150,7 @@ class Simulator(ABC):
         drift = self.conditions.drift
         track = model_of(self.robot).track if drift > 0.0 else 1.0
         self._odometry = Odometry(robots, drift, track, drift_seed)
-        self._sent = DelayLine(robots, self.conditions.delay, self.robot.control_interval)
+        self._sent = DelayLine(robots, self.conditions.delay, self.robot.control_interval, axes)
 
     def __len__(self) -> int:
         """Return E, the number of robots."""
@@ -164,7 +167,7 @@ class Simulator(ABC):
         Parameters
         ----------
         commands : sequence of (float, ndarray)
-            Seconds, and the v in m/s and omega in rad/s, (E, 2), that reach the motors during them.
+            Seconds, and the commands (E, A) that reach the motors during them.
 
         Returns
         -------
@@ -233,14 +236,14 @@ class Simulator(ABC):
         Parameters
         ----------
         actions : ndarray
-            (E, 2) v in m/s and omega in rad/s; clipped to the robot's limits.
+            (E, A) commands, see `Kinematics.axes`; clipped to the robot's limits.
 
         Returns
         -------
         Step
             What happened. Nothing is reset: call `reset` with `Step.done`.
         """
-        self.previous = self.robot.clip(np.asarray(actions, dtype=np.float64))
+        self.previous = self.kinematics.clip(np.asarray(actions, dtype=np.float64), self.robot)
         before = self.poses
         self.poses, touching = self._move(self._sent.send(self.previous))
         self._odometry.follow(before, self.poses)

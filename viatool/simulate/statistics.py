@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from viatool.arrays import Floats, Indices
+from viatool.motion.kinematics import kinematics_of
 from viatool.simulate.roll_out import Drive
 from viatool.trajectory import Trajectory
 from viatool.world import Robot
@@ -130,7 +131,7 @@ def summarise_drive(drive: Drive, robot: Robot, columns: list[int]) -> Statistic
     edges = np.arange(0.0, _LAST + 0.5 * _BIN, _BIN)
     bins = np.minimum((drive.clearances / _BIN + 1e-9).astype(np.int64), len(edges) - 1)
     asked = trajectory.actions[:, columns]
-    beyond = (np.abs(robot.clip(asked) - asked) > 1e-6).any(axis=1)
+    beyond = (np.abs(kinematics_of(robot.kinematics).clip(asked, robot) - asked) > 1e-6).any(axis=1)
     return Statistics(
         **shares,
         average_cost=float(trajectory.costs.mean()),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -90,7 +89,7 @@ def describe(examination: Examination, states: States, versions: Mapping[str, st
     world_map = setting.world_map
     surroundings = (world_map.arena, world_map.obstacles)
     meaning = setting.spec.model_dump_json()
-    rules = json.loads(json.dumps(asdict(setting.rules), default=lambda array: array.tolist()))
+    rules = setting.rules.to_json()
     return {
         "policy": policy.sha256,
         "network": digest_of((policy.network, meaning)),

@@ -330,7 +330,7 @@ class Result:
                 f"clipped to v {rules.lower[0]:g} to {rules.upper[0]:g} m/s, "
                 f"omega {rules.lower[1]:g} to {rules.upper[1]:g} rad/s, reached at once"
             ),
-            "motion": "differential drive without slip, from the exact pose of the state",
+            "motion": f"{rules.kinematics.description}, from the exact pose of the state",
             "horizon": f"one command, held for {rules.interval:g} s; each state by itself, not the whole run"
             + ("" if self.horizon is None else f". {self.horizon.meaning}"),
             "delay": f"{rules.delay:g} s" if rules.delay else "none",

@@ -14,6 +14,7 @@ import numpy as np
 from viatool.arrays import Booleans, Floats
 from viatool.errors import ConfigurationError, InputError
 from viatool.loop.horizon import Crashes
+from viatool.motion.kinematics import DIFFERENTIAL, kinematics_of
 from viatool.policy import Policy
 from viatool.safety.case import Case
 from viatool.safety.nearest import describe_nearest
@@ -250,6 +251,7 @@ def _rules_document(rules: Rules) -> dict[str, Any]:
         "interval": rules.interval,
         "deceleration": rules.deceleration,
         "delay": rules.delay,
+        "kinematics": rules.kinematics.name,
         "lower": rules.lower.tolist(),
         "upper": rules.upper.tolist(),
         "footprint": {
@@ -275,6 +277,7 @@ def _read_rules(document: Mapping[str, Any]) -> Rules:
         interval=float(document["interval"]),
         deceleration=float(document["deceleration"]),
         delay=float(document["delay"]),
+        kinematics=kinematics_of(str(document.get("kinematics", DIFFERENTIAL.name))),
     )
 
 

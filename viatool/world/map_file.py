@@ -131,6 +131,9 @@ class RobotFile(Strict):
     control_interval: Positive | None = None
     footprint: FootprintFile | None = None
     lidar: LidarFile | None = None
+    kinematics: str | None = Field(
+        default=None, min_length=1, description="how it moves; 'differential' if left out"
+    )
 
 
 def _kind_of_robot(value: Any) -> str:

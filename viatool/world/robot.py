@@ -174,7 +174,7 @@ class Footprint:
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """A differential-drive robot: what it can do in one control interval and how much room it takes.
+    """A robot: what it can do in one control interval and how much room it takes.
 
     Parameters
     ----------
@@ -192,6 +192,8 @@ class Robot:
         Outline in the robot's frame, from which clearances are measured.
     lidar : Lidar
         Its range finder.
+    kinematics : str
+        How it moves: a name that `viatool.motion.kinematics` knows.
 
     Raises
     ------
@@ -207,6 +209,7 @@ class Robot:
     control_interval: float = 0.1
     footprint: Footprint = field(default_factory=Footprint)
     lidar: Lidar = field(default_factory=Lidar)
+    kinematics: str = "differential"
 
     def __post_init__(self) -> None:
         limits = (
@@ -233,11 +236,6 @@ class Robot:
                     f"{name} of robot '{self.name}' is {getattr(self, name)}, expected 0 or more",
                     "correct it",
                 )
-
-    def clip(self, actions: Floats) -> Floats:
-        """Return commands (B, 2), v in m/s and omega in rad/s, as the robot carries them out."""
-        lower = (self.min_linear, -self.max_angular)
-        return np.clip(actions, lower, (self.max_linear, self.max_angular))
 
     def with_lidar(self, lidar: Lidar) -> Robot:
         """Return the same robot with another range finder."""

@@ -13,6 +13,7 @@ from gymnasium.spaces import Box, Space
 
 from viatool.channels import Extent, Quantities
 from viatool.errors import ConfigurationError
+from viatool.motion.kinematics import kinematics_of
 from viatool.policy import load_policy, load_specification
 from viatool.policy.specification import ActionChannel, ObservationChannel, PolicySpecification
 from viatool.setting.reconcile import with_robot
@@ -117,10 +118,9 @@ class EnvironmentOptions:
         return Box((low - width).astype(np.float32), (high + width).astype(np.float32), dtype=np.float32)
 
     def action_space(self) -> Space[Any]:
-        """Return the limits of v in m/s and omega in rad/s, (2,) float32."""
+        """Return the limits of a command, (A,) float32: for a differential drive v in m/s and omega in rad/s."""
         robot = self.world_map.robot
-        low = np.array([robot.min_linear, -robot.max_angular], np.float32)
-        high = np.array([robot.max_linear, robot.max_angular], np.float32)
+        low, high = (end.astype(np.float32) for end in kinematics_of(robot.kinematics).limits(robot))
         return Box(low, high, dtype=np.float32)
 
     def _scenarios(self) -> Sequence[Scenario] | None:

@@ -1,0 +1,287 @@
+"""What a kinematics declares: the door through which every other room takes the law of motion.
+
+A command has A entries, the *axes*. It is held, and moves the robot along a path; the *fraction* s of the path runs
+from 0 to 1 and the pose at s is what holding the command for s of the time gives. Rooms ask a kinematics
+
+- where one command leads (`advance`), which commands a robot carries out (`limits`), how fast they are (`rates`);
+- how far the path of any command of a box is from that of its centre (`deviation`), and one instant from another
+  (`sagitta`, `outline_motion`), which is what clearances are proved with;
+- where a whole set of states leads (`successor`, `displacement`), which is what tubes are made of;
+- which way displacements and points of the body go (`directions`, `velocities`), for what retreats.
+
+All laws are the same wherever the robot is and however it is turned. A *state* of the motion beyond the pose (a speed
+that a motor is still to reach, an angle of steered wheels) is declared in `state`; the previous command is none: it is
+only observed.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from viatool.arrays import Booleans, Floats, Plane
+from viatool.sets.forms import Forms, PoseBoxes
+
+Seconds = Callable[[Floats, Floats], Floats]
+"""For how long a command is held: of its speed and turning speed, and growing with both (see `Manoeuvre.seconds`)."""
+
+
+class Limited(Protocol):
+    """What a kinematics reads of a robot."""
+
+    @property
+    def min_linear(self) -> float:
+        """Smallest speed along x, in m/s."""
+
+    @property
+    def max_linear(self) -> float:
+        """Largest speed along x, in m/s."""
+
+    @property
+    def max_angular(self) -> float:
+        """Largest turning speed to either side, in rad/s."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One entry of a command, or of a state.
+
+    Parameters
+    ----------
+    name, unit : str
+        As reports write them.
+    kind : str
+        That of the action channel which holds it: "linear", "angular". A policy that observes its previous command
+        has channels of the kinds ``previous_linear`` and so on.
+    """
+
+    name: str
+    unit: str
+    kind: str
+
+
+@dataclass(frozen=True, eq=False)
+class Deviation:
+    """How far the commands of C boxes lead from where those of their centres lead, at equal fractions.
+
+    Parameters
+    ----------
+    away, turned : ndarray
+        (C,) metres for the robot's origin, radians for its heading.
+    shares : ndarray
+        (C, A) metres that the extent along each axis adds, roughly: which one to cut.
+    """
+
+    away: Floats
+    turned: Floats
+    shares: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Directions:
+    """Where the displacements of commands point, relative to the heading they begin with.
+
+    Parameters
+    ----------
+    right, left : ndarray
+        (C,) radians; the displacement at every instant is 0 or points between them. Where it may point anywhere they
+        are -pi and pi.
+    still : ndarray
+        (C,) bool: no command of the box moves the robot's origin at all.
+    """
+
+    right: Floats
+    left: Floats
+    still: Booleans
+
+
+class Kinematics(ABC):
+    """How a robot moves while it holds a command.
+
+    Attributes
+    ----------
+    name : str
+        As a map file names it.
+    description : str
+        In a few words, for reports.
+    axes : tuple of Axis
+        A of them: what a command is.
+    state : tuple of Axis
+        What the motion depends on beyond the pose; none for a robot that has the speed it is told to have.
+    """
+
+    name: ClassVar[str]
+    description: ClassVar[str]
+    axes: ClassVar[tuple[Axis, ...]]
+    state: ClassVar[tuple[Axis, ...]] = ()
+
+    def columns(self, kinds: Sequence[str]) -> list[int]:
+        """Return which of some channels hold the axes, in the order of the axes.
+
+        Raises
+        ------
+        KeyError
+            With the kind of the first axis that no channel holds.
+        """
+        for axis in self.axes:
+            if axis.kind not in kinds:
+                raise KeyError(axis.kind)
+        return [kinds.index(axis.kind) for axis in self.axes]
+
+    def axis(self, kind: str) -> int | None:
+        """Return the number of the axis of a kind; None if there is none."""
+        return next((number for number, axis in enumerate(self.axes) if axis.kind == kind), None)
+
+    def clip(self, commands: Floats, robot: Limited) -> Floats:
+        """Return commands (..., A) as a robot carries them out; monotone, so ends of a box map to ends."""
+        return np.clip(commands, *self.limits(robot))
+
+    @abstractmethod
+    def limits(self, robot: Limited) -> tuple[Floats, Floats]:
+        """Return the smallest and the largest command that a robot carries out, (A,) each."""
+
+    @abstractmethod
+    def advance(self, states: Floats, commands: Floats, seconds: ArrayLike) -> Floats:
+        """Move while commands are held.
+
+        Parameters
+        ----------
+        states : ndarray
+            (..., 3 + S) x, y, theta, and the own state; metres and radians.
+        commands : ndarray
+            (..., A).
+        seconds : array_like
+            (...) time.
+
+        Returns
+        -------
+        ndarray
+            (..., 3 + S) with theta in (-pi, pi].
+        """
+
+    @abstractmethod
+    def rates(self, lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
+        """Bound the speed in m/s and the turning speed in rad/s, (...) each, of commands of boxes (..., A).
+
+        For boxes of one command these are what it drives and turns at, not only bounds.
+        """
+
+    @abstractmethod
+    def deviation(
+        self, lower: Floats, upper: Floats, until: Floats, rim: float, seconds: Seconds
+    ) -> Deviation:
+        """Bound how far any command of a box leads from where its centre leads.
+
+        Parameters
+        ----------
+        lower, upper : ndarray
+            (C, A) ends of commands.
+        until : ndarray
+            (C,) the last fraction of the path that counts.
+        rim : float
+            Metres to the outermost point that turns with the robot; only for the shares.
+        seconds : callable
+            For how long a command is held.
+
+        Notes
+        -----
+        Sound: yes, up to rounding in proportion to the path and the turn.
+        """
+
+    @abstractmethod
+    def loss(self, width: Floats, speed: Floats, seconds: Floats) -> Floats:
+        """Return how far widths of commands (C, A) spread the place after some seconds, roughly: (C, A) metres.
+
+        Nothing is proved with it; it says which axis to cut.
+        """
+
+    @abstractmethod
+    def sagitta(self, length: Floats, turn: Floats, span: Floats) -> Floats:
+        """Bound how far a path leaves its chord between two fractions that are `span` apart.
+
+        Parameters
+        ----------
+        length, turn : ndarray
+            (C,) metres and radians of the whole path.
+        span : ndarray
+            (C,).
+        """
+
+    @abstractmethod
+    def outline_motion(self, length: Floats, turn: Floats, span: Floats, rim: float) -> Floats:
+        """Bound how far an outline within `rim` moves from the middle of a `span` of fractions to its ends, (C,)."""
+
+    @abstractmethod
+    def displacement(
+        self, boxes: PoseBoxes, lower: Floats, upper: Floats, seconds: float
+    ) -> tuple[Floats, Floats]:
+        """Bound what commands of boxes (C, A) add to x, y and theta of poses of boxes, (C, 3) each. **Sound:** yes.
+
+        A robot without speed adds exactly 0 to its place; everything else is rounded outward.
+        """
+
+    @abstractmethod
+    def successor(self, states: Forms, seconds: float, slack: Floats) -> Forms:
+        """Move sets of poses along the paths of sets of commands.
+
+        Parameters
+        ----------
+        states : Forms
+            (C, 3 + A) x, y, theta and the command that is held.
+        seconds : float
+            For how long.
+        slack : ndarray
+            (C,) metres that cover rounding.
+
+        Returns
+        -------
+        Forms
+            (C, 3) poses in the same symbols; headings are not wrapped.
+
+        Notes
+        -----
+        Sound: yes, for each value of the symbols.
+        """
+
+    @abstractmethod
+    def directions(self, lower: Floats, upper: Floats, seconds: Seconds) -> Directions:
+        """Bound where the displacements of commands of boxes (C, A) point, up to any instant of the path."""
+
+    @abstractmethod
+    def velocities(self, lower: Floats, upper: Floats) -> tuple[Plane, Floats]:
+        """Return velocities of the body whose convex hull holds those of all commands of boxes (C, A).
+
+        Returns
+        -------
+        tuple of ndarray
+            (C, K) velocity of the origin in the robot's frame, as complex numbers in m/s, and (C, K) rad/s.
+        """
+
+    def from_elsewhere(self, radii: Floats, way: Floats, rim: float) -> tuple[Floats, Floats]:
+        """Bound how far other poses of boxes bring a point from where the centre pose brings it.
+
+        Parameters
+        ----------
+        radii : ndarray
+            (C, 3) half-widths of the boxes of poses.
+        way : ndarray
+            (C,) metres that the command drives at most.
+        rim : float
+            Metres from the robot's origin to the point.
+
+        Returns
+        -------
+        tuple of ndarray
+            (C,) metres for other places, and for other headings.
+
+        Notes
+        -----
+        Sound: yes. From a pose that is D away and turned by delta a command leads at most ``|D| + |way| |delta|`` away
+        from where it leads from the centre, as the way turns with the heading; the point adds ``rim |delta|``.
+        """
+        return np.hypot(radii[:, 0], radii[:, 1]), np.asarray((way + rim) * radii[:, 2])
