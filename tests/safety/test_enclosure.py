@@ -166,7 +166,7 @@ def test_an_arc_attains_what_its_chord_is_said_to():
 
 
 def test_dense_arcs_catch_a_chord_without_its_sagitta(monkeypatch):
-    monkeypatch.setattr(enclosure, "sagitta", nothing)
+    monkeypatch.setattr(DifferentialDrive, "sagitta", lambda move, *given: nothing(*given))
     assert attained_too_low() > 0.02
 
 

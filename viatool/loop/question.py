@@ -20,7 +20,7 @@ from viatool.safety.proof import Effort, prove_clearance
 from viatool.schedule import check_time
 from viatool.sets.bounds import require_ordered
 from viatool.sets.forms import ROUNDING, PoseBoxes
-from viatool.sets.states import STATE, StateBoxes
+from viatool.sets.states import StateBoxes
 from viatool.setting.rules import Rules
 from viatool.setting.setting import Setting
 from viatool.sight.shapes import Shapes

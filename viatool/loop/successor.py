@@ -168,8 +168,6 @@ def _step(question: Question, states: Forms) -> Step:
     return Step(start, lower, upper, least, most, after)
 
 
-
-
 def _join(parts: list[Step]) -> Step:
     """Return all parts as one."""
     poses, starts, states = (
