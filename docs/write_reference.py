@@ -15,16 +15,18 @@ from pydantic import BaseModel
 
 from viatool.cli import main
 from viatool.policy import PolicySpecification
-from viatool.report import ReportDocument
-from viatool.report.certificates.document import CertificateDocument
+from viatool.report.places.record import PlacesRecord
+from viatool.report.simulations.record import SimulationRecord
+from viatool.report.states.record import StatesRecord
 from viatool.train import TrainingConfiguration
 from viatool.world import MapFile
 
 DOCS = Path(__file__).resolve().parent
 schema_tables = runpy.run_path(str(DOCS / "schema_tables.py"))["schema_tables"]
 MODELS: dict[str, tuple[type[BaseModel], str]] = {
-    "report.schema.json": (ReportDocument, "viatool report"),
-    "certificate.schema.json": (CertificateDocument, "viatool certificate"),
+    "report.schema.json": (StatesRecord, "viatool report"),
+    "certificate.schema.json": (PlacesRecord, "viatool certificate"),
+    "simulation.schema.json": (SimulationRecord, "viatool simulation"),
     "map.schema.json": (MapFile, "viatool map"),
     "specification.schema.json": (PolicySpecification, "viatool policy specification"),
     "training.schema.json": (TrainingConfiguration, "viatool training configuration"),
@@ -92,7 +94,8 @@ FIELDS = """\
 
 Generated from the typed models by `python docs/write_reference.py`; a test holds this page to the program. The same as
 JSON Schemas, for editors and other programs: [map](map.schema.json), [specification](specification.schema.json),
-[report](report.schema.json), [certificate](certificate.schema.json), [training](training.schema.json) (its options
+[report](report.schema.json), [certificate](certificate.schema.json),
+[simulation](simulation.schema.json), [training](training.schema.json) (its options
 are explained in
 [training](training.md)). Lengths are metres, angles radians, poses x, y, theta. [File formats](files.md) has examples.
 """

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from viatool.places import certify
     from viatool.policy import Policy, load_policy
-    from viatool.report.figure_report import draw_result
     from viatool.report.map_figure import draw_map
+    from viatool.report.states.figure import draw_result
     from viatool.simulate.roll_out import roll_out
     from viatool.taylor import ReachableSet, reach
     from viatool.trajectory import Trajectory, load_trajectory
@@ -27,7 +27,7 @@ _ROOM_OF = {
     "WorldMap": "viatool.world",
     "certify": "viatool.places",
     "draw_map": "viatool.report.map_figure",
-    "draw_result": "viatool.report.figure_report",
+    "draw_result": "viatool.report.states.figure",
     "load_map": "viatool.world",
     "load_policy": "viatool.policy",
     "load_trajectory": "viatool.trajectory",

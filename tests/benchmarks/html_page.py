@@ -18,6 +18,7 @@ import viatool
 from tests.browser import PATIENCE, Browser, running_browser
 from tests.enlarged import enlarged
 from viatool.report.html.page import render_page
+from viatool.report.states.run import StatesRun
 
 MOVES = 20
 RUNS = 3
@@ -79,7 +80,7 @@ def main(sizes: list[int]) -> None:
         for states in sizes:
             large = enlarged(result, states)
             start = time.process_time()
-            content = render_page(large, ())
+            content = render_page(StatesRun(large), ())
             made = time.process_time() - start
             page = Path(folder) / "report.html"
             page.write_text(content, encoding="utf-8")

@@ -10,7 +10,7 @@ from matplotlib.patches import Rectangle
 
 from viatool.report.drawing import INK, WALL, draw_floor, draw_obstacles, draw_region, draw_task
 from viatool.report.palette import COLOUR
-from viatool.report.tube_drawing import tube_regions
+from viatool.report.states.tubes import tube_regions
 
 APART = 8  # states between the tubes that are drawn
 SHARES = (0.5, 0.9, 1.0)

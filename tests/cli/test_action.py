@@ -10,8 +10,8 @@ from pathlib import Path
 import yaml
 
 from viatool.cli.group import COMMANDS
-from viatool.report import REPORTERS
-from viatool.report.gate import RATES
+from viatool.report import FORMATS, formats_of
+from viatool.report.states.run import StatesRun
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -29,13 +29,13 @@ def test_the_action_and_the_page_name_known_formats() -> None:
         text = (ROOT / page).read_text(encoding="utf-8")
         formats = set(re.findall(r"(?:--output |\| `)\"?([a-z]+):[^/]", text))
         assert formats
-        assert formats <= REPORTERS.keys()
+        assert formats <= FORMATS.keys()
 
 
 def test_every_format_and_rate_is_explained() -> None:
     text = (ROOT / "docs" / "ci.md").read_text(encoding="utf-8")
-    assert all(f"`{name}:" in text for name in REPORTERS)
-    assert all(f"{name}=" in text for name in RATES if name != "overall")
+    assert all(f"`{name}:" in text for name in formats_of(StatesRun))
+    assert all(f"{name}=" in text for name in StatesRun.RATES if name != "overall")
 
 
 def test_the_hooks_run_known_commands() -> None:

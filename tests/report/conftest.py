@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from viatool.report import ReportDocument
+from viatool.report.states.document import StatesDocument
 
 
 def rate(safe: int, total: int) -> dict[str, Any]:
@@ -53,6 +53,6 @@ def content(safe: int = 97, unsafe: int = 1, unknown: int = 2) -> dict[str, Any]
 
 
 @pytest.fixture
-def document() -> Callable[..., ReportDocument]:
-    """Build a report with the given numbers of safe, unsafe and unknown states."""
-    return lambda *counts: ReportDocument.model_validate(content(*counts))
+def document() -> Callable[..., StatesDocument]:
+    """Build a report with the given numbers of safe, unsafe and unknown states, and with other fields."""
+    return lambda *counts, **other: StatesDocument({**content(*counts), **other})

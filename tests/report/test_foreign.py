@@ -6,7 +6,8 @@ import pytest
 
 from viatool.cli.failures import compose
 from viatool.report.foreign import one_line, shown
-from viatool.report.github_report import command
+from viatool.report.formats.github import command
+from viatool.report.sections import Annotation
 
 COMMANDS = (
     "::error file=x::owned",
@@ -43,7 +44,7 @@ def test_control_characters_are_blanks(text: str) -> None:
 @pytest.mark.parametrize("text", [*COMMANDS, "a,title=b", "%0A::error::x", "100 %"])
 def test_a_workflow_command_holds_its_texts_and_no_other_command(text: str) -> None:
     """As GitHub reads it: properties end at the first ``::``, entries at a comma, and %XX stands for a character."""
-    line = command("error", text, text, text)
+    line = command(Annotation("error", text, text), text)
     assert "\n" not in line
     assert "\r" not in line
     properties, end, message = line.removeprefix("::error ").partition("::")

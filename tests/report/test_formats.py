@@ -15,10 +15,11 @@ from rich.console import Console
 
 import viatool
 from tests.hall import MAP, write_policy
-from viatool.report import REPORTERS, Check, evaluate, parse_threshold, print_report, read_result
-from viatool.report.figure_report import PANELS, choose_episodes
+from viatool.report import Check, evaluate, formats_of, parse_threshold, print_report
 from viatool.report.gate import Gate
 from viatool.report.outputs import Output, content_of
+from viatool.report.states.figure import PANELS, choose_episodes
+from viatool.report.states.run import StatesRun
 from viatool.verification.result import Result
 
 HOSTILE = "<img src=x onerror=alert(1)>\"'`|**bold**\r\n::error::owned\x1b[31m%0A=1+1]]>&amp; @team #1 $x$"
@@ -49,12 +50,12 @@ def hostile(folder: Path) -> Result:
 
 def render(result: Result, name: str, checks: tuple[Check, ...] = ()) -> str:
     output = Output(name, Path("-"))
-    return b"".join(content_of(output, result, checks)).decode()
+    return b"".join(content_of(output, StatesRun(result), checks)).decode()
 
 
 def test_junit_has_a_case_for_each_trajectory_and_each_condition(plain: Result) -> None:
-    gate = Gate((parse_threshold("1.0"), parse_threshold("timeout=0.5")))
-    root = ElementTree.fromstring(render(plain, "junit", evaluate(gate, read_result(plain))))
+    gate = Gate((parse_threshold("1.0", StatesRun), parse_threshold("timeout=0.5", StatesRun)))
+    root = ElementTree.fromstring(render(plain, "junit", evaluate(gate, StatesRun(plain))))
     cases = {
         (case.get("classname"), case.get("name")): [part.tag for part in case]
         for case in root.iter("testcase")
@@ -77,7 +78,7 @@ def test_sarif_keeps_to_the_standard_and_its_fingerprints_last(plain: Result) ->
     ]
     assert prints[0] == prints[1]
     rules = [found["ruleId"] for found in log["runs"][0]["results"]]
-    assert rules.count("unsafe-state") == read_result(plain).verdicts.unsafe
+    assert rules.count("unsafe-state") == StatesRun(plain).record.verdicts.unsafe
     assert rules[0] == "gate"
     assert len({json.dumps(mark) for mark in prints[0]}) == len(prints[0])
 
@@ -143,20 +144,20 @@ def test_a_spreadsheet_finds_no_formula(hostile: Result) -> None:
     assert not any(row["scenario"].startswith(("=", "+", "-", "@")) for row in rows)
 
 
-@pytest.mark.parametrize("name", REPORTERS)
+@pytest.mark.parametrize("name", formats_of(StatesRun))
 def test_every_format_survives_hostile_names(
     hostile: Result, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("GITHUB_STEP_SUMMARY", raising=False)
     output = Output(name, Path("-"))
-    assert b"".join(content_of(output, hostile, FAILED))
+    assert b"".join(content_of(output, StatesRun(hostile), FAILED))
 
 
 def test_the_console_prints_no_control_characters_of_a_map(
     folder: Path, document: Callable[..., object]
 ) -> None:
     stream = io.StringIO()
-    report = document(1, 1, 1).model_copy(update={"criterion": HOSTILE, "eps": {HOSTILE: 0.1}})  # type: ignore[attr-defined]
+    report = document(1, 1, 1, criterion=HOSTILE, eps={HOSTILE: 0.1})
     print_report(report, Console(file=stream, width=200), FAILED)
     assert "\x1b" not in stream.getvalue()
     assert "\n::error" not in stream.getvalue()

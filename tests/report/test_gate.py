@@ -7,7 +7,14 @@ from fractions import Fraction
 import pytest
 
 from viatool.errors import ConfigurationError
-from viatool.report import Check, Gate, ReportDocument, evaluate, parse_threshold
+from viatool.report import Check, Gate, evaluate
+from viatool.report import parse_threshold as parse_threshold_of
+from viatool.report.gate import Threshold
+from viatool.report.states.document import StatesDocument
+
+
+def parse_threshold(text: str) -> Threshold:
+    return parse_threshold_of(text, StatesDocument)
 
 
 def passes(gate: Gate, document) -> bool:
@@ -74,7 +81,7 @@ def test_a_report_passes_against_itself_and_fails_against_a_better_baseline(docu
 
 def test_a_baseline_made_with_another_sensor_error_is_named_as_such(document) -> None:
     now = document(97, 1, 2)
-    before = now.model_copy(update={"eps": 0.5})
+    before = document(97, 1, 2, eps=0.5)
     assert all("another eps" in check.figures for check in evaluate(Gate(baseline=before), now))
     assert not any("another" in check.figures for check in evaluate(Gate(baseline=now), now))
 
@@ -92,7 +99,7 @@ def unsafe_at(document, *places: tuple[str, float, float]):
         {"state": number, "scenario": scenario, "time": time, "pose": (x, 0.0, 3.14159)}
         for number, (scenario, time, x) in enumerate(places)
     ]
-    return ReportDocument.model_validate({**document(97, 3, 0).model_dump(), "unsafe_states": listed})
+    return document(97, 3, 0, unsafe_states=listed)
 
 
 @pytest.mark.parametrize(

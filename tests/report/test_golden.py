@@ -19,19 +19,21 @@ from tests.hall import MAP, write_policy
 from viatool.report import (
     Gate,
     Output,
-    ReportDocument,
     evaluate,
     parse_threshold,
     print_comparison,
     print_report,
-    read_result,
 )
-from viatool.report.markdown_report import markdown
+from viatool.report.formats.markdown import markdown
 from viatool.report.outputs import content_of
+from viatool.report.states.document import StatesDocument
+from viatool.report.states.run import StatesRun
 from viatool.verification.result import Result
 
 GOLDEN = Path(__file__).parent / "golden"
-GATE = Gate((parse_threshold("0.97"), parse_threshold("danger=0.9")), max_unsafe=0)
+GATE = Gate(
+    (parse_threshold("0.97", StatesDocument), parse_threshold("danger=0.9", StatesDocument)), max_unsafe=0
+)
 LINES = 120
 """Of a long report the first lines show its form."""
 
@@ -40,6 +42,7 @@ CHANGING = (
     (r'"(\w+)": "\d+\.\d+\.\d+[^"]*"', r'"\1": "VERSION"'),
     (r'(time|timestamp)="[^"]*"', r'\1="TIME"'),
     (r'"(load|trajectory|geometry|reach|judge|search|total)": [0-9]+\.[0-9e-]+', r'"\1": SECONDS'),
+    (r"float32, [0-9.]+ m?s", "float32, SECONDS"),
 )
 """What depends on the machine and the moment."""
 
@@ -52,19 +55,19 @@ def check(name: str, text: str) -> None:
     assert lines == path.read_text(encoding="utf-8")
 
 
-def test_the_console_report(document: Callable[..., ReportDocument]) -> None:
+def test_the_console_report(document: Callable[..., StatesDocument]) -> None:
     stream = io.StringIO()
     report = document(9700, 100, 200)
     print_report(report, Console(file=stream, width=100), evaluate(GATE, report))
     check("console.txt", stream.getvalue())
 
 
-def test_the_markdown_report(document: Callable[..., ReportDocument]) -> None:
+def test_the_markdown_report(document: Callable[..., StatesDocument]) -> None:
     report = document(9700, 100, 200)
     check("report.md", markdown(report, evaluate(GATE, report)))
 
 
-def test_the_comparison(document: Callable[..., ReportDocument]) -> None:
+def test_the_comparison(document: Callable[..., StatesDocument]) -> None:
     stream = io.StringIO()
     print_comparison(document(9700, 100, 200), document(9900, 0, 100), Console(file=stream, width=100))
     check("comparison.txt", stream.getvalue())
@@ -87,8 +90,9 @@ def test_what_other_programs_read(
     name: str, driven: Result, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("GITHUB_STEP_SUMMARY", raising=False)
-    checks = evaluate(GATE, read_result(driven))
-    text = b"".join(content_of(Output(name, Path("-")), driven, checks)).decode()
+    document = StatesRun(driven)
+    checks = evaluate(GATE, document)
+    text = b"".join(content_of(Output(name, Path("-")), document, checks)).decode()
     check(f"{name}.txt", "\n".join(steady(text, folder).splitlines()[:LINES]))
 
 

@@ -16,8 +16,9 @@ import pytest
 import viatool
 from tests.hall import MAP, write_policy
 from tests.renamed import renamed
-from viatool.report import REPORTERS, Check
+from viatool.report import Check, formats_of
 from viatool.report.outputs import Output, content_of
+from viatool.report.states.run import StatesRun
 from viatool.verification.result import Result
 
 NAMES = {
@@ -39,7 +40,7 @@ NAMES = {
     "right to left": "safe\u202eefasnu\u2066",
 }
 FOR_THE_PAGE = ("angle brackets", "ansi", "workflow command", "template")  # the browser's tests have more
-TEXT_FORMATS = sorted(set(REPORTERS) - {"states", "figure"})
+TEXT_FORMATS = sorted(set(formats_of(StatesRun)) - {"states", "figure"})
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +70,7 @@ def named(result: Result, name: str) -> Result:
 
 def render(result: Result, form: str, name: str = "") -> str:
     checks = (Check(f"condition {name}", passed=False, figures=name),)
-    return b"".join(content_of(Output(form, Path("-")), result, checks)).decode("utf-8")
+    return b"".join(content_of(Output(form, Path("-")), StatesRun(result), checks)).decode("utf-8")
 
 
 @pytest.mark.parametrize(
@@ -139,9 +140,9 @@ READERS = {
 
 @pytest.mark.parametrize("suffix", [".png", ".svg"])
 def test_a_picture_is_drawn_whatever_the_names(plain: Result, suffix: str) -> None:
-    from viatool.report.figure_report import render as draw
+    from viatool.report.formats.figure import render as draw
 
     for name in ("mathematics", "angle brackets", "newlines"):
-        content = draw(named(plain, NAMES[name]), (), suffix)
+        content = draw(StatesRun(named(plain, NAMES[name])), (), suffix)
         if suffix == ".svg":
             assert not [e for e in ElementTree.fromstring(content).iter() if e.tag.endswith("script")]

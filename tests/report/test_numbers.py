@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from viatool.report.gate import parse_threshold
 from viatool.report.numbers import MISSING, digits_needed, percent_of, percentage
+from viatool.report.states.document import StatesDocument
 
 rates = st.integers(0, 10**9).flatmap(lambda total: st.tuples(st.integers(0, total), st.just(total)))
 
@@ -31,7 +32,7 @@ def test_no_states_give_no_rate() -> None:
 @given(rates.filter(lambda rate: rate[1] > 0), st.decimals("0", "1", places=6))
 def test_the_printed_rate_never_contradicts_the_gate(rate: tuple[int, int], least: object) -> None:
     safe, total = rate
-    threshold = parse_threshold(str(least)).least
+    threshold = parse_threshold(str(least), StatesDocument).least
     digits = digits_needed(threshold)
     printed = Fraction(percentage(safe, total, digits).removesuffix(" %"))
     wanted = Fraction(percent_of(threshold, digits).removesuffix(" %"))

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from viatool.cli import options
-from viatool.cli.gating import leave_by_gate
+from viatool.cli.gating import build_gate, gate_options, leave_by_gate
+from viatool.cli.reporting import read_outputs, tell
 from viatool.cli.shapes import FootprintType, PointType
-from viatool.cli.terminal import open_console, show_progress
+from viatool.cli.terminal import show_progress
 from viatool.cli.work import keeping, work_options
 
 if TYPE_CHECKING:
@@ -132,14 +133,7 @@ if TYPE_CHECKING:
     "cells (npz), witnesses (json, for viatool replay), markdown, junit, sarif or github; PATH - is stdout. "
     "Repeatable.",
 )
-@click.option(
-    "--fail-under",
-    multiple=True,
-    metavar="[NAME=]RATE",
-    help="Exit 1 if the safe share of the free volume, or contested=RATE of the contested volume, is below RATE, or "
-    "if not all of the map was examined. Repeatable.",
-)
-@click.option("--exit-zero", is_flag=True, help="Report a failed gate, but exit 0.")
+@gate_options
 @work_options
 @options.threads_option
 @options.quiet_option
@@ -152,17 +146,13 @@ def command(ctx: click.Context, /, **given: Any) -> None:
     """
     from viatool.places import Budget, Campaign, Outlook, Resolution, certify
     from viatool.policy import load_policy
-    from viatool.report import STDOUT, check_outputs, parse_output, write_outputs
-    from viatool.report.certificates import CERTIFICATE_REPORTERS
-    from viatool.report.certificates.console import print_certificate
-    from viatool.report.certificates.document import read_certificate
-    from viatool.report.certificates.gate import decide, parse_thresholds
+    from viatool.report import evaluate
+    from viatool.report.places.run import PlacesRun
     from viatool.schedule import Deadline, open_scheduler
 
     until = Deadline.after(given["budget_seconds"])
-    outputs = tuple(parse_output(text, CERTIFICATE_REPORTERS) for text in given["output"])
-    check_outputs(outputs)
-    thresholds = parse_thresholds(given["fail_under"])
+    outputs = read_outputs(given["output"], PlacesRun)
+    gate = build_gate(given, PlacesRun)
     world_map = options.open_map(given["map_path"], given["unknown"])
     scenario = choose_scenario(given, world_map)
     policy = load_policy(given["policy"], given["spec_path"])
@@ -186,12 +176,9 @@ def command(ctx: click.Context, /, **given: Any) -> None:
             tell=progress,
             **{name: given[name] for name in _PASSED_ON},
         )
-    document = read_certificate(certificate)
-    checks = decide(thresholds, document)
-    write_outputs(certificate, outputs, checks)
-    if not given["quiet"]:
-        to_stdout = any(output.path == STDOUT for output in outputs)
-        print_certificate(document, open_console(stderr=to_stdout), checks)
+    document = PlacesRun(certificate)
+    checks = evaluate(gate, document)
+    tell(document, outputs, checks, quiet=given["quiet"])
     leave_by_gate(ctx, checks, exit_zero=given["exit_zero"])
 
 

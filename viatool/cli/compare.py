@@ -14,7 +14,7 @@ from viatool.cli.terminal import open_console
 @click.argument("before", type=options.READABLE)
 @click.argument("after", type=options.READABLE)
 def command(before: Path, after: Path) -> None:
-    """Show two reports in JSON, BEFORE and AFTER, side by side."""
+    """Show two reports in JSON of one kind, BEFORE and AFTER, side by side."""
     from viatool.report import load_document, print_comparison
 
     print_comparison(load_document(before), load_document(after), open_console())

@@ -18,10 +18,11 @@ from viatool.cli.terminal import open_console
 @options.quiet_option
 @click.pass_context
 def command(ctx: click.Context, /, report: Path, quiet: bool, **given: Any) -> None:
-    """Apply a gate to REPORT, a report in JSON that verify wrote."""
+    """Apply a gate to REPORT, a report in JSON that verify, certify or simulate wrote."""
     from viatool.report import evaluate, load_document, print_checks
 
-    checks = evaluate(build_gate(given), load_document(report))
+    document = load_document(report)
+    checks = evaluate(build_gate(given, type(document)), document)
     if not quiet:
         print_checks(checks, open_console())
     leave_by_gate(ctx, checks, exit_zero=given["exit_zero"])

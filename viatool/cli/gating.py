@@ -11,7 +11,7 @@ from viatool.cli.failures import GATE_FAILED
 from viatool.cli.options import READABLE
 
 if TYPE_CHECKING:
-    from viatool.report import Check, Gate
+    from viatool.report import Check, Document, Gate
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -24,25 +24,25 @@ def gate_options(command: Command) -> Command:
                 "--fail-under",
                 multiple=True,
                 metavar="[NAME=]RATE",
-                help="Exit 1 if the safety rate, or a rate such as danger=0.95, is below RATE. Repeatable.",
+                help="Exit 1 if the overall rate, or a rate such as danger=0.95, is below RATE. Repeatable.",
             ),
             click.option(
                 "--max-unsafe",
                 type=click.IntRange(min=0),
                 metavar="N",
-                help="Exit 1 if more states are unsafe.",
+                help="Exit 1 if more states are unsafe (cells refuted, episodes in collision).",
             ),
             click.option(
                 "--max-unknown",
                 type=click.IntRange(min=0),
                 metavar="N",
-                help="Exit 1 if more states are unknown.",
+                help="Exit 1 if more states or cells are unknown.",
             ),
             click.option(
                 "--baseline",
                 type=READABLE,
                 metavar="FILE",
-                help="Exit 1 if a rate is below that of this report (json), or a state is unsafe that was not.",
+                help="Exit 1 if a rate is below that of this older report (json), or a state is unsafe that was not.",
             ),
             click.option("--exit-zero", is_flag=True, help="Report a failed gate, but exit 0."),
         )
@@ -72,14 +72,14 @@ def leave_by_gate(ctx: click.Context, checks: Sequence[Check], *, exit_zero: boo
         ctx.exit(GATE_FAILED)
 
 
-def build_gate(given: Mapping[str, Any]) -> Gate:
-    """Read the conditions of the gate from the options of a command."""
+def build_gate(given: Mapping[str, Any], kind: type[Document]) -> Gate:
+    """Read the conditions of the gate on a kind of document from the options of a command."""
     from viatool.report import Gate, load_document, parse_threshold
 
     baseline = given["baseline"]
     return Gate(
-        thresholds=tuple(parse_threshold(text) for text in given["fail_under"]),
-        max_unsafe=given["max_unsafe"],
-        max_unknown=given["max_unknown"],
+        thresholds=tuple(parse_threshold(text, kind) for text in given["fail_under"]),
+        max_unsafe=given.get("max_unsafe"),
+        max_unknown=given.get("max_unknown"),
         baseline=None if baseline is None else load_document(baseline),
     )

@@ -18,6 +18,7 @@ COMMANDS = (
     "replay",
     "gate",
     "compare",
+    "report",
     "train",
     "export",
     "bounds",

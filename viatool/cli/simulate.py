@@ -10,10 +10,11 @@ import click
 
 from viatool.cli import options
 from viatool.cli.condition_options import condition_options, engine_options
-from viatool.cli.terminal import open_console, show_progress
+from viatool.cli.gating import build_gate, gate_options, leave_by_gate
+from viatool.cli.reporting import read_outputs, tell
+from viatool.cli.terminal import show_progress
 
 if TYPE_CHECKING:
-    from viatool.report import Output
     from viatool.simulate import Conditions, Simulation
 
 
@@ -50,8 +51,9 @@ if TYPE_CHECKING:
     "-o",
     multiple=True,
     metavar="FORMAT:PATH",
-    help="Write a report: json, figure (png, svg, pdf) or trajectory (npz, csv; for verify --trajectory); "
-    "PATH - is stdout, and a path alone that ends in .npz or .csv is a trajectory. Repeatable.",
+    help="Write a report: json, figure (png, svg, pdf), trajectory (npz, csv; for verify --trajectory), csv (a row for "
+    "each episode), markdown, junit, sarif or github; PATH - is stdout, and a path alone that ends in .npz or .csv is "
+    "a trajectory. Repeatable.",
 )
 @click.option(
     "--record",
@@ -68,39 +70,32 @@ if TYPE_CHECKING:
     metavar="N",
     help="Episodes that a film or the window shows.",
 )
+@gate_options
 @options.threads_option
 @options.quiet_option
-def command(**given: Any) -> None:
+@click.pass_context
+def command(ctx: click.Context, /, **given: Any) -> None:
     """Drive POLICY (ONNX) through the scenarios of a map and report how the episodes end."""
-    from viatool.report import STDOUT, check_outputs, write_outputs
-    from viatool.report.simulation import print_simulation
+    from viatool.report import evaluate
+    from viatool.report.simulations.run import SimulationRun
 
-    outputs = tuple(_output(text) for text in given["output"])
-    check_outputs(outputs)
+    outputs = read_outputs(map(_named, given["output"]), SimulationRun)
+    gate = build_gate(given, SimulationRun)
     _check_pictures(given["record"], render=given["render"])
     simulation = _simulate(given)
-    write_outputs(simulation, outputs)
-    if not given["quiet"]:
-        to_stdout = any(output.path == STDOUT for output in outputs)
-        print_simulation(simulation, open_console(stderr=to_stdout))
+    document = SimulationRun(simulation)
+    checks = evaluate(gate, document)
+    tell(document, outputs, checks, quiet=given["quiet"])
     _show(simulation, given)
+    leave_by_gate(ctx, checks, exit_zero=given["exit_zero"])
 
 
-def _output(text: str) -> Output:
-    """Read FORMAT:PATH; a path alone is that of a trajectory."""
-    from viatool.errors import ConfigurationError
-    from viatool.report import parse_output
-    from viatool.report.simulation import SIMULATION_REPORTERS
+def _named(text: str) -> str:
+    """Return FORMAT:PATH; a path alone that ends so is that of a trajectory."""
+    from viatool.report import FORMATS
 
-    named = text.partition(":")[0] in SIMULATION_REPORTERS
-    if named or Path(text).suffix.lower() not in (".npz", ".csv"):
-        if ":" not in text:
-            raise ConfigurationError(
-                f"'{text}' is neither FORMAT:PATH nor a trajectory file (.npz, .csv)",
-                f"write for example json:run.json; formats are {', '.join(SIMULATION_REPORTERS)}",
-            )
-        return parse_output(text, SIMULATION_REPORTERS)
-    return parse_output(f"trajectory:{text}", SIMULATION_REPORTERS)
+    plain = text.partition(":")[0] not in FORMATS and Path(text).suffix.lower() in (".npz", ".csv")
+    return f"trajectory:{text}" if plain else text
 
 
 def _simulate(given: Mapping[str, Any]) -> Simulation:

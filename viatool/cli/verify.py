@@ -9,9 +9,10 @@ import click
 
 from viatool.cli import options
 from viatool.cli.gating import build_gate, gate_options, leave_by_gate
+from viatool.cli.reporting import read_outputs, tell
 from viatool.cli.shapes import PoseErrorType
 from viatool.cli.states import bag_settings, choose_scenarios, sampled_places, state_options
-from viatool.cli.terminal import Progress, open_console, show_progress
+from viatool.cli.terminal import Progress, show_progress
 from viatool.cli.work import keeping, work_options
 
 if TYPE_CHECKING:
@@ -98,30 +99,19 @@ def command(ctx: click.Context, /, **given: Any) -> None:
     Every visited state becomes safe (proved), unsafe (with a replayable counterexample) or unknown. Without a
     gate option the command passes whatever the rates are.
     """
-    from viatool.report import (
-        STDOUT,
-        check_outputs,
-        evaluate,
-        parse_output,
-        print_report,
-        read_result,
-        write_outputs,
-    )
+    from viatool.report import evaluate
+    from viatool.report.states.run import StatesRun
 
-    outputs = tuple(parse_output(text) for text in given["output"])
-    check_outputs(outputs)
-    gate = build_gate(given)
+    outputs = read_outputs(given["output"], StatesRun)
+    gate = build_gate(given, StatesRun)
     with keeping(given["checkpoint"]), show_progress(quiet=given["quiet"]) as progress:
         result = _verify(given, progress)
     for found in result.recording:
         if found.doubtful:
             options.warn(found.warning)
-    document = read_result(result)
+    document = StatesRun(result)
     checks = evaluate(gate, document)
-    write_outputs(result, outputs, checks)
-    if not given["quiet"]:
-        to_stdout = any(output.path == STDOUT for output in outputs)
-        print_report(document, open_console(stderr=to_stdout), checks)
+    tell(document, outputs, checks, quiet=given["quiet"])
     leave_by_gate(ctx, checks, exit_zero=given["exit_zero"])
 
 

@@ -186,6 +186,7 @@ class Certificate:
             "worst": [self._witness(int(row)) for row in self.worst()],
             "seconds": dict(self.seconds),
             "versions": dict(self.versions),
+            "premises": [premise.to_json() for premise in self.premises],
         }
 
     def _witness(self, row: int) -> dict[str, Any]:

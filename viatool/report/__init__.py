@@ -1,27 +1,39 @@
-"""One result, many reporters, and the gate."""
+"""One document for every kind of run, many formats, and the gate."""
 
 from __future__ import annotations
 
 from viatool.report.bounds_file import check_bounds_file, write_bounds
 from viatool.report.comparison import print_comparison
 from viatool.report.console import print_checks, print_report
-from viatool.report.document import ReportDocument, load_document, read_result
-from viatool.report.gate import Check, Gate, Threshold, evaluate, parse_threshold
-from viatool.report.outputs import REPORTERS, STDOUT, Output, check_outputs, parse_output, write_outputs
+from viatool.report.document import Document
+from viatool.report.gate import Gate, Threshold, evaluate, parse_threshold
+from viatool.report.kinds import KINDS, load_document
+from viatool.report.outputs import (
+    FORMATS,
+    STDOUT,
+    Output,
+    check_outputs,
+    formats_of,
+    parse_output,
+    write_outputs,
+)
 from viatool.report.policy_summary import print_inspection
+from viatool.report.sections import Check
 from viatool.report.summaries import print_bounds, print_map, print_symbolic
 
 __all__ = [
-    "REPORTERS",
+    "FORMATS",
+    "KINDS",
     "STDOUT",
     "Check",
+    "Document",
     "Gate",
     "Output",
-    "ReportDocument",
     "Threshold",
     "check_bounds_file",
     "check_outputs",
     "evaluate",
+    "formats_of",
     "load_document",
     "parse_output",
     "parse_threshold",
@@ -32,7 +44,6 @@ __all__ = [
     "print_map",
     "print_report",
     "print_symbolic",
-    "read_result",
     "write_bounds",
     "write_outputs",
 ]

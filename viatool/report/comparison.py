@@ -1,8 +1,9 @@
-"""Two reports side by side."""
+"""Two reports of one kind side by side."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from fractions import Fraction
 
 from rich import box
@@ -10,19 +11,64 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from viatool.report.document import Rate, ReportDocument
+from viatool.errors import ConfigurationError
+from viatool.report.document import Document
 from viatool.report.foreign import shown
-from viatool.report.gate import RATES, rate_named
-from viatool.report.numbers import MISSING, count, percentage, seconds, significant
-from viatool.report.palette import STYLE, VERDICTS
-from viatool.report.wording import settings, total_seconds
+from viatool.report.numbers import MISSING, count, seconds, significant
+from viatool.report.palette import STYLE
+from viatool.report.sections import NOTHING, Share
 
 Row = tuple[str, str, str, Text]
-ALWAYS = ("map", "eps", "criterion", "arithmetic")  # settings that are shown also where they agree
 
 
-def print_comparison(before: ReportDocument, after: ReportDocument, console: Console) -> None:
-    """Print what two reports assumed and found; changes for the better are in the colour of safe."""
+@dataclass(frozen=True)
+class Difference:
+    """A setting or a premise by name, and how two reports have it."""
+
+    name: str
+    before: str
+    after: str
+
+
+def require_same_kind(before: Document, after: Document) -> None:
+    """Refuse to compare reports on different kinds of run.
+
+    Raises
+    ------
+    ConfigurationError
+        Names both kinds.
+    """
+    if before.SIGN != after.SIGN:
+        old, new = (d.WHAT if d.path is None else f"{d.WHAT} ('{d.path}')" for d in (before, after))
+        raise ConfigurationError(
+            f"{old} cannot be compared with {new}",
+            f"give a report that viatool {after.COMMAND} wrote with --output json:PATH",
+        )
+
+
+def differences(before: Document, after: Document) -> list[Difference]:
+    """Return what two reports were asked for and rest on differently; what only one of them tells is left out.
+
+    Premises are compared if both reports tell theirs; one that only one of them has is a difference then.
+    """
+    old, new = before.settings, after.settings
+    found = [Difference(name, old.get(name, new[name]), new[name]) for name in new]
+    premises = [{p.name: p.value for p in document.record.premises} for document in (before, after)]
+    if all(premises):
+        names = [name for name in dict.fromkeys([*premises[1], *premises[0]]) if name not in new]
+        found += [Difference(name, *(told.get(name, MISSING) for told in premises)) for name in names]
+    return [difference for difference in found if difference.before != difference.after]
+
+
+def print_comparison(before: Document, after: Document, console: Console) -> None:
+    """Print what two reports assumed and found; changes for the better are in the colour of safe.
+
+    Raises
+    ------
+    ConfigurationError
+        If they are of different kinds.
+    """
+    require_same_kind(before, after)
     table = Table(box=box.SIMPLE_HEAD, show_edge=False)
     table.add_column("")
     table.add_column("before", justify="right")
@@ -30,7 +76,7 @@ def print_comparison(before: ReportDocument, after: ReportDocument, console: Con
     table.add_column("change", justify="right")
     for section in (
         _settings(before, after),
-        _verdicts(before, after),
+        _tallies(before, after),
         _rates(before, after),
         _costs(before, after),
     ):
@@ -40,54 +86,53 @@ def print_comparison(before: ReportDocument, after: ReportDocument, console: Con
     console.print(table)
 
 
-def _settings(before: ReportDocument, after: ReportDocument) -> Iterator[Row]:
-    old, new = settings(before), settings(after)
-    yield _setting("policy", before.policy.sha256[:12], after.policy.sha256[:12])
-    for name in new:
-        if name in ALWAYS or old.get(name, new[name]) != new[name]:
-            yield _setting(name, old[name], new[name])
-    yield _setting("states", count(before.states), count(after.states))
+def _settings(before: Document, after: Document) -> Iterator[Row]:
+    """Yield what was asked, and what else differs."""
+    yield _setting("policy", before.record.policy.sha256[:12], after.record.policy.sha256[:12])
+    asked = ("map", *after.terms)
+    old, new = before.settings, after.settings
+    for name in asked:
+        yield _setting(name, old.get(name, MISSING), new[name])
+    for difference in differences(before, after):
+        if difference.name not in asked:
+            yield _setting(difference.name, difference.before, difference.after)
+    yield _setting(after.SUBJECTS, count(before.size), count(after.size))
 
 
 def _setting(name: str, old: str, new: str) -> Row:
     return name, old, new, Text("same" if old == new else "differs", style="dim" if old == new else "bold")
 
 
-def _verdicts(before: ReportDocument, after: ReportDocument) -> Iterator[Row]:
-    for verdict in VERDICTS:
-        old, new = getattr(before.verdicts, verdict), getattr(after.verdicts, verdict)
-        sign = 1 if verdict == "safe" else -1
-        yield verdict, count(old), count(new), _change(f"{new - old:+,}", sign * (new - old))
+def _tallies(before: Document, after: Document) -> Iterator[Row]:
+    for old, new in zip(before.tallies, after.tallies, strict=True):
+        more = new.number - old.number
+        text = f"{more:+,}" if isinstance(more, int) else f"{'+' if more > 0 else ''}{significant(more)}"
+        yield new.name, old.text, new.text, _change(text, more, new.better)
 
 
-def _rates(before: ReportDocument, after: ReportDocument) -> Iterator[Row]:
-    for name, title in RATES.items():
-        old, new = rate_named(before, name), rate_named(after, name)
-        if name == "horizon" and old.total == new.total == 0:  # neither of them has one
-            continue
-        yield title, _rate(old), _rate(new), _rate_change(old, new)
+def _rates(before: Document, after: Document) -> Iterator[Row]:
+    for name, title in after.RATES.items():
+        if name in before.rates or name in after.rates:
+            old, new = before.rates.get(name, NOTHING), after.rates.get(name, NOTHING)
+            yield title, old.percentage(), new.percentage(), _rate_change(old, new)
 
 
-def _rate(rate: Rate) -> str:
-    return percentage(rate.safe, rate.total)
-
-
-def _rate_change(old: Rate, new: Rate) -> Text:
+def _rate_change(old: Share, new: Share) -> Text:
     if old.total == 0 or new.total == 0:
         return Text(MISSING, style="dim")
-    points = 100 * (Fraction(new.safe, new.total) - Fraction(old.safe, old.total))
-    return _change(f"{float(points):+.2f} points", points)
+    points = 100 * (Fraction(new.part, new.total) - Fraction(old.part, old.total))
+    return _change(f"{float(points):+.2f} points", points, 1)
 
 
-def _change(text: str, better: int | Fraction) -> Text:
-    if better == 0:
+def _change(text: str, more: float | Fraction, better: int) -> Text:
+    if more == 0:
         return Text("same", style="dim")
-    return Text(text, style=STYLE["safe" if better > 0 else "unsafe"])
+    return Text(text, style=STYLE["safe" if better * more > 0 else "unsafe"] if better else "")
 
 
-def _costs(before: ReportDocument, after: ReportDocument) -> Iterator[Row]:
-    for action in (name for name in before.reachable_width if name in after.reachable_width):
-        old, new = before.reachable_width[action].mean, after.reachable_width[action].mean
+def _costs(before: Document, after: Document) -> Iterator[Row]:
+    for name in (name for name in before.costs if name in after.costs):
+        old, new = before.costs[name], after.costs[name]
         ratio = Text(f"x {significant(new / old)}" if old else MISSING, style="dim")
-        yield f"mean width of {action}", significant(old), significant(new), ratio
-    yield "time", seconds(total_seconds(before)), seconds(total_seconds(after)), Text("")
+        yield name, significant(old), significant(new), ratio
+    yield "time", seconds(before.record.total_seconds), seconds(after.record.total_seconds), Text("")

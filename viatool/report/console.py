@@ -1,51 +1,50 @@
-"""The console report: what a person reads when a run ends."""
+"""A document on the console: what a person reads when a run ends."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 from rich import box
 from rich.console import Console, Group, RenderableType
 from rich.padding import Padding
-from rich.table import Table
+from rich.table import Table as Grid
 from rich.text import Text
 
-from viatool.report.document import FileIdentity, HorizonDocument, RateByOutcome, ReportDocument
 from viatool.report.foreign import shown
-from viatool.report.gate import Check
-from viatool.report.numbers import MISSING, count, percentage, seconds, significant
-from viatool.report.palette import MEANING, STYLE, VERDICTS
-from viatool.report.wording import (
-    HORIZON_COLUMNS,
-    assumptions,
-    describe_eps,
-    describe_horizon,
-    describe_task,
-    describe_verdicts,
-    horizon_rows,
-    rate_rows,
-    total_seconds,
-    unit_of,
-)
+from viatool.report.numbers import MISSING
+from viatool.report.palette import STYLE
+from viatool.report.sections import Breakdown, Check, Facts, Part, Rates, Section, Share, Table
+from viatool.report.wording import describe_seconds
+
+if TYPE_CHECKING:
+    from viatool.report.document import Document
+    from viatool.report.records import FileIdentity
 
 BAR_WIDTH = 60
-OUTCOMES = ("overall", "success", "collision", "timeout")
+_GLYPHS = {"safe": "█", "unknown": "▓", "unsafe": "▒", "": "░"}
 
 
-def print_report(document: ReportDocument, console: Console, checks: Sequence[Check] = ()) -> None:
-    """Print a report.
+def print_report(document: Document, console: Console, checks: Sequence[Check] = ()) -> None:
+    """Print a document.
 
     Parameters
     ----------
-    document : ReportDocument
+    document : Document
         What to show.
     console : rich.console.Console
         Where to; a pipe gets the same text without colours.
     checks : sequence of Check
         The decided conditions of a gate, shown last.
     """
-    for part in _parts(document):
+    parts = [
+        _headline(document),
+        *map(_section, document.sections),
+        _titled("Time", Text(describe_seconds(document, " · "))),
+        *_premises(document),
+        _assumed(document),
+    ]
+    for part in parts:
         console.print(part)
         console.print()
     if checks:
@@ -54,7 +53,7 @@ def print_report(document: ReportDocument, console: Console, checks: Sequence[Ch
 
 def print_checks(checks: Sequence[Check], console: Console) -> None:
     """Print the decided conditions of a gate."""
-    table = Table.grid(padding=(0, 2))
+    table = Grid.grid(padding=(0, 2))
     for check in checks:
         word = Text("passed", style=f"bold {STYLE['safe']}")
         if not check.passed:
@@ -63,112 +62,110 @@ def print_checks(checks: Sequence[Check], console: Console) -> None:
     console.print(_titled("Gate", table if checks else Text("no condition was given")))
 
 
-def _parts(document: ReportDocument) -> list[RenderableType]:
-    return [
-        _headline(document),
-        _verdicts(document),
-        _rates(document),
-        *([] if document.horizon is None else [_horizon(document.horizon)]),
-        _task(document),
-        _widths(document),
-        _time(document),
-        _assumed(document),
-    ]
-
-
-def _headline(document: ReportDocument) -> RenderableType:
-    overall = document.safety_rate.overall
+def _headline(document: Document) -> RenderableType:
+    found, record = document.headline, document.record
     head = Text()
-    head.append(shown(document.policy.path), style="bold")
+    head.append(shown(record.policy.path), style="bold")
     head.append(" on ")
-    head.append(shown(document.map.path), style="bold")
-    head.append(shown(f", eps {describe_eps(document.eps)}, criterion {document.criterion}") + "\n")
-    head.append(percentage(overall.safe, overall.total), style=f"bold {STYLE['safe']}")
-    head.append(f" of the states are proved safe ({count(overall.safe)} of {count(overall.total)})")
+    head.append(shown(record.map.path), style="bold")
+    head.append("".join(f", {shown(phrase)}" for phrase in document.subject) + "\n")
+    if found.rate:
+        head.append(found.rate, style=f"bold {STYLE['safe']}")
+        head.append(" ")
+    head.append(shown(found.rest))
+    head.append(f" ({found.figures})" if found.figures else "")
     return head
 
 
-def _verdicts(document: ReportDocument) -> RenderableType:
-    counts = {verdict: int(getattr(document.verdicts, verdict)) for verdict in VERDICTS}
-    legend = Table.grid(padding=(0, 2))
-    for verdict in VERDICTS:
+def _section(section: Section) -> RenderableType:
+    match section:
+        case Breakdown():
+            return _breakdown(section)
+        case Rates():
+            return _rates(section)
+        case Table():
+            return _table(section)
+        case Facts():
+            return _facts(section)
+
+
+def _breakdown(section: Breakdown) -> RenderableType:
+    legend = Grid.grid(padding=(0, 2))
+    for part in section.parts:
         legend.add_row(
-            Text(f"■ {verdict}", style=STYLE[verdict]),
-            Text(count(counts[verdict]), justify="right"),
-            Text(percentage(counts[verdict], document.states), justify="right"),
-            Text(MEANING[verdict], style="dim"),
+            Text(f"■ {shown(part.name)}", style=STYLE.get(part.tone, "")),
+            *(Text(shown(figure), justify="right") for figure in part.figures),
+            Text(shown(part.meaning), style="dim"),
         )
-    return Group(_bar(counts), legend)
+    return Group(_bar(section.parts), legend)
 
 
-def _bar(counts: Mapping[str, int]) -> Text:
-    """Draw the shares as one bar; a verdict that occurs gets at least one cell."""
-    total = sum(counts.values())
-    cells = {name: max(BAR_WIDTH * number // total, 1) if number else 0 for name, number in counts.items()}
-    largest = max(cells, key=lambda name: cells[name])
-    cells[largest] += (BAR_WIDTH - sum(cells.values())) if total else 0
+def _bar(parts: Sequence[Part]) -> Text:
+    """Draw the shares as one bar; a part that occurs gets at least one cell."""
+    total = sum(part.weight for part in parts)
+    cells = [max(int(BAR_WIDTH * part.weight // total), 1) if part.weight else 0 for part in parts]
+    cells[cells.index(max(cells))] += (BAR_WIDTH - sum(cells)) if total else 0
     bar = Text()
-    for name, glyph in zip(VERDICTS, "█▓▒", strict=True):
-        bar.append(glyph * cells[name], style=STYLE[name])
+    for part, number in zip(parts, cells, strict=True):
+        bar.append(_GLYPHS[part.tone] * number, style=STYLE.get(part.tone, ""))
     return bar
 
 
-def _rates(document: ReportDocument) -> RenderableType:
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), show_edge=False)
-    table.add_column("rate of safe states")
-    for outcome in OUTCOMES:
-        table.add_column("overall" if outcome == "overall" else f"in {outcome}", justify="right")
-    for name, rates in rate_rows(document).items():
-        table.add_row(Text(shown(name)), *(_rate(rates, outcome) for outcome in OUTCOMES))
+def _rates(section: Rates) -> RenderableType:
+    table = _grid()
+    table.add_column(section.title)
+    for index, group in enumerate(section.groups):
+        table.add_column(f"in {group}" if index else group, justify="right")
+    for name, shares in section.rows.items():
+        table.add_row(Text(shown(name)), *map(_share, shares))
     return table
 
 
-def _rate(rates: RateByOutcome, outcome: str) -> Text:
-    rate = getattr(rates, outcome)
-    if rate.total == 0:
+def _share(share: Share) -> Text:
+    if share.total == 0:
         return Text(MISSING, style="dim")
-    text = Text(percentage(rate.safe, rate.total))
-    text.append(f"\n{count(rate.safe)}/{count(rate.total)}", style="dim")
+    text = Text(share.percentage())
+    text.append(f"\n{share.of('/')}", style="dim")
     return text
 
 
-def _horizon(horizon: HorizonDocument) -> RenderableType:
-    """Show the closed loop over several intervals."""
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), show_edge=False)
-    for name in HORIZON_COLUMNS:
-        table.add_column(name, justify="right")
-    for row in horizon_rows(horizon):
-        table.add_row(*row)
-    head = Text(f"{describe_verdicts(horizon)} over {describe_horizon(horizon)}; widths of the tubes:")
-    return _titled("Horizon", Group(head, table))
+def _table(section: Table) -> RenderableType:
+    table = _grid()
+    for index, name in enumerate(section.head):
+        is_text = index == 0 or index >= len(section.head) - section.texts
+        table.add_column(Text(shown(name)), justify="left" if is_text else "right")
+    for row in section.rows:
+        table.add_row(*(Text(shown(text)) for text in row))
+    body = Group(Text(f"{shown(section.remark)}:"), table) if section.remark else table
+    return _titled(section.title, body) if section.title else body
 
 
-def _task(document: ReportDocument) -> RenderableType:
-    return _titled("Driven, not proved", Text(describe_task(document)))
+def _facts(section: Facts) -> RenderableType:
+    table = Grid.grid(padding=(0, 2))
+    nameless = not any(name for name, _ in section.pairs)
+    for name, value in section.pairs:
+        table.add_row(*([] if nameless else [Text(shown(name), style="dim")]), Text(shown(value)))
+    return _titled(section.title, table)
 
 
-def _widths(document: ReportDocument) -> RenderableType:
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), show_edge=False)
-    table.add_column("width of the reachable actions")
-    for name in ("mean", "std", "max"):
-        table.add_column(name, justify="right")
-    table.add_column("unit")
-    for action, width in document.reachable_width.items():
-        figures = (significant(value) for value in (width.mean, width.std, width.max))
-        table.add_row(Text(shown(action)), *figures, Text(shown(unit_of(document, action))))
-    return table
+def _premises(document: Document) -> list[RenderableType]:
+    if not document.record.premises:
+        return []
+    table = Grid.grid(padding=(0, 2))
+    for premise in document.record.premises:
+        table.add_row(
+            Text(shown(premise.name), style="dim"),
+            Text(shown(premise.value)),
+            Text(shown(premise.source), style="dim"),
+        )
+    return [_titled("In effect", table)]
 
 
-def _time(document: ReportDocument) -> RenderableType:
-    parts = [f"{stage} {seconds(value)}" for stage, value in document.seconds.items() if stage != "total"]
-    return _titled("Time", Text(" · ".join([*parts, f"total {seconds(total_seconds(document))}"])))
-
-
-def _assumed(document: ReportDocument) -> RenderableType:
-    table = Table.grid(padding=(0, 2))
-    for name, value in assumptions(document).items():
+def _assumed(document: Document) -> RenderableType:
+    table = Grid.grid(padding=(0, 2))
+    for name, value in document.assumptions.items():
         table.add_row(Text(shown(name), style="dim"), Text(shown(value)))
-    for name, identity in (("policy", document.policy), ("map", document.map)):
+    for name, identity in (("policy", document.record.policy), ("map", document.record.map)):
         table.add_row(Text(name, style="dim"), _identity(identity))
     return _titled("Assumed", table)
 
@@ -177,6 +174,10 @@ def _identity(identity: FileIdentity) -> Text:
     text = Text(shown(identity.path))
     text.append(f"  sha256 {identity.sha256[:16]}…", style="dim")
     return text
+
+
+def _grid() -> Grid:
+    return Grid(box=box.SIMPLE_HEAD, padding=(0, 1), show_edge=False)
 
 
 def _titled(title: str, body: Any) -> RenderableType:

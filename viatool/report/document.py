@@ -1,195 +1,233 @@
-"""The report as data: the typed form of the report JSON, which reporters, gate and comparison read.
+"""The one document: what every format says of a run, whatever the run was over.
 
-Field names are a contract with other programs; the JSON Schema in docs/ is generated from these classes.
+A kind of run (states, places, a simulation, ...) is one adapter: a `Document` of its stored JSON, which suffices for
+the texts for people, for the gate and for comparisons, and below it a document of the live run, which can do more.
+What more is said by the abstract classes at the end: a format names the one that it needs, and serves every kind of
+run whose document derives from it.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import ValidationError
 
 from viatool.errors import ConfigurationError
+from viatool.report.records import RunRecord
+from viatool.report.sections import Count, Headline, Section, Share, Tally
 
 if TYPE_CHECKING:
-    from viatool.verification.result import Result
+    import numpy as np
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
 
-Count = Annotated[int, Field(ge=0)]
-Share = Annotated[float, Field(ge=0.0, le=1.0)]
-
-
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="allow")
+    from viatool.report.sections import Annotation, Case, Check, Finding, Rules
 
 
-class FileIdentity(_Part):
-    """A file that was read, and the digest of what was in it."""
+class Document(ABC):
+    """A run as data.
 
-    path: str
-    sha256: str
-
-
-class Verdicts(_Part):
-    """How many states have each verdict."""
-
-    safe: Count
-    unsafe: Count
-    unknown: Count
-
-
-class Rate(_Part):
-    """Safe states among all that count; `rate` is None when there are none."""
-
-    safe: Count
-    total: Count
-    rate: Share | None
-
-    @model_validator(mode="after")
-    def _consistent(self) -> Rate:
-        if self.safe > self.total:
-            raise ValueError(f"{self.safe} safe states among {self.total}")
-        return self
-
-
-class RateByOutcome(_Part):
-    """A rate over all states, and over the states of the episodes with each outcome."""
-
-    overall: Rate
-    success: Rate
-    collision: Rate
-    timeout: Rate
-
-
-class Task(_Part):
-    """How the simulated or recorded episodes ended: measured, not proved."""
-
-    episodes: Count
-    success_rate: Share | None
-    collision_rate: Share | None
-    timeout_rate: Share | None
-    average_cost: float | None
-
-
-class Width(_Part):
-    """Width of the reachable set of one action over the states, in the action's unit."""
-
-    mean: float
-    std: float
-    max: float
-
-
-class UnsafeState(_Part):
-    """Where a state with a counterexample is: seconds since the start of its scenario, and x, y, theta."""
-
-    state: Count
-    scenario: str
-    time: float
-    pose: tuple[float, float, float]
-
-
-class PoseError(_Part):
-    """Half-widths of the box around every recorded pose: of x and y in metres, of the heading in radians."""
-
-    position: float
-    heading: float
-
-
-class TubeWidth(_Part):
-    """Median and 90th percentile of the width of the tubes at the end of each interval; None where all have ended."""
-
-    median: list[float | None]
-    p90: list[float | None]
-    unit: str
-
-
-class HorizonDocument(_Part):
-    """The closed loop over several intervals: from how many states every run keeps the collision distance.
-
-    `safety_rate` has one rate for each interval: of the states that are proved safe up to its end.
-    """
-
-    steps: Annotated[int, Field(ge=1)]
-    pose_error: PoseError
-    states: Count
-    verdicts: Verdicts
-    safety_rate: list[Rate]
-    width: dict[str, TubeWidth]
-    least_clearance: list[float | None]
-
-
-class RecordingDocument(_Part):
-    """How recorded readings of one LiDAR agree with what the map shows at the recorded poses.
-
-    `off` are farther from it than eps, `contradicting` farther than eps and 5 cm; more than one contradicting reading
-    in twenty makes the recording `doubtful`.
-    """
-
-    channel: str
-    states: Count
-    readings: Count
-    off: Count
-    share: Share
-    contradicting: Count
-    median_difference: float
-    doubtful: bool
-    cause: str
-
-
-class RunDocument(_Part):
-    """What every report says of its run: what was examined, under which assumptions, with which versions."""
-
-    schema_version: Annotated[int, Field(ge=1, le=1)]
-    policy: FileIdentity
-    map: FileIdentity
-    eps: Any
-    criterion: str
-    arithmetic: str
-    seconds: dict[str, float]
-    versions: dict[str, str]
-
-
-class ReportDocument(RunDocument):
-    """The whole report."""
-
-    engine: Any
-    states: Count
-    verdicts: Verdicts
-    safety_rate: RateByOutcome
-    sampled_safety_rate: RateByOutcome
-    danger_rate: RateByOutcome
-    contested_rate: RateByOutcome
-    task: Task
-    reachable_width: dict[str, Width]
-    unsafe_states: list[UnsafeState] | None = None
-    horizon: HorizonDocument | None = None
-    recording: list[RecordingDocument] | None = None
-
-
-def read_result(result: Result) -> ReportDocument:
-    """Return the report of a result; what a stored report of it would be read back as."""
-    return ReportDocument.model_validate(result.to_json())
-
-
-def load_document(path: Path) -> ReportDocument:
-    """Read a stored report.
+    Parameters
+    ----------
+    content : mapping
+        The report JSON: a contract with other programs, and the only place where figures are kept.
+    path : Path, optional
+        Where it is stored.
 
     Raises
     ------
     ConfigurationError
-        If the file is missing, is no JSON or is not a report; names the field.
+        If the content is not a report of this kind; names the field.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not a text file"
-        raise ConfigurationError(f"cannot read the report '{path}': {reason}", "check the path") from error
-    try:
-        return ReportDocument.model_validate_json(text)
-    except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(str(part) for part in first["loc"]) or "the document"
-        raise ConfigurationError(
-            f"'{path}' is not a viatool report: {field}: {first['msg']}",
-            "write one with viatool verify ... --output json:PATH",
-        ) from error
+
+    RECORD: ClassVar[type[RunRecord]]
+    """The typed form of the JSON."""
+    SIGN: ClassVar[str]
+    """The field of the JSON that tells this kind from all others."""
+    WHAT: ClassVar[str]
+    """A noun with its article for one such document."""
+    SUBJECTS: ClassVar[str]
+    """What the size counts."""
+    EMPTY: ClassVar[str]
+    """Says that there is nothing to decide on."""
+    COMMAND: ClassVar[str]
+    """The command that writes it."""
+    RATES: ClassVar[Mapping[str, str]]
+    """What a gate may ask of it: names of rates and what they are the rates of; ``overall`` needs no name."""
+
+    record: RunRecord
+
+    def __init__(self, content: Mapping[str, Any], path: Path | None = None) -> None:
+        self.content, self.path = dict(content), path
+        try:
+            self.record = self.RECORD.model_validate(self.content)
+        except ValidationError as error:
+            first = error.errors()[0]
+            field = ".".join(str(part) for part in first["loc"]) or "the document"
+            raise ConfigurationError(
+                f"'{path}' is not a viatool report: {field}: {first['msg']}",
+                f"write one with viatool {self.COMMAND} ... --output json:PATH",
+            ) from error
+
+    @property
+    @abstractmethod
+    def headline(self) -> Headline:
+        """Return the one figure that counts most."""
+
+    @property
+    @abstractmethod
+    def terms(self) -> Mapping[str, str]:
+        """Return what was asked, by name: what CI dashboards list beside the files."""
+
+    @property
+    @abstractmethod
+    def subject(self) -> Sequence[str]:
+        """Return in a few phrases under which conditions the policy was examined on the map."""
+
+    @property
+    @abstractmethod
+    def sections(self) -> Sequence[Section]:
+        """Return the figures for people, in their order."""
+
+    @property
+    @abstractmethod
+    def assumptions(self) -> Mapping[str, str]:
+        """Return what the figures rest on, by name."""
+
+    @property
+    def settings(self) -> Mapping[str, str]:
+        """Return what a comparison has to agree in: documents with other settings answer other questions."""
+        asked = {"map": self.record.map.sha256[:12], **self.terms}
+        return {**asked, **{name: text for name, text in self.assumptions.items() if name not in asked}}
+
+    @property
+    @abstractmethod
+    def rates(self) -> Mapping[str, Share]:
+        """Return the rates that exist by their names in `RATES`."""
+
+    @property
+    @abstractmethod
+    def size(self) -> int:
+        """Return how many of the `SUBJECTS` there are."""
+
+    @property
+    @abstractmethod
+    def tallies(self) -> Sequence[Tally]:
+        """Return the figures that a comparison shows, with what is the better side."""
+
+    @property
+    def limited(self) -> Mapping[str, Count]:
+        """Return what ``--max-unsafe`` and ``--max-unknown`` count, by ``unsafe`` and ``unknown``."""
+        return {}
+
+    @property
+    def costs(self) -> Mapping[str, float]:
+        """Return figures whose ratio a comparison shows."""
+        return {}
+
+    @property
+    def incomplete(self) -> str:
+        """Say what was left out, so that no condition can hold; empty if nothing was."""
+        return ""
+
+    def new_failures(self, baseline: Any) -> Sequence[Check]:
+        """Decide what an older document of the same kind says about single failures."""
+        return ()
+
+
+class Cased(Document):
+    """A document with cases: parts of the run that passed, failed or stayed open, one by one."""
+
+    @abstractmethod
+    def cases(self) -> Sequence[Case]:
+        """Return every case."""
+
+
+class Annotated(Document):
+    """A document with remarks for a log that people look through."""
+
+    @abstractmethod
+    def annotations(self) -> Sequence[Annotation]:
+        """Return the remarks, the gravest first within each level."""
+
+
+class Located(Document):
+    """A document with findings: places that are not safe, each the same in the next run."""
+
+    FINDING_RULES: ClassVar[Rules]
+    """Level and description of the rules that findings are of."""
+
+    @abstractmethod
+    def findings(self) -> tuple[Iterable[Finding], int]:
+        """Return the findings, the gravest first, and how many there are."""
+
+
+class Tabled(Document):
+    """A document with a row for each part of the run, for spreadsheets."""
+
+    @abstractmethod
+    def columns(self) -> Sequence[str]:
+        """Return the names of the columns."""
+
+    @abstractmethod
+    def rows(self) -> Iterator[Sequence[object]]:
+        """Yield the rows, which may be many."""
+
+
+class Drawn(Document):
+    """A document that can be drawn."""
+
+    STYLE: ClassVar[Mapping[Any, Any]] = {}
+    """Settings of matplotlib that its pictures need."""
+
+    @abstractmethod
+    def draw(self) -> Figure:
+        """Return a picture."""
+
+
+class Explorable(Document):
+    """A document that can be a page to explore."""
+
+    @abstractmethod
+    def page(self, checks: Sequence[Check]) -> str:
+        """Return the page."""
+
+
+class Replayable(Document):
+    """A document with counterexamples that can be run again."""
+
+    @abstractmethod
+    def witness_file(self) -> Mapping[str, Any]:
+        """Return what ``viatool replay`` reads."""
+
+
+class StateTabled(Document):
+    """A document with arrays of one row for each state, which may be many."""
+
+    @property
+    @abstractmethod
+    def episode_columns(self) -> Sequence[str]:
+        """Return the names of the arrays with one row for each episode instead."""
+
+    @abstractmethod
+    def state_table(self, rows: slice) -> Mapping[str, NDArray[Any]]:
+        """Return the arrays of some states."""
+
+
+class CellTabled(Document):
+    """A document with arrays of one row for each cell of space."""
+
+    @abstractmethod
+    def cell_table(self) -> Mapping[str, NDArray[np.generic]]:
+        """Return the arrays."""
+
+
+class Recorded(Document):
+    """A document with driven states that ``viatool verify --trajectory`` reads."""
+
+    @abstractmethod
+    def write_trajectory(self, path: Path) -> None:
+        """Write them in the format of the suffix."""

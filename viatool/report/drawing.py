@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from viatool.arrays import Booleans, Floats, Indices
 from viatool.motion.kinematics import DIFFERENTIAL
 from viatool.motion.law import Kinematics
-from viatool.report.cells import draw_cells
+from viatool.report.occupancy import draw_cells
 from viatool.report.palette import COLOUR, VERDICTS
 
 if TYPE_CHECKING:

@@ -2,36 +2,21 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
 
 from viatool.errors import ConfigurationError
-from viatool.report.document import Rate, ReportDocument, UnsafeState
-from viatool.report.numbers import count, digits_needed, percent_of, percentage
-from viatool.report.wording import settings
-
-RATES = {
-    "overall": "safety rate",
-    "danger": "danger rate",
-    "contested": "contested rate",
-    "sampled": "sampled safety rate",
-    "success": "safety rate in successful episodes",
-    "collision": "safety rate in colliding episodes",
-    "timeout": "safety rate in episodes that ran out of time",
-    "horizon": "safety rate over the horizon",
-}
-
-
-EMPTY = "no states to decide on"
-NAMED = 3  # new unsafe states that a message names
-SAME = 1e-3  # metres and radians within which a pose counts as the same
+from viatool.report.comparison import Difference, differences, require_same_kind
+from viatool.report.document import Document
+from viatool.report.numbers import count, digits_needed, percent_of
+from viatool.report.sections import NOTHING, Check, Share
 
 
 @dataclass(frozen=True)
 class Threshold:
-    """A least rate: ``safe / total >= least`` for one of `RATES`."""
+    """A least rate: ``safe / total >= least`` for one of the rates of a document."""
 
     name: str
     least: Fraction
@@ -46,41 +31,26 @@ class Gate:
     thresholds : tuple of Threshold
         Least rates.
     max_unsafe, max_unknown : int, optional
-        The most states with that verdict.
-    baseline : ReportDocument, optional
-        An older report: no rate may fall below its rate, and no state may be unsafe that was not.
+        The most failures, and the most of what stayed open.
+    baseline : Document, optional
+        An older report of the same kind: no rate may fall below its rate, and nothing may fail that did not.
     """
 
     thresholds: tuple[Threshold, ...] = ()
     max_unsafe: int | None = None
     max_unknown: int | None = None
-    baseline: ReportDocument | None = None
+    baseline: Document | None = None
 
 
-@dataclass(frozen=True)
-class Check:
-    """One decided condition of a gate.
+def parse_threshold(text: str, kind: type[Document]) -> Threshold:
+    """Read ``0.99``, ``99%`` or ``danger=0.95`` exactly as it is written.
 
     Parameters
     ----------
-    condition : str
-        What was asked for.
-    passed : bool
-        Whether it holds.
-    figures : str
-        What decided it.
-    empty : bool
-        There was nothing to decide on; such a condition never passes.
-    """
-
-    condition: str
-    passed: bool
-    figures: str
-    empty: bool = False
-
-
-def parse_threshold(text: str) -> Threshold:
-    """Read ``0.99``, ``99%`` or ``danger=0.95`` exactly as it is written.
+    text : str
+        What the user wrote.
+    kind : type
+        The class of the document that has the rates.
 
     Raises
     ------
@@ -89,8 +59,10 @@ def parse_threshold(text: str) -> Threshold:
     """
     name, equals, number = text.rpartition("=")
     name = name if equals else "overall"
-    if name not in RATES:
-        raise ConfigurationError(f"'{text}' names no rate", f"choose one of {', '.join(RATES)}")
+    if name not in kind.RATES:
+        raise ConfigurationError(
+            f"'{text}': {kind.WHAT} has no rate '{name}'", f"choose one of {', '.join(kind.RATES)}"
+        )
     return Threshold(name, _parse_rate(number.strip(), text))
 
 
@@ -110,105 +82,91 @@ def _parse_rate(number: str, text: str) -> Fraction:
     return rate
 
 
-def evaluate(gate: Gate, document: ReportDocument) -> tuple[Check, ...]:
+def evaluate(gate: Gate, document: Document) -> tuple[Check, ...]:
     """Decide every condition of a gate.
 
     Parameters
     ----------
     gate : Gate
         The conditions.
-    document : ReportDocument
+    document : Document
         The report.
 
     Returns
     -------
     tuple of Check
         In the order of the conditions; empty for a gate without conditions, which never fails.
+
+    Raises
+    ------
+    ConfigurationError
+        If a condition is about what such a report does not have, or the baseline is of another kind of run.
     """
     checks = [_threshold(threshold, document) for threshold in gate.thresholds]
-    for verdict, most in (("unsafe", gate.max_unsafe), ("unknown", gate.max_unknown)):
+    for name, most in (("unsafe", gate.max_unsafe), ("unknown", gate.max_unknown)):
         if most is not None:
-            found = int(getattr(document.verdicts, verdict))
-            checks.append(
-                Check(f"at most {count(most)} {verdict}", found <= most, f"{count(found)} {verdict}")
-            )
+            checks.append(_limit(name, most, document))
     if gate.baseline is not None:
         checks += _regressions(gate.baseline, document)
-    if document.states == 0:  # then every count is 0 and says nothing
-        return tuple(Check(check.condition, passed=False, figures=EMPTY, empty=True) for check in checks)
+    if document.size == 0:  # then every count is 0 and says nothing
+        return tuple(_undecidable(check.condition, document) for check in checks)
+    if document.incomplete:
+        checks = [
+            replace(check, passed=False, figures=f"{check.figures}, but {document.incomplete}")
+            for check in checks
+        ]
     return tuple(checks)
 
 
-def _threshold(threshold: Threshold, document: ReportDocument) -> Check:
-    rate = rate_named(document, threshold.name)
+def _undecidable(condition: str, document: Document) -> Check:
+    return Check(condition, passed=False, figures=document.EMPTY, empty=True)
+
+
+def _threshold(threshold: Threshold, document: Document) -> Check:
+    rate = document.rates.get(threshold.name, NOTHING)
     digits = digits_needed(threshold.least)
-    condition = f"{RATES[threshold.name]} >= {percent_of(threshold.least, digits)}"
+    condition = f"{document.RATES[threshold.name]} >= {percent_of(threshold.least, digits)}"
     if rate.total == 0:
-        return Check(condition, passed=False, figures=EMPTY, empty=True)
+        return _undecidable(condition, document)
     return Check(
         condition,
-        rate.safe * threshold.least.denominator >= threshold.least.numerator * rate.total,
-        f"{percentage(rate.safe, rate.total, digits)} ({count(rate.safe)} of {count(rate.total)})",
+        rate.part * threshold.least.denominator >= threshold.least.numerator * rate.total,
+        f"{rate.percentage(digits)} ({rate.of()})",
     )
 
 
-def rate_named(document: ReportDocument, name: str) -> Rate:
-    """Look up one of `RATES` in a report; that of a horizon which was not asked for has no states."""
-    if name == "horizon":
-        return document.horizon.safety_rate[-1] if document.horizon else Rate(safe=0, total=0, rate=None)
-    by_outcome = {
-        "danger": document.danger_rate,
-        "contested": document.contested_rate,
-        "sampled": document.sampled_safety_rate,
-    }.get(name)
-    if by_outcome is not None:
-        return by_outcome.overall
-    rate = getattr(document.safety_rate, name)
-    assert isinstance(rate, Rate)
-    return rate
+def _limit(name: str, most: int, document: Document) -> Check:
+    if name not in document.limited:
+        raise ConfigurationError(
+            f"--max-{name} is not about {document.WHAT}", "use --fail-under with one of its rates instead"
+        )
+    found = document.limited[name]
+    condition = f"at most {count(most)} {found.noun}"
+    return Check(condition, found.number <= most, f"{count(found.number)} {found.noun}")
 
 
-def _regressions(baseline: ReportDocument, document: ReportDocument) -> list[Check]:
-    checks = []
-    for name, title in RATES.items():
-        before, now = rate_named(baseline, name), rate_named(document, name)
-        if before.total == 0 or now.total == 0:
-            continue
-        passed = now.safe * before.total >= before.safe * now.total
-        figures = f"{percentage(now.safe, now.total, 4)}, was {percentage(before.safe, before.total, 4)}"
-        checks.append(Check(f"{title} not below the baseline", passed, figures))
-    checks.append(_new_unsafe_states(baseline, document))
-    aside = _other_settings(baseline, document)
+def _regressions(baseline: Document, document: Document) -> list[Check]:
+    require_same_kind(baseline, document)
+    checks = [*_fallen_rates(baseline.rates, document.rates, document), *document.new_failures(baseline)]
+    if baseline.incomplete:
+        aside = f", but of the baseline {baseline.incomplete}"
+        checks = [replace(check, passed=False, figures=check.figures + aside) for check in checks]
+    aside = _other_settings(differences(baseline, document))
     return [replace(check, figures=check.figures + aside) for check in checks]
 
 
-def _other_settings(baseline: ReportDocument, document: ReportDocument) -> str:
-    """Name the settings in which two reports differ: their figures answer different questions then."""
-    before, now = settings(baseline), settings(document)
-    other = [name for name in now if before.get(name, now[name]) != now[name]]
-    return f" (the baseline has another {' and '.join(other)})" if other else ""
+def _fallen_rates(
+    before: Mapping[str, Share], now: Mapping[str, Share], document: Document
+) -> Iterator[Check]:
+    for name, title in document.RATES.items():
+        old, new = before.get(name, NOTHING), now.get(name, NOTHING)
+        if old.total and new.total:
+            passed = new.part * old.total >= old.part * new.total
+            figures = f"{new.percentage(4)}, was {old.percentage(4)}"
+            yield Check(f"{title} not below the baseline", passed, figures)
 
 
-def _new_unsafe_states(baseline: ReportDocument, document: ReportDocument) -> Check:
-    """Decide on the states themselves if both reports list them, and on their number otherwise."""
-    if baseline.unsafe_states is None or document.unsafe_states is None:
-        before, now = baseline.verdicts.unsafe, document.verdicts.unsafe
-        figures = f"{count(now)}, was {count(before)}"
-        return Check("no more unsafe states than the baseline", now <= before, figures)
-    known: dict[tuple[str, float], list[UnsafeState]] = {}
-    for state in baseline.unsafe_states:
-        known.setdefault((state.scenario, round(state.time, 3)), []).append(state)
-    new = [
-        state
-        for state in document.unsafe_states
-        if not any(_same_pose(state, old) for old in known.get((state.scenario, round(state.time, 3)), []))
-    ]
-    named = "; ".join(f"{state.scenario} at {state.time:.2f} s" for state in new[:NAMED])
-    figures = f"{count(len(new))} new" + (f": {named}{', ...' if len(new) > NAMED else ''}" if new else "")
-    return Check("no unsafe state that the baseline lacks", not new, figures)
-
-
-def _same_pose(state: UnsafeState, other: UnsafeState) -> bool:
-    """Tell whether two states of one scenario and time are one: runs on other machines differ by rounding."""
-    x, y, turn = (a - b for a, b in zip(state.pose, other.pose, strict=True))
-    return math.hypot(x, y) < SAME and abs(math.remainder(turn, math.tau)) < SAME
+def _other_settings(differing: list[Difference]) -> str:
+    """Name the settings and premises in which two reports differ: their figures answer different questions then."""
+    other = " and ".join(difference.name for difference in differing)
+    return f" (the baseline has another {other})" if other else ""

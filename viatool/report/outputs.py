@@ -1,91 +1,119 @@
-"""The reporters by name, and the outputs that a user asks for as FORMAT:PATH."""
+"""The formats by name, and the outputs that a user asks for as FORMAT:PATH."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from viatool.errors import ConfigurationError
 from viatool.report.files import check_writable, write_whole
+from viatool.report.kinds import live_of
 
 if TYPE_CHECKING:
-    from viatool.report.gate import Check
-    from viatool.verification.result import Result
+    from viatool.report.document import Document
+    from viatool.report.sections import Check
 
-REPORTERS = {
-    "json": "viatool.report.json_report",
-    "states": "viatool.report.states_report",
-    "csv": "viatool.report.csv_report",
-    "witnesses": "viatool.report.witnesses_report",
-    "figure": "viatool.report.figure_report",
-    "html": "viatool.report.html",
-    "markdown": "viatool.report.markdown_report",
-    "junit": "viatool.report.junit_report",
-    "sarif": "viatool.report.sarif_report",
-    "github": "viatool.report.github_report",
+FORMATS = {
+    "json": "viatool.report.formats.json",
+    "states": "viatool.report.formats.states",
+    "cells": "viatool.report.formats.cells",
+    "trajectory": "viatool.report.formats.trajectory",
+    "csv": "viatool.report.formats.csv",
+    "witnesses": "viatool.report.formats.witnesses",
+    "figure": "viatool.report.formats.figure",
+    "html": "viatool.report.formats.html",
+    "markdown": "viatool.report.formats.markdown",
+    "junit": "viatool.report.formats.junit",
+    "sarif": "viatool.report.formats.sarif",
+    "github": "viatool.report.formats.github",
 }
 """Format name to the module that renders it; imported when it is asked for."""
 
 STDOUT = Path("-")
 
 
-class Reporter(Protocol):
-    """What a module of `REPORTERS` offers."""
+class Format(Protocol):
+    """What a module of `FORMATS` offers."""
 
     SUFFIXES: tuple[str, ...]
     """What its files may end in; anything if empty."""
+    NEEDS: type[Document]
+    """The class of the documents that it can render."""
+    LIBRARIES: tuple[str, ...]
+    """What has to be installed for it and is not for every command."""
 
     def render(
-        self, result: Result, checks: Sequence[Check], suffix: str
+        self, document: Any, checks: Sequence[Check], suffix: str
     ) -> str | bytes | Iterable[str] | Iterable[bytes]:
         """Return the content of a file with that suffix, whole or in parts; text is written as UTF-8."""
 
 
+def format_named(name: str) -> Format:
+    """Import the module that renders a format."""
+    return cast(Format, import_module(FORMATS[name]))
+
+
+def formats_of(kind: type[Document]) -> tuple[str, ...]:
+    """Return the names of the formats that serve a kind of document."""
+    return tuple(name for name in FORMATS if issubclass(kind, format_named(name).NEEDS))
+
+
 @dataclass(frozen=True)
 class Output:
-    """One requested output; the path ``-`` is stdout. Formats are those of a result unless other ones are given."""
+    """One requested output; the path ``-`` is stdout."""
 
     format: str
     path: Path
-    reporters: Mapping[str, str] = field(default_factory=lambda: REPORTERS, repr=False)
-
-    @property
-    def reporter(self) -> Reporter:
-        """Import the module that renders the format."""
-        return cast(Reporter, import_module(self.reporters[self.format]))
 
     @property
     def suffix(self) -> str:
         """Return the suffix in lower case; that of the format's first kind of file for stdout."""
-        return (self.reporter.SUFFIXES or ("",))[0] if self.path == STDOUT else self.path.suffix.lower()
+        suffixes = format_named(self.format).SUFFIXES
+        return (suffixes or ("",))[0] if self.path == STDOUT else self.path.suffix.lower()
 
 
-def parse_output(text: str, reporters: Mapping[str, str] = REPORTERS) -> Output:
+def parse_output(text: str, kind: type[Document]) -> Output:
     """Read FORMAT:PATH.
 
     Parameters
     ----------
     text : str
         What the user wrote.
-    reporters : mapping
-        Names of the formats, with the modules that render them.
+    kind : type
+        The class of the document that will be written.
 
     Raises
     ------
     ConfigurationError
-        If the format is unknown or there is no path.
+        If the format is unknown or does not serve such a document, or there is no path.
     """
     name, colon, path = text.partition(":")
-    if name not in reporters or not colon or not path:
+    if name not in FORMATS or not colon or not path:
         raise ConfigurationError(
             f"'{text}' is not FORMAT:PATH with a known format",
-            f"write for example json:report.json; formats are {', '.join(reporters)}",
+            f"write for example json:report.json; formats are {', '.join(formats_of(kind))}",
         )
-    return Output(name, Path(path), reporters)
+    if not issubclass(kind, format_named(name).NEEDS):
+        raise _unsupported(name, kind)
+    return Output(name, Path(path))
+
+
+def _unsupported(name: str, kind: type[Document]) -> ConfigurationError:
+    """Say what serves a kind of document instead; of a stored one, also how the format can be had."""
+    supported = ", ".join(formats_of(kind))
+    live = live_of(kind)
+    if live is not kind and issubclass(live, format_named(name).NEEDS):
+        return ConfigurationError(
+            f"the format '{name}' needs more than the JSON of {kind.WHAT} holds",
+            f"run viatool {kind.COMMAND} again with --output {name}:PATH; of the JSON alone formats are {supported}",
+        )
+    return ConfigurationError(
+        f"the format '{name}' cannot show {kind.WHAT}", f"choose another one; formats are {supported}"
+    )
 
 
 def check_outputs(outputs: Sequence[Output]) -> None:
@@ -95,9 +123,13 @@ def check_outputs(outputs: Sequence[Output]) -> None:
     ------
     ConfigurationError
         If a path cannot be written, has a suffix that its format does not know, or is asked for twice.
+    ModuleNotFoundError
+        If a format lacks a library.
     """
     for index, output in enumerate(outputs):
-        suffixes = output.reporter.SUFFIXES
+        suffixes = format_named(output.format).SUFFIXES
+        for library in format_named(output.format).LIBRARIES:
+            import_module(library)
         if suffixes and output.suffix not in suffixes:
             raise ConfigurationError(
                 f"the {output.format} output '{output.path}' ends in '{output.path.suffix}'",
@@ -109,20 +141,20 @@ def check_outputs(outputs: Sequence[Output]) -> None:
             check_writable(output.path)
 
 
-def write_outputs(result: Any, outputs: Sequence[Output], checks: Sequence[Check] = ()) -> None:
+def write_outputs(document: Document, outputs: Sequence[Output], checks: Sequence[Check] = ()) -> None:
     """Write every output, each whole or not at all.
 
     Parameters
     ----------
-    result : Result
-        What was found: whatever the reporters of the outputs render.
+    document : Document
+        What was found.
     outputs : sequence of Output
         Where it goes.
     checks : sequence of Check
         The decided conditions of the gate.
     """
     for output in outputs:
-        content = content_of(output, result, checks)
+        content = content_of(output, document, checks)
         if output.path == STDOUT:
             sys.stdout.buffer.writelines(content)
             sys.stdout.flush()
@@ -130,8 +162,8 @@ def write_outputs(result: Any, outputs: Sequence[Output], checks: Sequence[Check
             write_whole(output.path, content)
 
 
-def content_of(output: Output, result: Result, checks: Sequence[Check] = ()) -> Iterator[bytes]:
+def content_of(output: Output, document: Document, checks: Sequence[Check] = ()) -> Iterator[bytes]:
     """Yield the content of an output part by part, so that the files of long runs need not fit into memory."""
-    content = output.reporter.render(result, checks, output.suffix)
+    content = format_named(output.format).render(document, checks, output.suffix)
     for part in [content] if isinstance(content, str | bytes) else content:
         yield part if isinstance(part, bytes) else part.encode("utf-8", errors="backslashreplace")

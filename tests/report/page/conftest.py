@@ -13,6 +13,7 @@ from tests.browser import Browser, running_browser
 from tests.hall import MAP, write_policy
 from viatool.report import Check
 from viatool.report.html.page import render_page
+from viatool.report.states.run import StatesRun
 from viatool.verification.result import Result
 
 HOSTILE = "</script><img src=x onerror=owned=1>\"'`{{1}}|**b**\r\n::error::x\x1b[31m%0A=1]]>&amp; $x$ <!--"
@@ -59,7 +60,7 @@ def write(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
 
     def write(result: Result, most: int | None = None) -> Path:
         page = tmp_path_factory.mktemp("page") / "report.html"
-        page.write_text(render_page(result, (FAILED,), most), encoding="utf-8")
+        page.write_text(render_page(StatesRun(result), (FAILED,), most), encoding="utf-8")
         return page
 
     return write

@@ -12,9 +12,9 @@ import pytest
 
 from tests.enlarged import enlarged
 from tests.report.page.conftest import FAILED
-from viatool.report import read_result
 from viatool.report.html.page import render_page
 from viatool.report.html.states import MOST_BYTES, keep_states, pack_coarsely, page_data
+from viatool.report.states.run import StatesRun
 from viatool.verification.result import Result
 
 
@@ -31,7 +31,7 @@ class Outline(HTMLParser):
 
 
 def test_the_page_refers_to_nothing_outside_of_itself(plain: Result) -> None:
-    elements = Outline(render_page(plain, (FAILED,))).elements
+    elements = Outline(render_page(StatesRun(plain), (FAILED,))).elements
     references = [a[name] for _, a in elements for name in ("src", "href", "srcset", "action") if name in a]
     assert references == ["#explorer"]
     assert not {tag for tag, _ in elements} & {"link", "iframe", "object", "embed", "base", "img"}
@@ -43,15 +43,18 @@ def test_the_page_refers_to_nothing_outside_of_itself(plain: Result) -> None:
 
 
 def test_names_neither_add_an_element_nor_end_one(plain: Result, verified: Callable[..., Result]) -> None:
-    hostile = render_page(verified("hostile"), (FAILED,))
-    tags = [[tag for tag, _ in Outline(page).elements] for page in (hostile, render_page(plain, (FAILED,)))]
+    hostile = render_page(StatesRun(verified("hostile")), (FAILED,))
+    tags = [
+        [tag for tag, _ in Outline(page).elements]
+        for page in (hostile, render_page(StatesRun(plain), (FAILED,)))
+    ]
     assert tags[0] == tags[1]
     assert "<img" not in hostile
     assert not re.search("[\x00-\x08\x0b-\x1f]", hostile)
 
 
 def test_the_page_says_what_the_report_says(plain: Result) -> None:
-    page, document = render_page(plain, (FAILED,)), read_result(plain)
+    page, document = render_page(StatesRun(plain), (FAILED,)), StatesRun(plain).record
     overall = document.safety_rate.overall
     for text in (
         f"{overall.safe} of {overall.total}",
@@ -68,7 +71,7 @@ def test_the_page_says_what_the_report_says(plain: Result) -> None:
 def test_twenty_thousand_states_stay_below_ten_megabytes(plain: Result) -> None:
     large = enlarged(plain, 20_000)
     assert len(keep_states(large)) == 20_000
-    assert len(render_page(large, ()).encode()) < 10_000_000
+    assert len(render_page(StatesRun(large), ()).encode()) < 10_000_000
 
 
 def test_a_larger_run_keeps_the_states_that_are_not_safe_and_says_so(plain: Result) -> None:
@@ -78,9 +81,9 @@ def test_a_larger_run_keeps_the_states_that_are_not_safe_and_says_so(plain: Resu
     assert len(kept) == most < len(plain.verdict)
     assert set(doubtful) <= set(kept)
     assert (np.diff(kept) > 0).all()
-    page = render_page(plain, (), most)
+    page = render_page(StatesRun(plain), (), most)
     assert f"The map and the slider hold {most} of {len(plain.verdict)} states" in page
-    assert "The map and the slider hold" not in render_page(plain, ())
+    assert "The map and the slider hold" not in render_page(StatesRun(plain), ())
 
 
 def test_of_too_many_unsafe_states_some_of_everywhere_are_kept(plain: Result) -> None:

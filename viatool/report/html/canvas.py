@@ -22,7 +22,7 @@ from bokeh.models import (
 )
 from bokeh.plotting import figure
 
-from viatool.report.cells import darkest
+from viatool.report.occupancy import darkest
 
 if TYPE_CHECKING:
     from viatool.world import Obstacles, OccupancyGrid, WorldMap

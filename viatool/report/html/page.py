@@ -2,36 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from bokeh.plotting import figure
 
-from viatool.report.document import HorizonDocument, RateByOutcome, ReportDocument, read_result
-from viatool.report.episodes import Episode, summarise_episodes
 from viatool.report.foreign import one_line
-from viatool.report.gate import Check
 from viatool.report.html.canvas import situation_figure
 from viatool.report.html.figures import commands_figure, histograms, map_figure, width_figure
 from viatool.report.html.shell import assemble
 from viatool.report.html.states import keep_states, page_data
-from viatool.report.numbers import count, percentage, significant
+from viatool.report.numbers import count, percentage
 from viatool.report.palette import MEANING, VERDICTS
-from viatool.report.wording import (
-    HORIZON_COLUMNS,
-    assumptions,
-    describe_eps,
-    describe_horizon,
-    describe_task,
-    describe_verdicts,
-    horizon_rows,
-    identities,
-    rate_rows,
-    unit_of,
-)
+from viatool.report.sections import Check, Share, Table
+from viatool.report.states.document import OUTCOMES, StatesDocument, by_outcome
+from viatool.report.states.episodes import Episode, summarise_episodes
+from viatool.report.wording import describe_eps
 
 if TYPE_CHECKING:
     from viatool.arrays import Indices
+    from viatool.report.states.run import StatesRun
     from viatool.verification.result import Result
 
 SCRIPTS = (
@@ -46,29 +36,28 @@ SCRIPTS = (
     "report.js",
 )
 MOST_EPISODES = 500  # rows of the table of episodes
-OUTCOMES = ("overall", "success", "collision", "timeout")
 
 
-def render_page(result: Result, checks: Sequence[Check], most: int | None = None) -> str:
+def render_page(document: StatesRun, checks: Sequence[Check], most: int | None = None) -> str:
     """Return the page of a result.
 
     Parameters
     ----------
-    result : Result
+    document : StatesRun
         What was found.
     checks : sequence of Check
         The decided conditions of the gate.
     most : int, optional
         How many states the page holds at most; the rates always speak of all.
     """
-    document = read_result(result)
+    result = document.result
     kept = keep_states(result) if most is None else keep_states(result, most)
     return assemble(
+        document,
         __package__,
         "page.html",
         SCRIPTS,
-        title=f"{document.policy.path} on {document.map.path}: viatool",
-        version=document.versions.get("viatool", ""),
+        title="viatool",
         data=page_data(result, kept),
         figures=_figures(result),
         checks=checks,
@@ -105,58 +94,50 @@ def _thinned(result: Result, kept: Indices) -> str:
     )
 
 
-def _tables(document: ReportDocument) -> dict[str, Any]:
-    overall = document.safety_rate.overall
+def _tables(document: StatesDocument) -> dict[str, Any]:
+    overall, record = document.rates["overall"], document.record
     return {
         "headline": {
-            "rate": percentage(overall.safe, overall.total),
-            "safe": count(overall.safe),
+            "rate": overall.percentage(),
+            "safe": count(overall.part),
             "total": count(overall.total),
-            "policy": one_line(document.policy.path),
-            "map": one_line(document.map.path),
-            "eps": one_line(describe_eps(document.eps)),
-            "criterion": one_line(document.criterion),
-            "arithmetic": one_line(document.arithmetic),
+            "policy": one_line(record.policy.path),
+            "map": one_line(record.map.path),
+            "eps": one_line(describe_eps(record.eps)),
+            "criterion": one_line(record.criterion),
+            "arithmetic": one_line(record.arithmetic),
         },
         "verdicts": [_verdict(document, name) for name in VERDICTS],
         "outcomes": OUTCOMES,
         "rates": [
-            {"title": title, "cells": list(_cells(rates))} for title, rates in rate_rows(document).items()
+            {"title": title, "cells": [_cell(share) for share in by_outcome(rates)]}
+            for title, rates in document.rate_rows.items()
         ],
-        "horizon": None if document.horizon is None else _horizon(document.horizon),
-        "task": describe_task(document),
-        "widths": [
-            (name, *map(significant, (width.mean, width.std, width.max)), unit_of(document, name))
-            for name, width in document.reachable_width.items()
-        ],
-        "assumptions": {**assumptions(document), **identities(document)},
+        "horizon": _horizon(document.horizon),
+        "task": document.task,
+        "widths": document.widths.rows,
     }
 
 
-def _horizon(horizon: HorizonDocument) -> dict[str, Any]:
-    return {
-        "meaning": f"{describe_verdicts(horizon)} over {describe_horizon(horizon)}",
-        "columns": HORIZON_COLUMNS,
-        "rows": horizon_rows(horizon),
-    }
+def _horizon(table: Table | None) -> dict[str, Any] | None:
+    if table is None:
+        return None
+    return {"meaning": table.remark, "columns": table.head, "rows": table.rows}
 
 
-def _verdict(document: ReportDocument, name: str) -> dict[str, Any]:
-    number = int(getattr(document.verdicts, name))
+def _verdict(document: StatesDocument, name: str) -> dict[str, Any]:
+    number = int(getattr(document.record.verdicts, name))
     return {
         "name": name,
         "count": number,
         "text": count(number),
-        "share": percentage(number, document.states),
+        "share": percentage(number, document.size),
         "meaning": MEANING[name],
     }
 
 
-def _cells(rates: RateByOutcome) -> Iterator[dict[str, str]]:
-    for outcome in OUTCOMES:
-        rate = getattr(rates, outcome)
-        figures = f"{count(rate.safe)} of {count(rate.total)}" if rate.total else "no states"
-        yield {"rate": percentage(rate.safe, rate.total), "figures": figures}
+def _cell(share: Share) -> dict[str, str]:
+    return {"rate": share.percentage(), "figures": share.of() if share.total else "no states"}
 
 
 def _episodes(result: Result, kept: Indices) -> dict[str, Any]:

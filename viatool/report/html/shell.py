@@ -7,7 +7,7 @@ from base64 import b64encode
 from collections.abc import Sequence
 from hashlib import sha256
 from importlib.resources import files
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import bokeh
 from bokeh.embed import json_item
@@ -16,19 +16,23 @@ from bokeh.resources import Resources
 from jinja2 import Environment, FunctionLoader, StrictUndefined
 
 from viatool.report.foreign import one_line
-from viatool.report.gate import Check
 from viatool.report.palette import COLOUR
+from viatool.report.sections import Check
+from viatool.report.wording import identities
+
+if TYPE_CHECKING:
+    from viatool.report.document import Document
 
 _SHARED = "viatool.report.html"
 
 
 def assemble(
+    document: Document,
     package: str,
     template: str,
     scripts: Sequence[str],
     *,
     title: str,
-    version: str,
     data: Any,
     figures: Sequence[figure],
     checks: Sequence[Check],
@@ -38,14 +42,16 @@ def assemble(
 
     Parameters
     ----------
+    document : Document
+        What it tells of; the facts that every page has are taken from it.
     package : str
         Where its template and scripts are, unless they are those of every page.
     template : str
         Name of the template, which extends ``base.html``.
     scripts : sequence of str
         Names of its scripts, in the order in which they run.
-    title, version : str
-        Of the page, and of the program that made it.
+    title : str
+        What the page is, after policy and map.
     data : Any
         Plain data that the scripts read.
     figures : sequence of figure
@@ -60,6 +66,7 @@ def assemble(
         own = files(package).joinpath(name)
         return (own if own.is_file() else files(_SHARED).joinpath(name)).read_text(encoding="utf-8")
 
+    record = document.record
     sources = [*_library(), *map(asset, scripts)]
     environment = Environment(
         loader=FunctionLoader(asset), autoescape=True, undefined=StrictUndefined, keep_trailing_newline=True
@@ -67,8 +74,10 @@ def assemble(
     environment.filters["line"] = lambda text: one_line(str(text))
     return environment.get_template(template).render(
         content_policy=content_security_policy(sources),
-        title=one_line(title),
-        version=version,
+        title=one_line(f"{record.policy.path} on {record.map.path}: {title}"),
+        version=record.versions.get("viatool", ""),
+        premises=[(p.name, p.value, p.source) for p in record.premises],
+        assumptions={**document.assumptions, **identities(document)},
         colours=COLOUR,
         style=asset("style.css"),
         scripts=sources,

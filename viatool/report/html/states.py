@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from viatool.arrays import Floats, Indices
 from viatool.channels import Quantities
-from viatool.report.closest_call import closest_state
 from viatool.report.foreign import one_line
 from viatool.report.palette import VERDICTS
+from viatool.report.states.closest_call import closest_state
 
 if TYPE_CHECKING:
     from viatool.policy import ObservationChannel

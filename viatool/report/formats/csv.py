@@ -1,0 +1,47 @@
+"""A row for each part of the run, for spreadsheets: no name in it is taken for a formula."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator, Sequence
+from io import StringIO
+
+from viatool.report.document import Tabled
+from viatool.report.foreign import shown
+from viatool.report.sections import Check
+
+SUFFIXES = (".csv",)
+NEEDS = Tabled
+LIBRARIES = ()
+_CHARACTERS = 1_000_000
+_FORMULA_STARTS = ("=", "+", "-", "@")
+
+
+def render(document: Tabled, checks: Sequence[Check], suffix: str) -> Iterator[str]:
+    """Yield the rows below a row of names, some at a time."""
+    stream = StringIO(newline="")
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(map(_inert, document.columns()))
+    for row in document.rows():
+        writer.writerow(map(_inert, row))
+        if stream.tell() > _CHARACTERS:
+            yield stream.getvalue()
+            stream.seek(0)
+            stream.truncate()
+    yield stream.getvalue()
+
+
+def _inert(cell: object) -> object:
+    """Keep a name on its line, and keep a spreadsheet from reading it as a formula; numbers stay as they are."""
+    if not isinstance(cell, str) or _is_number(cell):
+        return cell
+    text = shown(cell)
+    return f"'{text}" if text.lstrip().startswith(_FORMULA_STARTS) else text
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return text.isascii() and "_" not in text

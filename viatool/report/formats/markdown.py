@@ -1,0 +1,93 @@
+"""The document as Markdown, for pull requests and job summaries."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterable, Sequence
+
+from viatool.report.document import Document
+from viatool.report.foreign import shown
+from viatool.report.numbers import seconds
+from viatool.report.sections import Breakdown, Check, Facts, Rates, Section, Table
+
+SUFFIXES = ()
+NEEDS = Document
+LIBRARIES = ()
+_SPECIAL = str.maketrans({character: f"\\{character}" for character in "\\`*_{}[]()#+!|~@"})
+
+
+def render(document: Document, checks: Sequence[Check], suffix: str) -> str:
+    """Return a document as Markdown."""
+    return markdown(document, checks)
+
+
+def markdown(document: Document, checks: Sequence[Check] = ()) -> str:
+    """Return a document as Markdown."""
+    record = document.record
+    conditions = [
+        *document.subject,
+        *([document.terms["arithmetic"]] if "arithmetic" in document.terms else []),
+    ]
+    lines = [
+        f"## viatool: {_escape(str(document.headline))}",
+        "",
+        f"{_escape(record.policy.path)} on {_escape(record.map.path)}, "
+        f"{_escape(', '.join(conditions))}, {seconds(record.total_seconds)}",
+        "",
+    ]
+    if checks:
+        rows = [("passed" if c.passed else "**FAILED**", *_cells((c.condition, c.figures))) for c in checks]
+        lines += _table(("gate", "condition", "found"), rows)
+    for section in document.sections:
+        lines += _section(section)
+    if record.premises:
+        rows = [_cells((p.name, p.value, p.source)) for p in record.premises]
+        lines += _table(("in effect", "value", "from"), rows)
+    lines += ["<details><summary>Assumed</summary>", ""]
+    facts = [_cells(fact) for fact in document.assumptions.items()]
+    facts += [("policy sha256", record.policy.sha256), ("map sha256", record.map.sha256)]
+    lines += [*_table(("", ""), facts), "</details>", ""]
+    return "\n".join(lines)
+
+
+def _section(section: Section) -> list[str]:
+    match section:
+        case Breakdown():
+            rows = [_cells((part.name, *part.figures, part.meaning)) for part in section.parts]
+            return _table(section.head, rows)
+        case Rates():
+            rows = [
+                (_escape(name), *(f"{share.percentage()} ({share.of('/')})" for share in shares))
+                for name, shares in section.rows.items()
+            ]
+            return _table((section.title, *section.groups), rows)
+        case Table():
+            told = ": ".join(text for text in (section.title, section.remark) if text)
+            above = [f"{_escape(told)}.", ""] if section.remark else [f"{_escape(told)}", ""] if told else []
+            return [*above, *_table(section.head, [_cells(row) for row in section.rows])]
+        case Facts():
+            return _facts(section)
+
+
+def _facts(section: Facts) -> list[str]:
+    if len(section.pairs) == 1:
+        name, value = section.pairs[0]
+        told = ": ".join(text for text in (section.title, name, value) if text)
+        return [f"{_escape(told)}.", ""]
+    return _table((section.title, ""), [_cells(pair) for pair in section.pairs])
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    if not rows:
+        return []
+    lines = [f"| {' | '.join(cells)} |" for cells in (head, ["---"] * len(head), *rows)]
+    return [*lines, ""]
+
+
+def _cells(texts: Iterable[str]) -> tuple[str, ...]:
+    return tuple(map(_escape, texts))
+
+
+def _escape(text: str) -> str:
+    """Make a foreign string inert: one line, no markup, no HTML, no mention, no command in a log."""
+    return html.escape(shown(text).translate(_SPECIAL), quote=False)

@@ -1,0 +1,65 @@
+"""The kinds of run that reports show, and the document of a stored report of any of them."""
+
+from __future__ import annotations
+
+import json
+from importlib import import_module
+from pathlib import Path
+from typing import NoReturn, cast
+
+from viatool.errors import ConfigurationError
+from viatool.report.document import Document
+from viatool.report.places.document import PlacesDocument
+from viatool.report.simulations.document import SimulationDocument
+from viatool.report.states.document import StatesDocument
+
+KINDS: dict[type[Document], tuple[str, str]] = {
+    StatesDocument: ("viatool.report.states.run", "StatesRun"),
+    PlacesDocument: ("viatool.report.places.run", "PlacesRun"),
+    SimulationDocument: ("viatool.report.simulations.run", "SimulationRun"),
+}
+"""The document of a stored report of each kind, with module and name of that of a live run, which derives from it."""
+
+
+def live_of(kind: type[Document]) -> type[Document]:
+    """Return the class of the documents of live runs of a kind; that of a live run is its own."""
+    if kind not in KINDS:
+        return kind
+    module, name = KINDS[kind]
+    return cast(type[Document], getattr(import_module(module), name))
+
+
+def load_document(path: Path) -> Document:
+    """Read a stored report of any kind.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file is missing, is no JSON or is not a report; names the field.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse)
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not a text file"
+        raise ConfigurationError(f"cannot read the report '{path}': {reason}", "check the path") from error
+    except (ValueError, RecursionError) as error:
+        raise _no_report(path, f"it is not JSON: {error}") from error
+    if not isinstance(content, dict):
+        raise _no_report(path, "it is not an object")
+    for kind in KINDS:
+        if kind.SIGN in content:
+            return kind(content, path)
+    signs = " nor ".join(f"'{kind.SIGN}'" for kind in KINDS)
+    raise _no_report(path, f"it has neither {signs}")
+
+
+def _no_report(path: Path, reason: str) -> ConfigurationError:
+    commands = " or ".join(dict.fromkeys(kind.COMMAND for kind in KINDS))
+    return ConfigurationError(
+        f"'{path}' is not a viatool report: {reason}",
+        f"write one with viatool {commands} and --output json:PATH",
+    )
+
+
+def _refuse(constant: str) -> NoReturn:
+    raise ValueError(f"{constant} is not a number of JSON")

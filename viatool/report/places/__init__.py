@@ -1,0 +1,1 @@
+"""Reports on places: `viatool certify`."""

@@ -1,0 +1,206 @@
+"""The report on places: a certificate, volumes of poses and commands before by what became of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
+
+from viatool.report.document import Annotated
+from viatool.report.numbers import count, counted, percentage, significant
+from viatool.report.places.record import PlacesRecord
+from viatool.report.sections import (
+    Annotation,
+    Breakdown,
+    Count,
+    Headline,
+    Part,
+    Section,
+    Share,
+    Table,
+    Tally,
+)
+from viatool.report.verified import Verified
+from viatool.report.wording import describe_eps
+
+TONES = {"uncontested": "", "certified": "safe", "refuted": "unsafe", "unknown": "unknown"}
+"""The verdict whose colour each status of free volume has."""
+MEANING = {
+    "uncontested": "no admissible command endangers a pose",
+    "certified": "proved for every pose, observation and command before",
+    "refuted": "holds a replayable counterexample",
+    "unknown": "neither, at the smallest size",
+}
+
+
+class PlacesDocument(Verified, Annotated):
+    """A certificate."""
+
+    RECORD = PlacesRecord
+    SIGN = "volume"
+    WHAT = "a certificate"
+    SUBJECTS = "roots"
+    EMPTY = "no volume to decide on"
+    COMMAND = "certify"
+    RATES: ClassVar[Mapping[str, str]] = {
+        "contested": "certified share of the contested volume",
+        "overall": "safe share of the free volume",
+    }
+
+    record: PlacesRecord
+
+    @property
+    def headline(self) -> Headline:
+        """Return the certified share of the contested volume, or say that nothing is contested."""
+        rate, roots = self.record.contested_rate.share, self.record.roots
+        text = "of the contested volume is certified" if rate.total else "no pose is contested"
+        if roots.examined < roots.total:
+            text += f", in a random {percentage(roots.examined, roots.total)} of the map"
+        return Headline(rate.percentage() if rate.total else "", text)
+
+    @property
+    def subject(self) -> Sequence[str]:
+        """Return the scenario, its goal, the sensor error, the criterion and the delay."""
+        record = self.record
+        goal = ", ".join(f"{number:g}" for number in record.scenario.goal)
+        return [
+            record.scenario.name,
+            f"goal ({goal})",
+            f"eps {describe_eps(record.eps)}",
+            f"criterion {self.criterion}",
+            *([f"delay {record.delay:g} s"] if record.delay else []),
+        ]
+
+    @property
+    def criterion(self) -> str:
+        """Return the criterion, with the deceleration if there is one."""
+        stop = "" if self.record.deceleration is None else f" at {self.record.deceleration:g} m/s²"
+        return f"{self.record.criterion}{stop}"
+
+    @property
+    def sections(self) -> Sequence[Section]:
+        """Return volumes by status, shares, what holds beyond the next action, and the worst places."""
+        return [self.volumes, *(table for table in (self.shares, self.lasting, self.worst) if table.rows)]
+
+    @property
+    def volumes(self) -> Breakdown:
+        """Return cells and volume of what is free, by status."""
+        head = ("status", "cells", "volume, m² rad", "meaning")
+        return Breakdown(head, tuple(self._part(name) for name in MEANING))
+
+    def _part(self, name: str) -> Part:
+        cells, volume = getattr(self.record.cells, name), getattr(self.record.volume, name)
+        return Part(name, (count(cells), significant(volume)), MEANING[name], volume, TONES[name])
+
+    @property
+    def shares(self) -> Table:
+        """Return the shares in words."""
+        shares = {
+            "contested volume that is certified": self.record.contested_rate,
+            "contested volume that is decided": self.record.decided_rate,
+            "free volume that is safe": self.record.free_rate,
+        }
+        return Table(
+            ("share of", ""), tuple((name, rate.share.percentage()) for name, rate in shares.items())
+        )
+
+    @property
+    def lasting(self) -> Table:
+        """Return what holds beyond the next action: the condition, its volume and its share; few of many steps."""
+        later = self.record.over_time
+        head = ("left only towards the goal", "m² rad", "of the free volume")
+        if later is None:
+            return Table(head, ())
+        unit = later.volume.free / max(later.forever.total if later.forever else later.steps[0].total, 1)
+        few = {1, 2, 5} if len(later.steps) > 3 else {1, 2, 3}
+        shares = [
+            (f"certified for {counted(step.steps, 'step')}", step.share)
+            for step in later.steps
+            if step.steps in few or step.steps % 10 == 0 or step.steps == len(later.steps)
+        ]
+        if later.forever is not None:
+            shares.append(("for ever, or until the goal is reached", later.forever.share))
+        rows = ((name, significant(share.part * unit), share.percentage()) for name, share in shares)
+        return Table(head, tuple(rows))
+
+    @property
+    def worst(self) -> Table:
+        """Return the worst places: pose, command before, command, clearance."""
+        rows = tuple(
+            (
+                f"({place.pose[0]:.2f}, {place.pose[1]:.2f}, {place.pose[2]:.2f} rad)",
+                f"{place.previous[0]:.2f} m/s {place.previous[1]:+.2f} rad/s",
+                f"{place.action[0]:.3f} m/s {place.action[1]:+.3f} rad/s",
+                f"{place.clearance:.3f} m after {place.seconds:.2f} s",
+            )
+            for place in self.record.worst
+        )
+        return Table(("worst place", "previous command", "command", "clearance"), rows, texts=3)
+
+    @property
+    def assumptions(self) -> Mapping[str, str]:
+        """Return what the certificate rests on."""
+        record = self.record
+        before, size = record.previous_command, record.smallest_cell
+        return {
+            **super().assumptions,
+            "distance": f"the footprint keeps more than {record.clearance:g} m",
+            "map": "right, and nothing on it moves",
+            "sensors": f"read what is there, each number within eps {describe_eps(record.eps)}",
+            "motion": "exact arcs without slip",
+            "timing": f"commands act after {record.delay:g} s, until then the one before goes on",
+            "command before": f"any from {before.lower[0]:g} to {before.upper[0]:g} m/s and "
+            f"{before.lower[1]:g} to {before.upper[1]:g} rad/s",
+            "scope": "the next command from every pose, not those after it",
+            "smallest cells": ", ".join(f"{name} {significant(side)}" for name, side in size.items()),
+        }
+
+    @property
+    def settings(self) -> Mapping[str, str]:
+        """Return what was asked, with the place and the deceleration."""
+        scenario = self.record.scenario
+        goal = ", ".join(f"{number:g}" for number in scenario.goal)
+        return {**super().settings, "scenario": scenario.name, "goal": f"({goal})", "braking": self.criterion}
+
+    @property
+    def rates(self) -> Mapping[str, Share]:
+        """Return the certified share of what is contested, and the safe share of what is free."""
+        return {"contested": self.record.contested_rate.share, "overall": self.record.free_rate.share}
+
+    @property
+    def size(self) -> int:
+        """Return how many roots were examined."""
+        return self.record.roots.examined
+
+    @property
+    def limited(self) -> Mapping[str, Count]:
+        """Return how many cells are refuted and unknown."""
+        cells = self.record.cells
+        return {
+            "unsafe": Count(cells.refuted, "refuted cells"),
+            "unknown": Count(cells.unknown, "unknown cells"),
+        }
+
+    @property
+    def tallies(self) -> Sequence[Tally]:
+        """Return the volume of each status."""
+        better = {"uncontested": 0, "certified": 1, "refuted": -1, "unknown": -1}
+        volumes = {name: float(getattr(self.record.volume, name)) for name in better}
+        return [
+            Tally(name, volume, f"{significant(volume)} m² rad", better[name])
+            for name, volume in volumes.items()
+        ]
+
+    @property
+    def incomplete(self) -> str:
+        """Say how many roots were examined if not all were."""
+        roots = self.record.roots
+        if roots.examined == roots.total:
+            return ""
+        return f"only {count(roots.examined)} of {count(roots.total)} roots were examined"
+
+    def annotations(self) -> Sequence[Annotation]:
+        """Return a warning for each of the worst places."""
+        return [
+            Annotation("warning", f"refuted place {pose}", f"after {previous}: {action} comes within {near}")
+            for pose, previous, action, near in self.worst.rows
+        ]

@@ -1,0 +1,119 @@
+"""A certificate as data: the typed form of its JSON."""
+
+from __future__ import annotations
+
+from viatool.report.records import Amount, Count, Counted, Fraction, Part, VerifiedRecord
+
+
+class ScenarioIdentity(Part):
+    """Which scenario: its name, and the goal in metres."""
+
+    name: str
+    goal: list[float]
+
+
+class ShareRecord(Counted):
+    """A part of a volume, both counted in smallest cells; `rate` is None when there is none."""
+
+    PART = "part"
+
+    part: Count
+    rate: Fraction | None
+
+
+class Commands(Part):
+    """The smallest and the largest v (m/s) and omega (rad/s) of the step before."""
+
+    lower: list[float]
+    upper: list[float]
+
+
+class Roots(Part):
+    """How much of the map was examined, in cells of the coarsest kind."""
+
+    examined: Count
+    total: Count
+
+
+class Cells(Part):
+    """Leaves of the tree by status."""
+
+    blocked: Count
+    uncontested: Count
+    certified: Count
+    refuted: Count
+    unknown: Count
+
+
+class Volume(Part):
+    """Volume of the examined roots by status, in m^2 rad; commands count with their share of the range."""
+
+    blocked: Amount
+    uncontested: Amount
+    certified: Amount
+    refuted: Amount
+    unknown: Amount
+
+
+class WorstPlace(Part):
+    """A counterexample: pose and previous command, the policy's command, and the closest approach."""
+
+    pose: list[float]
+    previous: list[float]
+    action: list[float]
+    clearance: Amount
+    seconds: Amount
+
+
+class StepRecord(ShareRecord):
+    """The cells that stay certified for so many control intervals, unless the goal is reached before."""
+
+    steps: Count
+
+
+class Lookahead(Part):
+    """A round: for how many intervals cells were followed, how many, and how many then held for ever."""
+
+    intervals: Count
+    followed: Count
+    forever: Count
+    seconds: Amount
+
+
+class LastingVolume(Part):
+    """Volumes in m^2 rad: free before the goal, of that for ever, and of the cells in which the goal is reached."""
+
+    free: Amount
+    forever: Amount | None
+    goal: Amount
+
+
+class OverTime(Part):
+    """What holds beyond the next action; shares of the free volume outside of the goal, in its cells."""
+
+    goal_radius: Amount
+    lookahead: Count
+    cell: dict[str, float]
+    forever: ShareRecord | None
+    volume: LastingVolume
+    steps: list[StepRecord]
+    rounds: list[Lookahead]
+
+
+class PlacesRecord(VerifiedRecord):
+    """The whole certificate."""
+
+    scenario: ScenarioIdentity
+    clearance: Amount
+    deceleration: Amount | None
+    delay: Amount = 0.0
+    previous_command: Commands
+    smallest_cell: dict[str, float]
+    roots: Roots
+    cells: Cells
+    volume: Volume
+    contested_rate: ShareRecord
+    free_rate: ShareRecord
+    decided_rate: ShareRecord
+    over_time: OverTime | None = None
+    worst: list[WorstPlace]

@@ -1,0 +1,171 @@
+"""The report on places while the certificate is at hand: slices by heading, findings by place, tables, pictures."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.places import SECTOR_NAMES, STATUSES
+from viatool.report.document import Cased, CellTabled, Drawn, Explorable, Located, Replayable, Tabled
+from viatool.report.numbers import counted, significant
+from viatool.report.places.document import PlacesDocument
+from viatool.report.places.tiles import TILE, tile_of
+from viatool.report.sections import Case, Check, Finding, Rules
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from viatool.places import Certificate
+
+COLUMNS = ("x", "y", *STATUSES[1:], "safe", *(f"safe_{name}" for name in SECTOR_NAMES))
+_MOST_WITNESSES = 1000
+
+
+class PlacesRun(PlacesDocument, Cased, Located, Tabled, Drawn, Explorable, Replayable, CellTabled):
+    """The report of a certificate."""
+
+    STYLE: ClassVar[Mapping[Any, Any]] = {"svg.fonttype": "none", "font.size": 8}
+    FINDING_RULES: ClassVar[Rules] = {
+        "refuted-place": (
+            "error",
+            "From a pose there, a sensor error within eps makes the policy violate the criterion.",
+        ),
+        "unknown-place": (
+            "warning",
+            "For some poses there the criterion could be neither proved nor refuted.",
+        ),
+    }
+
+    def __init__(self, certificate: Certificate) -> None:
+        super().__init__(certificate.to_json())
+        self.certificate = certificate
+
+    def cases(self) -> Sequence[Case]:
+        """Return every slice by heading: one with refuted volume is a failure, one with unknown volume an error."""
+        volumes = self.certificate.sectors.volumes.sum(axis=(2, 3)).T  # (sectors, statuses)
+        return [_slice(name, row.tolist()) for name, row in zip(SECTOR_NAMES, volumes, strict=True)]
+
+    def findings(self) -> tuple[Iterable[Finding], int]:
+        """Return each half metre square with a counterexample, the worst first, then those with unknown volume."""
+        found = [*self._refuted(), *self._unknown()]
+        return found, len(found)
+
+    def _refuted(self) -> Iterator[Finding]:
+        found, tiles = self.certificate.findings, tile_of(self.certificate.findings.pose[:, :2])
+        group = np.unique(tiles, axis=0, return_inverse=True)[1].reshape(-1)
+        cells = np.bincount(group)
+        for row in self.certificate.nearest_of(group):
+            (x, y, theta), (before, turning) = found.pose[row], found.previous[row]
+            v, omega = found.action[row]
+            text = (
+                f"{_name(tiles[row])}: {counted(int(cells[group[row]]), 'cell')} refuted. At x {x:.3f} m, "
+                f"y {y:.3f} m, heading {theta:.3f} rad, after {before:.2f} m/s and {turning:.2f} rad/s, a sensor "
+                f"error within eps makes the policy command {v:.3f} m/s and {omega:.3f} rad/s, which comes within "
+                f"{found.clearance[row]:.3f} m of something after {found.seconds[row]:.2f} s."
+            )
+            yield self._finding("refuted-place", text, tiles[row])
+
+    def _unknown(self) -> Iterator[Finding]:
+        raster = self.certificate.raster
+        volumes = raster.volumes[STATUSES.index("unknown")].sum(axis=0).reshape(-1)
+        tiles, group = np.unique(tile_of(raster.middles.reshape(-1, 2)), axis=0, return_inverse=True)
+        unknown = np.bincount(group.reshape(-1), weights=volumes)
+        for place in np.argsort(-unknown, kind="stable"):
+            if unknown[place] > 0.0:
+                volume = significant(unknown[place])
+                text = f"{_name(tiles[place])}: {volume} m² rad are neither proved nor refuted."
+                yield self._finding("unknown-place", text, tiles[place])
+
+    def _finding(self, rule: str, text: str, tile: NDArray[np.int64]) -> Finding:
+        place = f"{self.certificate.scenario.name}/{_name(tile)}"
+        return Finding(rule, text, place, place)
+
+    def columns(self) -> Sequence[str]:
+        """Return the middle of a place in m, volumes in m^2 rad, and safe shares."""
+        return COLUMNS
+
+    def rows(self) -> Iterator[Sequence[object]]:
+        """Yield a row for each place with free volume."""
+        raster = self.certificate.sectors
+        free, safe = raster.volumes[1:].sum(axis=0), raster.volumes[1:3].sum(axis=0)  # (S, X, Y)
+        overall = raster.safe_share()
+        by_heading = np.where(free > 0.0, safe / np.where(free > 0.0, free, 1.0), np.nan)
+        for x, y in np.argwhere(free.sum(axis=0) > 0.0).tolist():
+            volumes = raster.volumes[1:, :, x, y].sum(axis=1)
+            middle = raster.origin + raster.size * (x + 0.5, y + 0.5)
+            shares = (overall[x, y], *by_heading[:, x, y])
+            yield [
+                *(f"{number:.9g}" for number in (*middle, *volumes)),
+                *("" if np.isnan(share) else f"{share:.6g}" for share in shares),
+            ]
+
+    def draw(self) -> Figure:
+        """Return how much of each place is proved, slices by heading, and the worst places."""
+        from viatool.report.places.figure import draw_certificate
+
+        return draw_certificate(self.certificate, self.headline)
+
+    def page(self, checks: Sequence[Check]) -> str:
+        """Return the page with what is proved of each place and heading, and why not."""
+        from viatool.report.places.html.page import render_page
+
+        return render_page(self, checks)
+
+    def cell_table(self) -> Mapping[str, NDArray[Any]]:
+        """Return bounds of x, y, theta, v and omega, and the counterexamples."""
+        return self.certificate.cell_table()
+
+    def witness_file(self) -> Mapping[str, Any]:
+        """Return the worst places first, then others spread over the refuted cells, a thousand in all."""
+        from viatool.verification.witness_file import compose_witnesses
+
+        certificate = self.certificate
+        return compose_witnesses(
+            certificate.policy.path, certificate.policy.sha256, certificate.world_map,
+            certificate.setting.columns, certificate.rules, list(self._witnesses()),
+        )  # fmt: skip
+
+    def _witnesses(self) -> Iterator[dict[str, Any]]:
+        from viatool.safety import Witnesses
+        from viatool.trajectory import write_scenario
+        from viatool.verification.witness_file import commands_before
+
+        certificate, scenario = self.certificate, self.certificate.scenario
+        found, worst = certificate.findings, certificate.worst(100)
+        others = np.setdiff1d(np.arange(len(found.clearance)), worst)
+        step = max(1, -(-len(others) // (_MOST_WITNESSES - len(worst))))
+        rows = np.concatenate([worst, others[::step]])
+        observation = found.observation.astype(np.float64)
+        seen = Witnesses(rows, observation, found.action, found.seconds, found.closest, found.clearance)
+        about = json.loads(write_scenario(scenario) or "null")
+        under_way = certificate.rules.dead_time.queue(found.previous)
+        for row in rows.tolist():
+            yield {
+                "state": row,
+                "episode": 0,
+                "time": 0.0,
+                "pose": found.pose[row].tolist(),
+                **commands_before(under_way[row]),
+                "previous": found.previous[row].tolist(),
+                **seen.violation(row, certificate.world_map, scenario, certificate.rules.footprint),
+                "scenario": about,
+            }
+
+
+def _slice(name: str, volumes: Sequence[float]) -> Case:
+    by_status = dict(zip(STATUSES, volumes, strict=True))
+    figures = ", ".join(f"{significant(volume)} m^2 rad {status}" for status, volume in by_status.items())
+    for status, outcome in (("refuted", "failure"), ("unknown", "error")):
+        if by_status[status] > 0.0:
+            message = f"{significant(by_status[status])} m^2 rad {status}"
+            return Case("viatool.heading", name, outcome, message, figures)
+    return Case("viatool.heading", name)
+
+
+def _name(tile: NDArray[np.int64]) -> str:
+    (x, y), (far_x, far_y) = TILE * tile, TILE * (tile + 1)
+    return f"x {x:g} to {far_x:g} m, y {y:g} to {far_y:g} m"

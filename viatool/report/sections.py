@@ -1,0 +1,190 @@
+"""What documents are made of: sections for people, cases and findings for programs, and decided conditions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from viatool.report.numbers import count, percentage
+
+
+@dataclass(frozen=True)
+class Check:
+    """One decided condition of a gate.
+
+    Parameters
+    ----------
+    condition : str
+        What was asked for.
+    passed : bool
+        Whether it holds.
+    figures : str
+        What decided it.
+    empty : bool
+        There was nothing to decide on; such a condition never passes.
+    """
+
+    condition: str
+    passed: bool
+    figures: str
+    empty: bool = False
+
+
+@dataclass(frozen=True)
+class Share:
+    """A part of a whole, both counted; there is no rate where the whole is 0."""
+
+    part: int
+    total: int
+
+    def percentage(self, digits: int = 2) -> str:
+        """Write the rate, rounded down."""
+        return percentage(self.part, self.total, digits)
+
+    def of(self, word: str = " of ") -> str:
+        """Write the part and the whole."""
+        return f"{count(self.part)}{word}{count(self.total)}"
+
+
+NOTHING = Share(0, 0)
+
+
+@dataclass(frozen=True)
+class Headline:
+    """The first line: a rate (none if empty), what it is of, and the figures behind it."""
+
+    rate: str
+    rest: str
+    figures: str = ""
+
+    def __str__(self) -> str:
+        """Write rate and rest."""
+        return f"{self.rate} {self.rest}" if self.rate else self.rest
+
+
+@dataclass(frozen=True)
+class Part:
+    """One part of a breakdown: a name, its figures, what the name means, and how large the part is.
+
+    `tone` is the verdict whose colour it has: safe, unknown or unsafe, or none.
+    """
+
+    name: str
+    figures: tuple[str, ...]
+    meaning: str
+    weight: float
+    tone: str = ""
+
+
+@dataclass(frozen=True)
+class Breakdown:
+    """What the whole falls into; `head` names the columns of names, figures and meanings."""
+
+    head: tuple[str, ...]
+    parts: tuple[Part, ...]
+
+
+@dataclass(frozen=True)
+class Rates:
+    """Rates of several things, overall and in groups."""
+
+    title: str
+    groups: tuple[str, ...]
+    rows: Mapping[str, tuple[Share, ...]]
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows below their head, after a remark; columns after the first are numbers, but the last `texts` ones."""
+
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    title: str = ""
+    remark: str = ""
+    texts: int = 0
+
+
+@dataclass(frozen=True)
+class Facts:
+    """Names with their values; a nameless one goes on."""
+
+    title: str
+    pairs: tuple[tuple[str, str], ...]
+
+
+Section: TypeAlias = Breakdown | Rates | Table | Facts
+
+
+@dataclass(frozen=True)
+class Case:
+    """One part of a run that passed or did not.
+
+    Parameters
+    ----------
+    group, name : str
+        Unique together within a document.
+    outcome : str
+        passed, failure, error (nothing is known) or skipped.
+    message, figures : str
+        Why, in short and at length.
+    """
+
+    group: str
+    name: str
+    outcome: str = "passed"
+    message: str = ""
+    figures: str = ""
+
+
+@dataclass(frozen=True)
+class Annotation:
+    """A remark for a log, of level error or warning."""
+
+    level: str
+    title: str
+    message: str
+
+
+Rules: TypeAlias = Mapping[str, tuple[str, str]]
+"""Level and description by the name of the rule."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A place that is not safe.
+
+    Parameters
+    ----------
+    rule : str
+        Which rule it is of.
+    text : str
+        What is said.
+    place : str
+        Where, in words.
+    identity : str
+        What makes it the same finding in the next run.
+    """
+
+    rule: str
+    text: str
+    place: str
+    identity: str
+
+
+@dataclass(frozen=True)
+class Count:
+    """How many of what, as a gate limits them."""
+
+    number: int
+    noun: str
+
+
+@dataclass(frozen=True)
+class Tally:
+    """A figure of a comparison; `better` is +1 if more is better, -1 if less is, 0 if neither."""
+
+    name: str
+    number: float
+    text: str
+    better: int = 0

@@ -1,0 +1,110 @@
+"""A simulation as data: the typed form of its JSON."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import model_validator
+
+from viatool.report.records import Amount, Count, Counted, Fraction, Part, RunRecord
+
+
+class EpisodeCount(Counted):
+    """How many of all episodes ended so, with a 95 % interval of the rate."""
+
+    PART = "count"
+
+    count: Count
+    rate: Fraction
+    interval: tuple[Fraction, Fraction]
+
+
+class SpreadRecord(Part):
+    """Some numbers in short; None if there are none."""
+
+    count: Count
+    mean: float | None
+    least: float | None
+    median: float | None
+    largest: float | None
+
+
+class Histogram(Part):
+    """How many steps ended with a clearance from each left edge (m) on; the last bin has no end."""
+
+    edges: list[float]
+    counts: list[Count]
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Histogram:
+        if len(self.edges) != len(self.counts):
+            raise ValueError(f"{len(self.edges)} edges for {len(self.counts)} counts")
+        return self
+
+
+class ClearanceRecord(Part):
+    """Collision and danger distance, the smallest clearance of each episode, and the clearances after all steps."""
+
+    collision: Amount
+    danger: Amount
+    least_of_an_episode: SpreadRecord
+    histogram: Histogram
+
+
+class RobotRecord(Part):
+    """The robot that drove, in m/s and rad/s."""
+
+    name: str
+    min_linear: float
+    max_linear: float
+    max_angular: float
+
+
+class CommandCount(Counted):
+    """Commands that the robot cannot follow, among all."""
+
+    PART = "count"
+
+    count: Count
+
+
+class EpisodeRecord(Part):
+    """One episode: how it ended, after how many seconds, and how near it came to something."""
+
+    scenario: str
+    outcome: str
+    cost: float
+    seconds: Amount
+    least_clearance: float
+    path_length_ratio: float
+
+
+class SimulationRecord(RunRecord):
+    """The whole simulation."""
+
+    engine: str
+    lidar: str
+    robot: RobotRecord
+    conditions: dict[str, Any]
+    seed: int
+    success: EpisodeCount
+    collision: EpisodeCount
+    timeout: EpisodeCount
+    average_cost: float
+    clearance: ClearanceRecord
+    time_to_goal: SpreadRecord
+    path_length_ratio: SpreadRecord
+    clipped_commands: CommandCount
+    beyond_limits: list[str]
+    episodes: list[EpisodeRecord]
+    seconds: Amount
+
+    @property
+    def stages(self) -> dict[str, float]:
+        """Return nothing: a simulation has one stage."""
+        return {}
+
+    @property
+    def total_seconds(self) -> float:
+        """Return the wall time."""
+        return self.seconds

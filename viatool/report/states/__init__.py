@@ -1,0 +1,1 @@
+"""Reports on visited states: `viatool verify`."""

@@ -1,0 +1,264 @@
+"""The report on states: verdicts of visited states, and of the horizon after each of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from fractions import Fraction
+from typing import ClassVar
+
+import numpy as np
+
+from viatool.report.numbers import MISSING, count, counted, percent_of, percentage, significant
+from viatool.report.palette import MEANING, VERDICTS
+from viatool.report.sections import (
+    Breakdown,
+    Check,
+    Count,
+    Facts,
+    Headline,
+    Part,
+    Rates,
+    Section,
+    Share,
+    Table,
+    Tally,
+)
+from viatool.report.states.record import (
+    HorizonRecord,
+    RateByOutcome,
+    RecordingRecord,
+    StatesRecord,
+    UnsafeState,
+)
+from viatool.report.verified import Verified
+from viatool.report.wording import describe_eps, describe_value
+
+OUTCOMES = ("overall", "success", "collision", "timeout")
+HORIZON_COLUMNS = (
+    "interval",
+    "proved safe up to it",
+    "position [m], median",
+    "90th percentile",
+    "heading [rad], median",
+    "90th percentile",
+    "least clearance [m]",
+)
+NAMED = 3  # new unsafe states that a message names
+SAME = 1e-3  # metres and radians within which a pose counts as the same
+
+
+class StatesDocument(Verified):
+    """A report on states."""
+
+    RECORD = StatesRecord
+    SIGN = "verdicts"
+    WHAT = "a report on states"
+    SUBJECTS = "states"
+    EMPTY = "no states to decide on"
+    COMMAND = "verify"
+    RATES: ClassVar[Mapping[str, str]] = {
+        "overall": "safety rate",
+        "danger": "danger rate",
+        "contested": "contested rate",
+        "sampled": "sampled safety rate",
+        "success": "safety rate in successful episodes",
+        "collision": "safety rate in colliding episodes",
+        "timeout": "safety rate in episodes that ran out of time",
+        "horizon": "safety rate over the horizon",
+    }
+
+    record: StatesRecord
+
+    @property
+    def headline(self) -> Headline:
+        """Return the safety rate."""
+        overall = self.record.safety_rate.overall.share
+        return Headline(overall.percentage(), "of the states are proved safe", overall.of())
+
+    @property
+    def subject(self) -> Sequence[str]:
+        """Return the sensor error and the criterion."""
+        return f"eps {describe_eps(self.record.eps)}", f"criterion {self.record.criterion}"
+
+    @property
+    def sections(self) -> Sequence[Section]:
+        """Return verdicts, rates, the horizon if there is one, how the episodes ended, and widths."""
+        horizon = self.horizon
+        return [
+            Breakdown(("verdict", "states", "share", "meaning"), tuple(map(self._part, VERDICTS))),
+            Rates(
+                "rate of safe states", OUTCOMES, {name: by_outcome(r) for name, r in self.rate_rows.items()}
+            ),
+            *([] if horizon is None else [horizon]),
+            Facts("Driven, not proved", (("", self.task),)),
+            *([Facts("Recorded readings against the map", self.recording)] if self.recording else []),
+            self.widths,
+        ]
+
+    def _part(self, verdict: str) -> Part:
+        number, total = int(getattr(self.record.verdicts, verdict)), self.record.states
+        return Part(verdict, (count(number), percentage(number, total)), MEANING[verdict], number, verdict)
+
+    @property
+    def rate_rows(self) -> Mapping[str, RateByOutcome]:
+        """Return the rates of safe states by what they count, in the order in which they are shown."""
+        record = self.record
+        return {
+            f"{record.criterion}, collision distance": record.safety_rate,
+            f"{record.criterion}, danger distance": record.danger_rate,
+            "sampled (9 actions), not a proof": record.sampled_safety_rate,
+            "contested states only": record.contested_rate,
+        }
+
+    @property
+    def horizon(self) -> Table | None:
+        """Return what was found of the intervals after each state, if that was asked."""
+        return None if self.record.horizon is None else _horizon_table(self.record.horizon)
+
+    @property
+    def task(self) -> str:
+        """Return in words how the episodes ended."""
+        task = self.record.task
+        shares = [f"{_rate(getattr(task, f'{outcome}_rate'))} {outcome}" for outcome in OUTCOMES[1:]]
+        cost = "" if task.average_cost is None else f"; average cost {significant(task.average_cost)}"
+        return f"{counted(task.episodes, 'episode')}: {', '.join(shares)}{cost}"
+
+    @property
+    def recording(self) -> tuple[tuple[str, str], ...]:
+        """Return for each recorded LiDAR how its readings agree with the map."""
+        return tuple((found.channel, _agreement(found)) for found in self.record.recording or ())
+
+    @property
+    def widths(self) -> Table:
+        """Return the widths of the reachable actions."""
+        rows = tuple(
+            (name, *map(significant, (w.mean, w.std, w.max)), str((w.model_extra or {}).get("unit", "")))
+            for name, w in self.record.reachable_width.items()
+        )
+        return Table(("width of the reachable actions", "mean", "std", "max", "unit"), rows, texts=1)
+
+    @property
+    def assumptions(self) -> Mapping[str, str]:
+        """Return what a verdict rests on."""
+        record = self.record
+        told = (record.model_extra or {}).get("assumptions", {})
+        return {
+            **super().assumptions,
+            "engine": describe_value(record.engine),
+            **{name.replace("_", " "): describe_value(value) for name, value in told.items()},
+        }
+
+    @property
+    def rates(self) -> Mapping[str, Share]:
+        """Return every rate; that over the horizon only if there is one."""
+        record = self.record
+        horizon = {} if record.horizon is None else {"horizon": record.horizon.safety_rate[-1].share}
+        return {
+            "overall": record.safety_rate.overall.share,
+            "danger": record.danger_rate.overall.share,
+            "contested": record.contested_rate.overall.share,
+            "sampled": record.sampled_safety_rate.overall.share,
+            **dict(zip(OUTCOMES[1:], by_outcome(record.safety_rate)[1:], strict=True)),
+            **horizon,
+        }
+
+    @property
+    def size(self) -> int:
+        """Return how many states there are."""
+        return self.record.states
+
+    @property
+    def limited(self) -> Mapping[str, Count]:
+        """Return how many states are unsafe and unknown."""
+        verdicts = self.record.verdicts
+        return {"unsafe": Count(verdicts.unsafe, "unsafe"), "unknown": Count(verdicts.unknown, "unknown")}
+
+    @property
+    def tallies(self) -> Sequence[Tally]:
+        """Return how many states have each verdict."""
+        numbers = {verdict: int(getattr(self.record.verdicts, verdict)) for verdict in VERDICTS}
+        return [
+            Tally(name, number, count(number), 1 if name == "safe" else -1)
+            for name, number in numbers.items()
+        ]
+
+    @property
+    def costs(self) -> Mapping[str, float]:
+        """Return the mean widths."""
+        return {f"mean width of {name}": width.mean for name, width in self.record.reachable_width.items()}
+
+    def new_failures(self, baseline: StatesDocument) -> Sequence[Check]:
+        """Decide on the unsafe states themselves if both reports list them, and on their number otherwise."""
+        old, found = baseline.record, self.record
+        if old.unsafe_states is None or found.unsafe_states is None:
+            before, now = old.verdicts.unsafe, found.verdicts.unsafe
+            figures = f"{count(now)}, was {count(before)}"
+            return [Check("no more unsafe states than the baseline", now <= before, figures)]
+        new = list(_new_states(old.unsafe_states, found.unsafe_states))
+        named = "; ".join(f"{state.scenario} at {state.time:.2f} s" for state in new[:NAMED])
+        more = f": {named}{', ...' if len(new) > NAMED else ''}" if new else ""
+        return [Check("no unsafe state that the baseline lacks", not new, f"{count(len(new))} new{more}")]
+
+
+def by_outcome(rates: RateByOutcome) -> tuple[Share, ...]:
+    """Return the rates in the order of `OUTCOMES`."""
+    return tuple(getattr(rates, outcome).share for outcome in OUTCOMES)
+
+
+def _rate(share: float | None) -> str:
+    return MISSING if share is None else percent_of(Fraction(share).limit_denominator(10**9), 1)
+
+
+def _agreement(found: RecordingRecord) -> str:
+    off = Share(found.off, found.readings).percentage()
+    cause = f": {found.cause}" if found.doubtful and found.cause else ""
+    return (
+        f"{off} of {counted(found.readings, 'reading')} are farther than eps from what the map shows{cause}"
+    )
+
+
+def _horizon_table(horizon: HorizonRecord) -> Table:
+    """Return the closed loop over several intervals: share proved safe up to each, widths, clearance."""
+    position, heading = horizon.width["position"], horizon.width["heading"]
+    rows = []
+    for k in _shown_steps(horizon.steps):
+        figures = (
+            position.median[k], position.p90[k], heading.median[k], heading.p90[k], horizon.least_clearance[k]
+        )  # fmt: skip
+        texts = (MISSING if figure is None else significant(figure) for figure in figures)
+        rows.append((str(k + 1), horizon.safety_rate[k].share.percentage(), *texts))
+    verdicts = ", ".join(f"{count(int(getattr(horizon.verdicts, name)))} {name}" for name in VERDICTS)
+    return Table(HORIZON_COLUMNS, tuple(rows), "Horizon", f"{verdicts} over {_describe_horizon(horizon)}")
+
+
+def _describe_horizon(horizon: HorizonRecord) -> str:
+    """Write in words over which intervals, and from which poses, the closed loop was followed."""
+    error = horizon.pose_error
+    within = ""
+    if error.position or error.heading:
+        within = (
+            f", from any pose within {significant(error.position)} m and {significant(error.heading)} rad"
+        )
+    return f"{counted(horizon.steps, 'interval')}, LiDAR in the loop{within}"
+
+
+def _shown_steps(steps: int) -> list[int]:
+    """Return the intervals of which a table tells: all, or a dozen of many."""
+    return sorted({round(k) for k in np.linspace(0, steps - 1, min(steps, 12)).tolist()})
+
+
+def _new_states(before: Sequence[UnsafeState], now: Sequence[UnsafeState]) -> Iterator[UnsafeState]:
+    known: dict[tuple[str, float], list[UnsafeState]] = {}
+    for state in before:
+        known.setdefault((state.scenario, round(state.time, 3)), []).append(state)
+    for state in now:
+        there = known.get((state.scenario, round(state.time, 3)), [])
+        if not any(_same_pose(state, old) for old in there):
+            yield state
+
+
+def _same_pose(state: UnsafeState, other: UnsafeState) -> bool:
+    """Tell whether two states of one scenario and time are one: runs on other machines differ by rounding."""
+    x, y, turn = (a - b for a, b in zip(state.pose, other.pose, strict=True))
+    return math.hypot(x, y) < SAME and abs(math.remainder(turn, math.tau)) < SAME

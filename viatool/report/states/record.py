@@ -1,0 +1,127 @@
+"""The report on states as data: the typed form of its JSON, which the gate and comparisons read."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from viatool.report.records import Count, Counted, Fraction, Part, VerifiedRecord
+
+
+class Verdicts(Part):
+    """How many states have each verdict."""
+
+    safe: Count
+    unsafe: Count
+    unknown: Count
+
+
+class Rate(Counted):
+    """Safe states among all that count; `rate` is None when there are none."""
+
+    PART = "safe"
+
+    safe: Count
+    rate: Fraction | None
+
+
+class RateByOutcome(Part):
+    """A rate over all states, and over the states of the episodes with each outcome."""
+
+    overall: Rate
+    success: Rate
+    collision: Rate
+    timeout: Rate
+
+
+class Task(Part):
+    """How the simulated or recorded episodes ended: measured, not proved."""
+
+    episodes: Count
+    success_rate: Fraction | None
+    collision_rate: Fraction | None
+    timeout_rate: Fraction | None
+    average_cost: float | None
+
+
+class Width(Part):
+    """Width of the reachable set of one action over the states, in the action's unit."""
+
+    mean: float
+    std: float
+    max: float
+
+
+class UnsafeState(Part):
+    """Where a state with a counterexample is: seconds since the start of its scenario, and x, y, theta."""
+
+    state: Count
+    scenario: str
+    time: float
+    pose: tuple[float, float, float]
+
+
+class PoseError(Part):
+    """Half-widths of the box around every recorded pose: of x and y in metres, of the heading in radians."""
+
+    position: float
+    heading: float
+
+
+class TubeWidth(Part):
+    """Median and 90th percentile of the width of the tubes at the end of each interval; None where all have ended."""
+
+    median: list[float | None]
+    p90: list[float | None]
+    unit: str
+
+
+class HorizonRecord(Part):
+    """The closed loop over several intervals: from how many states every run keeps the collision distance.
+
+    `safety_rate` has one rate for each interval: of the states that are proved safe up to its end.
+    """
+
+    steps: Annotated[int, Field(ge=1)]
+    pose_error: PoseError
+    states: Count
+    verdicts: Verdicts
+    safety_rate: list[Rate]
+    width: dict[str, TubeWidth]
+    least_clearance: list[float | None]
+
+
+class RecordingRecord(Part):
+    """How recorded readings of one LiDAR agree with what the map shows at the recorded poses.
+
+    `off` are farther from it than eps, `contradicting` farther than eps and 5 cm; more than one contradicting reading
+    in twenty makes the recording `doubtful`.
+    """
+
+    channel: str
+    states: Count
+    readings: Count
+    off: Count
+    share: Fraction
+    contradicting: Count
+    median_difference: float
+    doubtful: bool
+    cause: str
+
+
+class StatesRecord(VerifiedRecord):
+    """The whole report."""
+
+    engine: Any
+    states: Count
+    verdicts: Verdicts
+    safety_rate: RateByOutcome
+    sampled_safety_rate: RateByOutcome
+    danger_rate: RateByOutcome
+    contested_rate: RateByOutcome
+    task: Task
+    reachable_width: dict[str, Width]
+    unsafe_states: list[UnsafeState] | None = None
+    horizon: HorizonRecord | None = None
+    recording: list[RecordingRecord] | None = None

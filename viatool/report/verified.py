@@ -1,0 +1,44 @@
+"""What every report of something proved says: the sensor error, the criterion and the arithmetic."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from viatool.report.document import Document
+from viatool.report.records import VerifiedRecord
+from viatool.report.wording import describe_eps
+
+ARITHMETIC = {
+    "float32": "float32: bounds cover the rounding of the deployed program, in any order of summation",
+    "real": "real: bounds hold for the exact network, not for the rounding of the deployed program",
+}
+CRITERION = {
+    "swept": "swept: every action of the reachable box and every instant of the control interval",
+    "braking": "braking: swept, and a full stop at the robot's deceleration afterwards stays clear",
+    "sampled": "sampled: nine actions and sampled instants, as in the paper; not a proof",
+}
+
+
+class Verified(Document):
+    """A document of a run that proves."""
+
+    record: VerifiedRecord
+
+    @property
+    def terms(self) -> Mapping[str, str]:
+        """Return eps, criterion and arithmetic."""
+        record = self.record
+        return {
+            "eps": describe_eps(record.eps),
+            "criterion": record.criterion,
+            "arithmetic": record.arithmetic,
+        }
+
+    @property
+    def assumptions(self) -> Mapping[str, str]:
+        """Return what criterion and arithmetic mean."""
+        record = self.record
+        return {
+            "criterion": CRITERION.get(record.criterion, record.criterion),
+            "arithmetic": ARITHMETIC.get(record.arithmetic, record.arithmetic),
+        }
