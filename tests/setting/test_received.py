@@ -123,3 +123,13 @@ def test_a_dead_time_without_any_command_is_refused(policy):
     queue = commands_under_way(asked, recording(policy))
     np.testing.assert_allclose(queue[1:, 0], COMMANDS[:-1])  # not the value to which the channel is fixed
     assert np.isnan(queue[0]).all()
+
+
+def test_a_command_that_was_assumed_is_not_known(policy):
+    """As a bag's before its first Twist, where the robot is taken to stand still."""
+    told = np.arange(10) >= 2
+    some = recording(policy, recorded=False, commanded=told)
+    queue = commands_under_way(setting(policy, 0.1), some)
+    assert np.isnan(queue).any(axis=(1, 2)).tolist() == (~told).tolist()
+    kept = some.select(np.arange(10) >= 1)
+    assert kept.commanded.tolist() == told[1:].tolist()

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from viatool.arrays import Booleans, Floats
+from viatool.channels import PreviousCommand, Quantities
 from viatool.errors import ConfigurationError, EmptyEvaluationError, TrajectoryError
 from viatool.setting.setting import Setting
 from viatool.trajectory import Trajectory
 
-_COMMANDS = {"previous_linear": 0, "previous_angular": 1}
 _ROWS = 65536  # states that are converted together, so that no second copy of all exists
 _ALIKE = 1e-3  # m/s and rad/s by which a command may differ between what was recorded and what was observed
 _LATE = 0.5  # of an interval by which two rows may be early or late and still follow one another
@@ -93,8 +93,7 @@ def commands_under_way(setting: Setting, trajectory: Trajectory) -> Floats:
 
 def commands_observed(setting: Setting, trajectory: Trajectory) -> Floats:
     """Return the command before each state as far as the policy observes it, (N, 2); 0 where it does not."""
-    kinds = {channel.kind for channel in setting.spec.observation if channel.value is None}
-    if kinds.isdisjoint(_COMMANDS):
+    if not _previous_columns(setting):
         return np.zeros((len(trajectory), 2))
     return commands_before(setting, trajectory)
 
@@ -108,6 +107,8 @@ def commands_before(setting: Setting, trajectory: Trajectory) -> Floats:
         If it is neither observed nor recorded.
     """
     observed, recorded = _observed(setting, trajectory), _recorded(setting, trajectory)
+    if observed is not None and trajectory.commanded is not None:
+        observed = np.where(trajectory.commanded[:, None], observed, np.nan)
     if observed is None and recorded is None:
         raise ConfigurationError(
             "a delay or a horizon needs the previous command, which is neither observed nor recorded",
@@ -125,12 +126,22 @@ def commands_before(setting: Setting, trajectory: Trajectory) -> Floats:
 
 def _observed(setting: Setting, trajectory: Trajectory) -> Floats | None:
     """Return the previous commands as the policy observed them, (N, 2); None unless both are, and not fixed."""
-    found = {
-        _COMMANDS[channel.kind]: trajectory.observations[:, setting.spec.columns(channel.name).start]
-        for channel in setting.spec.observation
-        if channel.kind in _COMMANDS and channel.value is None
-    }
-    return np.stack([found[0], found[1]], axis=1) if len(found) == len(_COMMANDS) else None
+    found, columns = np.full((len(trajectory), 2), np.nan), _previous_columns(setting)
+    if {axis for axis, _ in columns} != {0, 1}:
+        return None
+    for axis, column in columns:
+        first = next(other for which, other in columns if which == axis)
+        seen = trajectory.observations[:, column]
+        agrees = np.abs(seen - trajectory.observations[:, first]) <= _ALIKE
+        found[:, axis] = np.where(agrees, seen, np.nan)
+    return found
+
+
+def _previous_columns(setting: Setting) -> list[tuple[int, int]]:
+    """Return which number of a command, and in which column, the policy observes of the command before."""
+    quantities = Quantities.of(setting.spec.observation)
+    pairs = zip(quantities, quantities.columns, strict=True)
+    return [(one.axis, columns.start) for one, columns in pairs if isinstance(one, PreviousCommand)]
 
 
 def _recorded(setting: Setting, trajectory: Trajectory) -> Floats | None:

@@ -93,7 +93,7 @@ def load_bag(path: Path, specification: PolicySpecification | None, settings: Ba
     observed = _observed(specification, settings)
     with open_bag(path, settings.topics, commands="command" in observed.needs) as bag:
         gathered = _Gathered(bag, observed, settings)
-        columns = Rows(1, np.int64), Rows(3), Rows(observed.size)
+        columns = Rows(1, np.int64), Rows(3), Rows(observed.size), Rows(1, np.int64)
         for scans in bag.scans:
             for column, part in zip(columns, gathered.states(scans), strict=True):
                 column.add(part)
@@ -103,7 +103,7 @@ def load_bag(path: Path, specification: PolicySpecification | None, settings: Ba
             f"{path}: the bag holds no {empty}", "record at least one scan and its pose"
         )
     notes = gathered.notes()
-    stamps, poses, observations = (column.table() for column in columns)
+    stamps, poses, observations, told = (column.table() for column in columns)
     if not len(stamps):
         raise EmptyEvaluationError(
             f"{path}: no scan is left ({'; '.join(notes)})",
@@ -119,6 +119,7 @@ def load_bag(path: Path, specification: PolicySpecification | None, settings: Ba
         costs=np.array([np.nan]),
         scenarios=(_scenario(path, poses[0], settings.goal),),
         notes=tuple(notes),
+        commanded=told[:, 0] > 0,
     )
 
 
@@ -170,15 +171,18 @@ class _Gathered:
         self.mounted: _Mount | None = None
         self.seen: dict[str, Readings] = {}
 
-    def states(self, scans: Scans) -> tuple[Indices, Floats, Floats]:
-        """Return stamps (K,), poses (K, 3) and observations (K, n) of those scans of which all is known."""
+    def states(self, scans: Scans) -> tuple[Indices, Floats, Floats, Indices]:
+        """Return stamps (K,), poses (K, 3) and observations (K, n) of those scans of which all is known.
+
+        The fourth is 1 where the command before the scan was recorded, else 0, (K,).
+        """
         if not self.scans:
             self.first = int(scans.stamps[0])
         self.scans += len(scans)
         if not len(self.bag.odometry.stamps):
-            return scans.stamps[:0], np.zeros((0, 3)), np.zeros((0, 0))
+            return scans.stamps[:0], np.zeros((0, 3)), np.zeros((0, 0)), scans.stamps[:0]
         poses, located = self._locate(scans.stamps)
-        previous, commanded = self._previous(scans)
+        previous, commanded, told = self._previous(scans)
         complete = np.ones(len(scans), dtype=bool)
 
         def scan(channel: Channel) -> Floats:
@@ -193,7 +197,7 @@ class _Gathered:
         self.kept += int(keep.sum())
         for reason, which in known.items():
             self.lost[reason] += int((~which).sum())
-        return scans.stamps[keep], poses[keep], observations[keep]
+        return scans.stamps[keep], poses[keep], observations[keep], told[keep].astype(np.int64)
 
     def _locate(self, at: Indices) -> tuple[Floats, Booleans]:
         """Return the pose of the robot in the map frame, (S, 3), and whether it is known."""
@@ -241,19 +245,22 @@ class _Gathered:
         x, y, yaw = mount[0].tolist()
         return _Mount(yaw, side, float(np.hypot(x, y)))
 
-    def _previous(self, scans: Scans) -> tuple[Floats, Booleans]:
-        """Return the command before each scan, (S, 2), and whether it is known; standing still before the first."""
+    def _previous(self, scans: Scans) -> tuple[Floats, Booleans, Booleans]:
+        """Return the command before each scan, (S, 2), whether it may be used, and whether it was recorded.
+
+        Before the first command the robot is taken to stand still, which is not recorded.
+        """
         found, known = np.zeros((len(scans), 2)), np.ones(len(scans), dtype=bool)
         commands = self.bag.commands
         if commands is None:
-            return found, known
+            return found, known, ~known
         at = scans.received if commands.received else scans.stamps
         last = np.searchsorted(commands.stamps, at, side="left") - 1
         some = last >= 0
         found[some] = commands.values[last[some]]
         known[some] = (at[some] - commands.stamps[last[some]]) * 1e-9 <= self.settings.gap
         self.waiting += int((~some).sum())
-        return found, known
+        return found, known, some
 
     def notes(self) -> list[str]:
         """Say in words what was assumed, how many scans were left out, and why; one may lack several things."""

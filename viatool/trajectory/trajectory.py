@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.arrays import Floats, Indices
+from viatool.arrays import Booleans, Floats, Indices
 from viatool.errors import TrajectoryError
 
 if TYPE_CHECKING:
@@ -46,6 +46,8 @@ class Trajectory:
         Whether the states of an episode follow one another; False for poses that were picked.
     from_rest : bool
         Whether the robot is known to have stood still before the first state of every episode, as in a simulation.
+    commanded : ndarray, optional
+        (N,) bool: whether the command before each state was recorded, and not assumed; None if nothing was assumed.
 
     Raises
     ------
@@ -65,6 +67,7 @@ class Trajectory:
     notes: tuple[str, ...] = ()
     connected: bool = True
     from_rest: bool = False
+    commanded: Booleans | None = None
 
     def __post_init__(self) -> None:
         for name, kind in _KINDS.items():
@@ -99,6 +102,8 @@ class Trajectory:
             (N,) bool, or indices in increasing order.
         """
         chosen = {name: getattr(self, name)[states] for name in _BY_STATE}
+        if self.commanded is not None:
+            chosen["commanded"] = self.commanded[states]
         return replace(self, **chosen)
 
     def repeated(self) -> int:
