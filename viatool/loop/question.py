@@ -15,11 +15,12 @@ from viatool.loop.retreat import keep_away
 from viatool.loop.waiting import after_waiting
 from viatool.motion.manoeuvre import Manoeuvre
 from viatool.policy import Policy
+from viatool.rounding import SIGHT_ROUNDING
 from viatool.safety import Situations
 from viatool.safety.proof import Effort, prove_clearance
 from viatool.schedule import check_time
 from viatool.sets.bounds import require_ordered
-from viatool.sets.forms import ROUNDING, PoseBoxes
+from viatool.sets.forms import PoseBoxes
 from viatool.sets.states import StateBoxes
 from viatool.setting.rules import Rules
 from viatool.setting.setting import Setting
@@ -118,7 +119,7 @@ class Question:
         moved = boxes.extent + self.rules.footprint.reach * boxes.turn * (
             self.rules.footprint.kind == "polygon"
         )
-        slack = ROUNDING * (self.situation.scale + np.abs(boxes.centre).sum(axis=1))
+        slack = SIGHT_ROUNDING * (self.situation.scale + np.abs(boxes.centre).sum(axis=1))
         return np.asarray(distance + moved + slack <= self.rules.clearance.collision)
 
     def settled(self, boxes: PoseBoxes) -> Booleans:

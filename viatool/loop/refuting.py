@@ -8,6 +8,7 @@ import numpy as np
 
 from viatool.arrays import Floats, Indices
 from viatool.loop.question import Commands, Question
+from viatool.rounding import AS_RECEIVED
 from viatool.safety import Case, Witnesses, search_witnesses
 from viatool.schedule import check_time
 from viatool.sets.forms import PoseBoxes
@@ -17,8 +18,6 @@ _CORNERS = np.array([(x, y) for x in (-1.0, 0.0, 1.0) for y in (-1.0, 0.0, 1.0)]
 _TURNS = np.array([-1.0, 0.0, 1.0])
 _INSIDE = 1.0 - 1e-6
 _FRACTIONS = np.linspace(0.0, 1.0, 11)
-_AS_RECEIVED = 2.0**-22
-"""Relative part of an observation that its rounding to float32 and that of the ray casting may take from eps."""
 _BISECTIONS = 20
 _FREE = 1e-6
 """Metres by which the pose of a counterexample keeps the collision distance."""
@@ -77,7 +76,7 @@ def refute(question: Question, cells: StateBoxes, commands: Commands, *, seed: i
     if not len(row):
         return Refutations(poses, previous[row], Witnesses.join([], len(setting.radii)))
     observations = observe(question, poses, previous[row]).astype(setting.number).astype(np.float64)
-    radii = np.maximum(setting.radii - _AS_RECEIVED * (1.0 + np.abs(observations).max(axis=0)), 0.0)
+    radii = np.maximum(setting.radii - AS_RECEIVED * (1.0 + np.abs(observations).max(axis=0)), 0.0)
     situations = replace(question.situation, poses=poses, scene=np.zeros(len(row), np.int64), radii=None)
     case = Case(rules, situations, rules.dead_time.queue(previous[row]))
     check_time()

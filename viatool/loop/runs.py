@@ -11,12 +11,11 @@ from viatool.loop.horizon import Crashes
 from viatool.loop.question import Question
 from viatool.loop.refuting import observe
 from viatool.loop.tube import Loop
+from viatool.rounding import AS_RECEIVED
 from viatool.safety import Case
 from viatool.safety.witness import MARGIN
 
 _FRACTIONS = np.linspace(0.0, 1.0, 11)
-_AS_RECEIVED = 2.0**-22
-"""Relative part of an observation that its rounding to float32 and that of the ray casting may take from eps."""
 _RUNS = 48
 _ROUNDS = 4
 _FLIPPED = (0.5, 0.3, 0.1)
@@ -150,7 +149,7 @@ def _spread(loop: Loop, poses: Floats, previous: Floats, signs: Floats) -> tuple
     """Return starts (B M, 3) and errors (B M, K, n) of signs (B, M, 3 + K n)."""
     question, (count, each, _) = loop.question, signs.shape
     seen = observe(question, poses, previous)
-    radii = np.maximum(question.setting.radii - _AS_RECEIVED * (1.0 + np.abs(seen).max(initial=0.0)), 0.0)
+    radii = np.maximum(question.setting.radii - AS_RECEIVED * (1.0 + np.abs(seen).max(initial=0.0)), 0.0)
     starts = poses[:, None] + signs[:, :, :3] * loop.horizon.pose_error
     errors = signs[:, :, 3:].reshape(count * each, loop.horizon.steps, len(radii)) * radii
     return starts.reshape(-1, 3), errors

@@ -19,8 +19,9 @@ import numpy as np
 
 from viatool.arrays import Booleans, Floats, Indices
 from viatool.loop.question import Question
+from viatool.rounding import SIGHT_ROUNDING, SLIGHTLY_MORE, SPARE
 from viatool.sets.bounds import require_ordered
-from viatool.sets.forms import ROUNDING, Forms, PoseBoxes
+from viatool.sets.forms import Forms, PoseBoxes
 from viatool.sets.states import StateBoxes
 from viatool.taylor.correlated import input_model, reach_linear
 
@@ -115,7 +116,7 @@ def fold(forms: Forms, most: int) -> Forms:
     order = np.argsort(-weight, axis=1, kind="stable")[:, :, None]
     slope = np.take_along_axis(forms.slope, order, axis=1)
     rest = forms.rest + np.abs(slope[:, most:]).sum(axis=1)
-    return Forms(forms.centre, slope[:, :most], rest * (1.0 + 2.0**-48))
+    return Forms(forms.centre, slope[:, :most], rest * SLIGHTLY_MORE)
 
 
 def select(forms: Forms, which: Indices | Booleans | slice) -> Forms:
@@ -125,7 +126,7 @@ def select(forms: Forms, which: Indices | Booleans | slice) -> Forms:
 
 def hull(states: Forms) -> StateBoxes:
     """Return boxes around sets of states, rounded outward."""
-    radius = (np.abs(states.slope).sum(axis=1) + states.rest) * (1.0 + 2.0**-40) + 2.0**-44
+    radius = (np.abs(states.slope).sum(axis=1) + states.rest) * SLIGHTLY_MORE + SPARE
     centre = states.centre
     poses = PoseBoxes(centre[:, _POSE], radius[:, _POSE])
     middle, half = centre[:, _COMMAND], radius[:, _COMMAND]
@@ -156,7 +157,7 @@ def _step(question: Question, states: Forms) -> Step:
         np.concatenate([pose, command], axis=2),
         np.zeros_like(states.rest),
     )
-    slack = ROUNDING * (question.sensors.shapes.scale + np.abs(states.centre).sum(axis=1))
+    slack = SIGHT_ROUNDING * (question.sensors.shapes.scale + np.abs(states.centre).sum(axis=1))
     moved = rules.kinematics.successor(held, rules.interval, slack)
     after = Forms(
         np.concatenate([moved.centre, centre], axis=1),

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from viatool.arrays import Floats
+from viatool.rounding import SLIGHTLY, SPARE
 
 _SERIES = 1e-2
 _LONGEST_BACK = 4.493409457909064
@@ -81,16 +82,16 @@ def least_sinc(half: Floats) -> Floats:
 
     It falls until h = 4.4934, where the chord points backwards the farthest.
     """
-    return sinc(np.minimum(half, _LONGEST_BACK)) - 2.0**-40
+    return sinc(np.minimum(half, _LONGEST_BACK)) - SLIGHTLY
 
 
 def cosine_range(first: Floats, last: Floats) -> tuple[Floats, Floats]:
     """Return bounds of the cosine between two angles, rounded outward."""
-    rounding = 2.0**-44 * (1.0 + np.abs(first) + np.abs(last))
+    rounding = SPARE * (1.0 + np.abs(first) + np.abs(last))
     first, last = first - rounding, last + rounding
     ends = np.cos(first), np.cos(last)
     top = np.floor(last / (2.0 * np.pi)) * 2.0 * np.pi >= first
     bottom = np.floor((last - np.pi) / (2.0 * np.pi)) * 2.0 * np.pi + np.pi >= first
-    low = np.where(bottom, -1.0, np.maximum(np.minimum(*ends) - 2.0**-44, -1.0))
-    high = np.where(top, 1.0, np.minimum(np.maximum(*ends) + 2.0**-44, 1.0))
+    low = np.where(bottom, -1.0, np.maximum(np.minimum(*ends) - SPARE, -1.0))
+    high = np.where(top, 1.0, np.minimum(np.maximum(*ends) + SPARE, 1.0))
     return low, high

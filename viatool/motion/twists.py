@@ -36,6 +36,7 @@ from numpy.typing import ArrayLike
 from viatool.arrays import Floats, Plane
 from viatool.motion.arcs import cosine_range, drive_arc, least_sinc, sinc, swing
 from viatool.motion.law import Deviation, Directions, Kinematics, Seconds
+from viatool.rounding import SLIGHTLY, SLIGHTLY_MORE
 from viatool.sets.forms import Forms, PoseBoxes
 
 Part = Literal["ahead", "left", "turn"]
@@ -138,8 +139,7 @@ class HeldTwist(Kinematics):
             np.column_stack([least, turn * seconds]),
             np.column_stack([most, fastest_turn * seconds]),
         )
-        outward = 2.0**-40
-        return least - outward * np.abs(least), most + outward * np.abs(most)
+        return least - SLIGHTLY * np.abs(least), most + SLIGHTLY * np.abs(most)
 
     def successor(self, states: Forms, seconds: float, slack: Floats) -> Forms:
         """Move along the arcs of the commands, linearised at the middle; see `Kinematics.successor`."""
@@ -242,7 +242,7 @@ def second_order(speed: Floats, a: Floats, b: Floats, c: Floats, seconds: float)
     """Bound what the linear form of a displacement leaves out, (C,), as the module says."""
     mixed = a * (seconds * b + 0.5 * seconds**2 * c)
     bent = seconds * b**2 + seconds**2 * b * c + seconds**3 / 3.0 * c**2
-    return np.asarray((mixed + 0.5 * speed * bent) * (1.0 + 2.0**-40))
+    return np.asarray((mixed + 0.5 * speed * bent) * SLIGHTLY_MORE)
 
 
 def _chords(

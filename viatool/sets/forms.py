@@ -9,10 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viatool.arrays import Booleans, Floats, Plane
-from viatool.rounding import SIGHT_ROUNDING
 from viatool.sets.bounds import require_ordered
-
-ROUNDING = SIGHT_ROUNDING
 
 
 @dataclass(frozen=True, eq=False)

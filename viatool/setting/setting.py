@@ -13,20 +13,13 @@ from viatool.errors import ConfigurationError, PolicyError
 from viatool.motion.law import Kinematics
 from viatool.policy import PolicySpecification
 from viatool.policy.network import Network
+from viatool.policy.specified import Specified, name_of, specification_of
 from viatool.setting.premises import Premise
 from viatool.setting.reconcile import Parties, reconcile
 from viatool.setting.rules import Rules
 from viatool.setting.sensor_errors import Eps, SensorErrors
 from viatool.setting.wishes import Wishes
 from viatool.world import Robot, Scenario, Scenes, WorldMap
-
-
-class Specified(Protocol):
-    """A policy that may say what its numbers mean."""
-
-    @property
-    def spec(self) -> PolicySpecification | None:
-        """Meaning of the observation and the action."""
 
 
 class Described(Specified, Protocol):
@@ -172,28 +165,6 @@ class Setting:
     def bare(self) -> Setting:
         """Return the same without scenarios and generator, for workers whose states bring their own."""
         return replace(self, scenarios=(), world_map=replace(self.world_map, scenarios=(), generator=None))
-
-
-def name_of(policy: object) -> str:
-    """Return what a message calls a policy: its file, if it has one."""
-    path = getattr(policy, "path", None)
-    return "the policy" if path is None else f"policy '{path}'"
-
-
-def specification_of(policy: Specified) -> PolicySpecification:
-    """Return the specification of a policy.
-
-    Raises
-    ------
-    PolicyError
-        If it has none.
-    """
-    if policy.spec is None:
-        raise PolicyError(
-            f"{name_of(policy)} has no specification, so its numbers have no meaning",
-            "describe it with --spec robot.yaml",
-        )
-    return policy.spec
 
 
 def command_columns(spec: PolicySpecification, kinematics: Kinematics, name: str = "the policy") -> list[int]:

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from viatool.arrays import Floats, Indices
-from viatool.setting.setting import Setting, Specified, name_of, specification_of
+from viatool.policy.specified import Specified, name_of, specification_of
+from viatool.setting.setting import Setting
 from viatool.simulate.conditions import Conditions
 from viatool.simulate.engines import largest_batch, make_simulator
 from viatool.simulate.simulator import Simulator, Step

@@ -12,6 +12,7 @@ from viatool.arrays import Floats
 from viatool.errors import ConfigurationError, SelfCheckError
 from viatool.policy import Activation, Affine, Input, Network, Policy, PolicySpecification, load_policy
 from viatool.policy.activations import activation
+from viatool.policy.specified import specification_of
 from viatool.policy.writer import write_onnx
 from viatool.train.configuration import TrainingConfiguration
 from viatool.train.evaluation import actor_command
@@ -183,8 +184,7 @@ def check_against_torch(policy: Policy, actor: Weights, scaling: Scaling) -> flo
     rng = np.random.default_rng(0)
     normalised = rng.uniform(-1.5, 2.5, (CHECKED_OBSERVATIONS, len(scaling.offset)))
     observation = (normalised / scaling.factor + scaling.offset).astype(np.float32).astype(np.float64)
-    assert policy.spec is not None
-    budget = float(policy.spec.channel("budget").value or 0.0)
+    budget = float(specification_of(policy).channel("budget").value or 0.0)
     observation[:, -1] = np.float32(budget)
     expected = actor_command(actor, scaling, budget)(observation[:, :-1])
     difference = np.abs(policy.run(observation) - expected) / scaling.action_factor

@@ -9,6 +9,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 from viatool.policy import Policy
+from viatool.policy.specified import specification_of
 from viatool.train.configuration import TrainingConfiguration
 from viatool.train.evaluation import Evaluation, actor_command, actor_commands, drive, policy_command
 from viatool.train.networks import Weights
@@ -111,8 +112,7 @@ def evaluate_policy(
     policy: Policy, world_map: WorldMap, configuration: TrainingConfiguration
 ) -> dict[str, dict[str, float]]:
     """Drive an exported policy on the map's ``fixed`` scenarios and on ``held_out`` random ones."""
-    assert policy.spec is not None
-    command = policy_command(policy, float(policy.spec.channel("budget").value or 0.0))
+    command = policy_command(policy, float(specification_of(policy).channel("budget").value or 0.0))
     sets: dict[str, tuple[Scenario, ...]] = {"fixed": world_map.scenarios}
     if world_map.generator is not None:
         sets["held_out"] = world_map.generator.draw(configuration.test_scenarios, configuration.test_seed)

@@ -16,6 +16,7 @@ from viatool.errors import ConfigurationError
 from viatool.motion.kinematics import kinematics_of
 from viatool.policy import load_policy, load_specification
 from viatool.policy.specification import ActionChannel, ObservationChannel, PolicySpecification
+from viatool.policy.specified import specification_of
 from viatool.setting.reconcile import with_robot
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
@@ -138,12 +139,7 @@ class EnvironmentOptions:
             return task_specification(robot)
         if Path(given).suffix.lower() in (".yaml", ".yml"):
             return load_specification(Path(given))
-        specification = load_policy(given).spec
-        if specification is None:
-            raise ConfigurationError(
-                f"policy '{given}' carries no specification", "give a specification (YAML) as observation"
-            )
-        return specification
+        return specification_of(load_policy(given), "give a specification (YAML) as observation")
 
 
 def task_specification(robot: Robot) -> PolicySpecification:
