@@ -6,7 +6,7 @@ A new kind is a class in a module of this room that `observes("its_name")`, and 
 from __future__ import annotations
 
 from viatool.channels.channel import Channel, LidarSpecification
-from viatool.channels.fan import Fan, Ranges
+from viatool.channels.fan import Fan
 from viatool.channels.goals import GoalCosine, GoalDistance, GoalSine
 from viatool.channels.lidar import LidarReadings
 from viatool.channels.previous import PreviousAngular, PreviousCommand, PreviousLinear
@@ -33,7 +33,6 @@ __all__ = [
     "PreviousLinear",
     "Quantities",
     "Quantity",
-    "Ranges",
     "Recorded",
     "View",
     "kind_named",

@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from viatool.arrays import Floats
+from viatool.arrays import Floats, Reals, Singles
 from viatool.world import Lidar
-
-Ranges = NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,13 +34,13 @@ class Fan:
         return lidar.directions()[:, order]
 
     @cached_property
-    def quick_directions(self) -> NDArray[np.float32]:
+    def quick_directions(self) -> Singles:
         """The same in float32, in which rays are cast in half the time."""
         return self.directions.astype(np.float32)
 
-    def read(self, ranges: Ranges) -> Ranges:
+    def read(self, ranges: Reals) -> Reals:
         """Return the least range of each bin within the LiDAR's limits, (B, bins) m, of ranges (B, R)."""
         lidar = self.lidar
         binned = ranges.reshape(len(ranges), -1, lidar.bins).min(axis=1)
-        clipped: Ranges = np.clip(binned, lidar.minimum_range, lidar.maximum_range)
+        clipped: Reals = np.clip(binned, lidar.minimum_range, lidar.maximum_range)
         return clipped

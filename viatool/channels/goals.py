@@ -6,8 +6,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from viatool.arrays import Floats, Indices
-from viatool.channels.fan import Ranges
+from viatool.arrays import Floats, Indices, Reals
 from viatool.channels.quantity import Quantity, observes
 from viatool.channels.views import BoxView, Extent, Recorded, View
 from viatool.sets.forms import Forms
@@ -19,7 +18,7 @@ class GoalQuantity(Quantity):
     needs = frozenset({"goal"})
     part: ClassVar[Literal["distance", "cosine", "sine"]]
 
-    def measure(self, view: View) -> Ranges:
+    def measure(self, view: View) -> Reals:
         """Return the number as seen from where the robots think they are."""
         return np.asarray(getattr(view.goal, self.part))
 

@@ -7,9 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
-from viatool.arrays import Floats, Indices
+from viatool.arrays import Floats, Indices, Reals
 from viatool.channels.channel import Channel
-from viatool.channels.fan import Fan, Ranges
+from viatool.channels.fan import Fan
 from viatool.channels.quantity import Part, Quantity, observes
 from viatool.channels.views import BoxView, Extent, Recorded, View
 from viatool.errors import PolicyError
@@ -65,7 +65,7 @@ class LidarReadings(Quantity):
         if part in ("measure", "enclose"):
             _ = self.fan
 
-    def measure(self, view: View) -> Ranges:
+    def measure(self, view: View) -> Reals:
         """Return the least range of each bin; in an obstacle and off the map, the least that the LiDAR reads."""
         return self.fan.read(view.eyes(self.fan, view))
 

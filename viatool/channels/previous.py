@@ -6,8 +6,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from viatool.arrays import Floats, Indices
-from viatool.channels.fan import Ranges
+from viatool.arrays import Floats, Indices, Reals
 from viatool.channels.quantity import Quantity, observes
 from viatool.channels.views import BoxView, Extent, Recorded, View
 from viatool.sets.forms import Forms
@@ -22,7 +21,7 @@ class PreviousCommand(Quantity):
     state: ClassVar[Literal["v", "omega"]]
     """Which quantity of the state it is."""
 
-    def measure(self, view: View) -> Ranges:
+    def measure(self, view: View) -> Reals:
         """Return the command before."""
         return view.previous[:, self.axis]
 

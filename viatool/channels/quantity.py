@@ -14,9 +14,8 @@ from typing import ClassVar, Literal, TypeVar
 
 import numpy as np
 
-from viatool.arrays import Floats, Indices
+from viatool.arrays import Floats, Indices, Reals
 from viatool.channels.channel import Channel
-from viatool.channels.fan import Ranges
 from viatool.channels.views import BoxView, Extent, Recorded, View
 from viatool.errors import PolicyError
 from viatool.sets.forms import Forms
@@ -72,7 +71,7 @@ class Quantity(ABC):
                 f"channel '{channel.name}' of kind '{channel.kind}' has size 1, not {channel.size}"
             )
 
-    def measure(self, view: View) -> Ranges:
+    def measure(self, view: View) -> Reals:
         """Return what B robots observe in a simulation, (B, k) or (B,), without what sensors err."""
         raise self.lacks("measure")
 
@@ -121,7 +120,7 @@ class Fixed(Quantity):
         assert self.channel.value is not None
         return self.channel.value
 
-    def measure(self, view: View) -> Ranges:
+    def measure(self, view: View) -> Reals:
         """Return the constant."""
         return np.full((len(view), self.channel.size), self._value)
 

@@ -8,9 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
-from viatool.arrays import Booleans, Floats, Indices
+from viatool.arrays import Booleans, Floats, Indices, Reals
 from viatool.channels.channel import Channel
-from viatool.channels.fan import Fan, Ranges
+from viatool.channels.fan import Fan
 from viatool.channels.goal_forms import GoalForms
 from viatool.sets.forms import Forms
 from viatool.sets.states import STATE, StateBoxes
@@ -36,17 +36,17 @@ class Goals:
         return cls(distance, (dx * cosine + dy * sine) * inverse, (dy * cosine - dx * sine) * inverse)
 
 
-def see(fan: Fan, view: View) -> Ranges:
+def see(fan: Fan, view: View) -> Reals:
     """Cast rays in float32: for simulations."""
     return view.scenes.cast(view.poses, view.scene, fan.lidar, directions=fan.quick_directions)
 
 
-def see_precisely(fan: Fan, view: View) -> Ranges:
+def see_precisely(fan: Fan, view: View) -> Reals:
     """Cast rays in float64: for counterexamples."""
     return view.scenes.cast(view.poses, view.scene, fan.lidar, directions=fan.directions)
 
 
-Eyes = Callable[[Fan, "View"], Ranges]
+Eyes = Callable[[Fan, "View"], Reals]
 """Gives the ranges (B, R) of a fan's rays in the order of its directions; the caller may overwrite them."""
 
 

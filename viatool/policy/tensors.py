@@ -14,6 +14,7 @@ import numpy as np
 import onnx
 from numpy.typing import NDArray
 
+from viatool.arrays import Singles
 from viatool.errors import PolicyError
 from viatool.policy.network import Precision
 
@@ -86,7 +87,7 @@ def convert(array: Array, dtype: str) -> Array:
         return np.asarray(array).astype(dtype)
 
 
-def round_to_bfloat16(array: NDArray[np.float32]) -> NDArray[np.float32]:
+def round_to_bfloat16(array: Singles) -> Singles:
     """Round float32 numbers to the nearest bfloat16, ties to even."""
     bits = array.view(np.uint32).astype(np.uint64)
     rounded = (bits + 0x7FFF + ((bits >> 16) & 1)) & 0xFFFF0000

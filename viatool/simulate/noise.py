@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+
+from viatool.arrays import Singles
 
 
-def draw_normal(rng: np.random.Generator, rows: int, columns: int) -> NDArray[np.float32]:
+def draw_normal(rng: np.random.Generator, rows: int, columns: int) -> Singles:
     """Return independent standard normal numbers, (rows, columns), by the Box-Muller transform.
 
     Parameters

@@ -7,10 +7,9 @@ from dataclasses import replace
 from functools import reduce
 
 import numpy as np
-from numpy.typing import NDArray
 
-from viatool.arrays import Floats
-from viatool.channels import Fan, LidarReadings, LidarSpecification, Quantities, Ranges, View
+from viatool.arrays import Floats, Reals, Singles
+from viatool.channels import Fan, LidarReadings, LidarSpecification, Quantities, View
 from viatool.errors import ConfigurationError
 from viatool.policy.specification import ObservationChannel
 from viatool.simulate.noise import draw_normal
@@ -103,7 +102,7 @@ class Observer:
         """Return the rays of each LiDAR."""
         return tuple(lidar.fan for lidar in self.lidars)
 
-    def disturb(self, ranges: Ranges, fan: Fan, rng: np.random.Generator) -> Ranges:
+    def disturb(self, ranges: Reals, fan: Fan, rng: np.random.Generator) -> Reals:
         """Add noise to true ranges (B, R) of a fan and drop some, in place.
 
         Parameters
@@ -136,16 +135,14 @@ class Observer:
             Source of the errors.
         """
 
-        def eyes(fan: Fan, now: View) -> Ranges:
+        def eyes(fan: Fan, now: View) -> Reals:
             return self.disturb(view.eyes(fan, now), fan, rng)
 
         return self.quantities.measure(replace(view, eyes=eyes))
 
-    def nearest(self, view: View, observations: Floats) -> NDArray[np.float32]:
+    def nearest(self, view: View, observations: Floats) -> Singles:
         """Return the smallest reading of all LiDARs, (B,) m, of observations (B, n); of the robot's if none is read."""
-        seen: list[Ranges] = [observations[:, columns] for _, columns in self.quantities.lidars]
+        seen: list[Reals] = [observations[:, columns] for _, columns in self.quantities.lidars]
         readings = seen or [lidar.measure(view) for lidar in self.lidars]
-        least: NDArray[np.float32] = reduce(np.minimum, (part.min(axis=1) for part in readings)).astype(
-            np.float32
-        )
+        least: Singles = reduce(np.minimum, (part.min(axis=1) for part in readings)).astype(np.float32)
         return least

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from viatool.arrays import Floats, Indices
-from viatool.channels import Fan, Quantities, Ranges, View, see
+from viatool.arrays import Floats, Indices, Reals
+from viatool.channels import Fan, Quantities, View, see
 from viatool.errors import ConfigurationError, EmptyEvaluationError
 from viatool.setting.setting import Setting
 from viatool.simulate.roll_out import RunnablePolicy
@@ -159,9 +159,9 @@ def _random(
 def _observe(policy: RunnablePolicy, setting: Setting, view: View) -> Floats:
     """Return what the policy observes: first after standing still, then after its own command."""
     quantities = Quantities.of(setting.spec.observation, setting.robot).require("measure")
-    seen: dict[Fan, Ranges] = {}
+    seen: dict[Fan, Reals] = {}
 
-    def eyes(fan: Fan, now: View) -> Ranges:
+    def eyes(fan: Fan, now: View) -> Reals:
         if fan not in seen:  # rays are the same whatever the command before was
             seen[fan] = see(fan, now)
         return seen[fan]

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from viatool.arrays import Booleans, Floats, Indices
-from viatool.channels import Fan, Ranges, View, see
+from viatool.arrays import Booleans, Floats, Indices, Reals
+from viatool.channels import Fan, View, see
 from viatool.errors import ConfigurationError
 from viatool.motion.kinematics import kinematics_of
 from viatool.policy.specification import ObservationChannel
@@ -175,7 +175,7 @@ class Simulator(ABC):
             Poses (E, 3) after it, and which bodies touch an obstacle, (E,) bool.
         """
 
-    def _ranges(self, fan: Fan, index: Indices | slice, view: View) -> Ranges:
+    def _ranges(self, fan: Fan, index: Indices | slice, view: View) -> Reals:
         """Return the true ranges of the rays of some robots, (W, R) m; by exact geometry unless overridden."""
         return see(fan, view)
 
@@ -291,7 +291,7 @@ class Simulator(ABC):
             eyes=lambda fan, view: self._see(fan, index, view),
         )
 
-    def _see(self, fan: Fan, index: Indices | slice, view: View) -> Ranges:
+    def _see(self, fan: Fan, index: Indices | slice, view: View) -> Reals:
         """Return what the rays of some robots read, (W, R) m: of the last scan, with its errors."""
         ranges = self.observer.disturb(self._ranges(fan, index, view), fan, self._noise)
         rate = self.conditions.lidar_rate

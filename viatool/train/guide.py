@@ -5,12 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from viatool.arrays import Floats, Indices
+from viatool.arrays import Floats, Indices, Singles
 from viatool.world import Scenes, WorldMap
-
-Grid = NDArray[np.float32]
 
 FINEST = 0.25  # metres between the points of the lattice
 MOST_POINTS = 4096  # of the lattice: a larger map gets a coarser one
@@ -51,7 +48,7 @@ class Guide:
         y = np.arange(y_min, y_max + self.spacing, self.spacing)
         self.origin = np.array([x_min, y_min])
         self.points = np.stack(np.meshgrid(x, y), axis=-1)  # (R, C, 2)
-        self.fields: Grid = np.zeros((robots, len(y), len(x)), dtype=np.float32)
+        self.fields: Singles = np.zeros((robots, len(y), len(x)), dtype=np.float32)
         reach = world_map.robot.footprint.reach
         self._blocked = world_map.clearance.collision + reach
         self._danger = world_map.clearance.danger + reach
@@ -100,7 +97,7 @@ class Guide:
         return np.asarray(low * (1 - up) + high * up)
 
 
-def solve_eikonal(start: Grid, step: Grid) -> Grid:
+def solve_eikonal(start: Singles, step: Singles) -> Singles:
     """Extend distances over a lattice: ``|grad U| = step / spacing``.
 
     Parameters

@@ -6,9 +6,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from viatool.arrays import Floats, Indices
+from viatool.arrays import Floats, Indices, Singles
 from viatool.errors import TrajectoryError
 
 if TYPE_CHECKING:
@@ -33,7 +32,7 @@ class Scans:
 
     stamps: Indices
     received: Indices
-    ranges: tuple[NDArray[np.float32], ...]
+    ranges: tuple[Singles, ...]
     geometry: Floats
     frame: str
 

@@ -14,14 +14,10 @@ Points and directions of the plane are complex numbers x + iy: turning into the 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from viatool.arrays import Booleans, Floats, Plane
-
-Ranges = NDArray[np.floating[Any]]
+from viatool.arrays import Booleans, Floats, Plane, Reals
 
 # Edges are taken longer by this part of their length at both ends, and fade out within it: so no ray slips
 # through between two edges that share a corner, whatever the rounding.
@@ -55,8 +51,8 @@ class Surroundings:
 
 
 def cast_rays(
-    places: Plane, headings: Floats, around: Surroundings, directions: Ranges, limit: float
-) -> Ranges:
+    places: Plane, headings: Floats, around: Surroundings, directions: Reals, limit: float
+) -> Reals:
     """Return the distance at which each ray first meets a shape.
 
     Parameters
@@ -103,30 +99,30 @@ def cast_rays(
     return nearest
 
 
-def _project(rows: Plane, directions: Ranges) -> Ranges:
+def _project(rows: Plane, directions: Reals) -> Reals:
     """Return the dot products, (N, B, R), of vectors (N, B) with the directions (2, R)."""
     single = directions.dtype == np.float32
     flat = rows.astype(np.complex64).view(np.float32) if single else rows.view(np.float64)
     return (flat.reshape(-1, 2) @ directions).reshape(*rows.shape, directions.shape[1])
 
 
-def _inverse_circle_ranges(projections: Ranges, offset: Ranges) -> Ranges:
+def _inverse_circle_ranges(projections: Reals, offset: Reals) -> Reals:
     """Return the largest P + sqrt(P^2 - 1/q), (B, R), of P (K, B, R) and 1/q (K, B); NaN for no hit."""
     root = np.square(projections)
     root -= offset[..., None]
     with np.errstate(invalid="ignore"):
         np.sqrt(root, out=root)  # NaN where the ray misses the circle, which fmax ignores
     root += projections
-    nearest: Ranges = np.fmax.reduce(root, axis=0)
+    nearest: Reals = np.fmax.reduce(root, axis=0)
     return nearest
 
 
-def _inverse_edge_ranges(products: Ranges) -> Ranges:
+def _inverse_edge_ranges(products: Reals) -> Reals:
     """Return the largest u + w, (B, R), of edges that are hit; at most 0 where none is."""
     inverse, from_first, from_second = np.split(products, 3)
     np.minimum(from_first, from_second, out=from_first)
     np.minimum(from_first, inverse, out=inverse)
-    nearest: Ranges = inverse.max(axis=0)
+    nearest: Reals = inverse.max(axis=0)
     return nearest
 
 
@@ -150,7 +146,7 @@ def _line_rows(places: Plane, turn: Plane, around: Surroundings) -> tuple[Plane,
 
 
 def _seen_edges(
-    places: Plane, turn: Plane, around: Surroundings, overlap: float, limit: float, directions: Ranges
+    places: Plane, turn: Plane, around: Surroundings, overlap: float, limit: float, directions: Reals
 ) -> tuple[Plane, Plane]:
     """Return both ends, (m, B) in the fans' frames, of the most prolonged edges that any fan may hit."""
     extension = overlap * (around.second - around.first)

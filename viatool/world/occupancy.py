@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.arrays import Booleans, Floats, Plane
+from viatool.arrays import Booleans, Floats, Plane, Reals
 from viatool.errors import MapError
-from viatool.world.casting import Ranges
 from viatool.world.grid_casting import free_squares, march_rays
 from viatool.world.grid_measurement import RowTables, enclosed_cells, point_distances, segment_distances
 from viatool.world.rings import LARGEST, LEAST_EDGE, fit
@@ -123,7 +122,7 @@ class OccupancyGrid:
         """Tell which outlines, (n, B) in the map frame, surround the middle of a blocked cell."""
         return enclosed_cells(self._to_grid(corners), self._counts)
 
-    def cast(self, places: Plane, headings: Floats, directions: Ranges, limit: float) -> Floats:
+    def cast(self, places: Plane, headings: Floats, directions: Reals, limit: float) -> Floats:
         """Return the distance at which each ray first meets something blocked.
 
         Parameters

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.arrays import Booleans, Floats, Indices, Plane
-from viatool.world.casting import Ranges, Surroundings, cast_rays
+from viatool.arrays import Booleans, Floats, Indices, Plane, Reals
+from viatool.world.casting import Surroundings, cast_rays
 from viatool.world.measurement import (
     as_plane,
     dot,
@@ -116,9 +116,9 @@ class Scenes:
         scene: Indices,
         lidar: Lidar,
         *,
-        directions: Ranges | None = None,
+        directions: Reals | None = None,
         dtype: type = np.float64,
-    ) -> Ranges:
+    ) -> Reals:
         """Return what a perfect LiDAR without a minimum range would read.
 
         Parameters
@@ -143,7 +143,7 @@ class Scenes:
         """
         rays = lidar.directions().astype(dtype) if directions is None else directions
 
-        def measure(place: Plane, heading: Floats, index: Indices) -> Ranges:
+        def measure(place: Plane, heading: Floats, index: Indices) -> Reals:
             around = self._surroundings(index)
             ranges = cast_rays(place, heading, around, rays, lidar.maximum_range)
             if len(self._first):  # seen from their right, hence the other direction
@@ -158,7 +158,7 @@ class Scenes:
             return ranges
 
         places = as_plane(poses)
-        ranges: Ranges = self._in_chunks(measure, scene, places, poses[:, 2], rays=rays.shape[1])
+        ranges: Reals = self._in_chunks(measure, scene, places, poses[:, 2], rays=rays.shape[1])
         return ranges
 
     def _surroundings(self, scene: Indices) -> Surroundings:

@@ -9,8 +9,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from viatool.arrays import Booleans, Floats, Indices
-from viatool.channels import Fan, Ranges, View
+from viatool.arrays import Booleans, Floats, Indices, Reals
+from viatool.channels import Fan, View
 from viatool.errors import ConfigurationError
 from viatool.simulate.bullet.worlds import Blueprint, Sight, open_worlds
 from viatool.simulate.models import model_of
@@ -132,7 +132,7 @@ class BulletSimulator(Simulator):
         if sight.ranges is not None:
             self._seen[row] = sight.ranges
 
-    def _ranges(self, fan: Fan, index: Indices | slice, view: View) -> Ranges:
+    def _ranges(self, fan: Fan, index: Indices | slice, view: View) -> Reals:
         if self._analytic:
             return super()._ranges(fan, index, view)
         return np.minimum(self._seen[index][:, self._rays[fan]], np.float32(fan.lidar.maximum_range))

@@ -6,15 +6,13 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from numpy.typing import NDArray
 
+from viatool.arrays import Singles
 from viatool.policy.specification import PolicySpecification
 from viatool.simulate.gym.options import EnvironmentOptions, information
 
-Observation = NDArray[np.float32]
 
-
-class NavigationEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
+class NavigationEnvironment(gymnasium.Env[Singles, Singles]):
     """Drive to a goal among obstacles.
 
     Parameters
@@ -44,7 +42,7 @@ class NavigationEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
+    ) -> tuple[Singles, dict[str, Any]]:
         """Begin the next episode."""
         super().reset(seed=seed)
         if seed is not None or self._fresh:
@@ -52,7 +50,7 @@ class NavigationEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
             self._fresh = False
         return self.simulator.reset()[0].astype(np.float32), {}
 
-    def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+    def step(self, action: Singles) -> tuple[Singles, float, bool, bool, dict[str, Any]]:
         """Hold a command for one control interval."""
         step = self.simulator.step(np.asarray(action, dtype=np.float64)[None])
         told = information(

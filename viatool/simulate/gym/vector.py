@@ -9,15 +9,13 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from viatool.arrays import Booleans, Floats
+from viatool.arrays import Booleans, Floats, Singles
 from viatool.errors import ConfigurationError
 from viatool.policy.specification import PolicySpecification
 from viatool.simulate.gym.options import EnvironmentOptions, information
 
-Observations = NDArray[np.float32]
 
-
-class NavigationVectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
+class NavigationVectorEnvironment(VectorEnv[Singles, Singles, NDArray[Any]]):
     """E robots, each in a scenario of its own.
 
     Parameters
@@ -59,7 +57,7 @@ class NavigationVectorEnvironment(VectorEnv[Observations, NDArray[np.float32], N
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observations, dict[str, Any]]:
+    ) -> tuple[Singles, dict[str, Any]]:
         """Begin the next episode of all robots, or of those of ``options["reset_mask"]``, (E,) bool."""
         first = seed[0] if isinstance(seed, list) else seed
         super().reset(seed=first)
@@ -71,9 +69,7 @@ class NavigationVectorEnvironment(VectorEnv[Observations, NDArray[np.float32], N
         self._done &= ~which
         return self.simulator.reset(which).astype(np.float32), {}
 
-    def step(
-        self, actions: NDArray[np.float32]
-    ) -> tuple[Observations, Floats, Booleans, Booleans, dict[str, Any]]:
+    def step(self, actions: Singles) -> tuple[Singles, Floats, Booleans, Booleans, dict[str, Any]]:
         """Let every robot hold a command for one control interval."""
         step = self.simulator.step(np.asarray(actions, dtype=np.float64))
         reward, terminated, truncated = step.reward, step.terminated, step.truncated
@@ -98,7 +94,7 @@ class NavigationVectorEnvironment(VectorEnv[Observations, NDArray[np.float32], N
         """Give back what the engine holds."""
         self.simulator.close()
 
-    def _final(self, observations: Observations, told: dict[str, Any]) -> dict[str, Any]:
+    def _final(self, observations: Singles, told: dict[str, Any]) -> dict[str, Any]:
         """Return the last observation and info of the robots that are done."""
         last = np.full(self.num_envs, None, dtype=object)
         for robot in np.flatnonzero(self._done):
