@@ -15,7 +15,7 @@ from viatool.safety import Situations, enclosure, situations
 from viatool.safety.enclosure import MotionBoxes, enclose
 from viatool.world import Footprint, Obstacles, OccupancyGrid, Scenario, WorldMap
 
-FAR = 1e7
+FAR = 4e5
 COUNT = 200
 BOX = np.array([[-3.0, -3.0], [3.0, -3.0], [3.0, 3.0], [-3.0, 3.0]])
 
