@@ -56,7 +56,8 @@ def free_poses(generator, count, clearance=0.05):
 
 def view_at(generator, count):
     goals = np.broadcast_to(np.array(SCENARIO.goal), (count, 2))
-    previous = ROBOT.clip(generator.uniform(-2.0, 2.0, (count, 2)))
+    most = [ROBOT.max_linear, ROBOT.max_angular]
+    previous = generator.uniform([ROBOT.min_linear, -ROBOT.max_angular], most, (count, 2))
     poses = free_poses(generator, count)
     return View(SCENES, poses, np.zeros(count, np.int64), goals, previous, eyes=see_precisely)
 

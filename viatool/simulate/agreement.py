@@ -9,14 +9,14 @@ than one reading in twenty is farther off than eps and 5 cm.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from viatool.arrays import Floats, Indices
-from viatool.channels import LidarReadings, View
+from viatool.channels import LidarReadings, Quantities, View
 from viatool.world import Scenes, WorldMap
 
 if TYPE_CHECKING:
@@ -144,15 +144,14 @@ def compare_with_map(
     scenes = Scenes.of(world_map, [trajectory.scenarios[episode] for episode in episodes])
     poses = trajectory.poses[chosen]
     found = []
-    for channel, columns in _lidar_columns(channels):
-        lidar = LidarReadings(channel, world_map.robot)
+    for lidar, columns in Quantities.of(channels, world_map.robot).lidars:
         if not lidar.described:
             continue
         sight = _Sight(lidar, scenes)
         recorded, eps = trajectory.observations[chosen, columns], radii[columns]
         apart = np.abs(recorded - sight.shows(poses, scene))
         agreement = Agreement(
-            channel=channel.name,
+            channel=lidar.channel.name,
             compared=len(chosen),
             states=count,
             readings=apart.size,
@@ -166,15 +165,6 @@ def compare_with_map(
             agreement = Agreement(**{**vars(agreement), "cause": cause})
         found.append(agreement)
     return tuple(found)
-
-
-def _lidar_columns(channels: Sequence[ObservationChannel]) -> Iterator[tuple[ObservationChannel, slice]]:
-    """Yield the channels that hold what a LiDAR measured, with their columns."""
-    first = 0
-    for channel in channels:
-        if channel.kind == "lidar" and channel.value is None:
-            yield channel, slice(first, first + channel.size)
-        first += channel.size
 
 
 def _contradicting(apart: Floats, eps: Floats) -> int:
