@@ -39,13 +39,13 @@ def refused(path: Path, meaning: str) -> None:
 
 def test_no_file(tmp_path: Path) -> None:
     refused(tmp_path / "none.onnx", "No such file")
-    refused(tmp_path, "is no file")
-    refused(Path("/dev/zero"), "is no file")
+    refused(tmp_path, "is not a file")
+    refused(Path("/dev/zero"), "is not a file")
 
 
 def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.onnx")
-    refused(tmp_path / "pipe.onnx", "is no file")
+    refused(tmp_path / "pipe.onnx", "is not a file")
 
 
 @pytest.mark.parametrize(
@@ -269,8 +269,8 @@ def test_broken_external_data(tmp_path: Path) -> None:
     refused(with_external_weights(tmp_path, "w.bin", offset="many"), "broken offset")
     refused(with_external_weights(tmp_path, "w.bin", offset=str(2**80)), "w.bin")
     refused(with_external_weights(tmp_path, "w.bin", length=str(2**40)), "needs 32 bytes")
-    refused(with_external_weights(tmp_path, "pipe.bin"), "is no file")
-    refused(with_external_weights(tmp_path, "."), "is no file")
+    refused(with_external_weights(tmp_path, "pipe.bin"), "is not a file")
+    refused(with_external_weights(tmp_path, "."), "is not a file")
 
 
 def test_an_external_constant_inside_a_node_is_refused(tmp_path: Path) -> None:

@@ -158,7 +158,8 @@ def _constant(node: GraphNode, inputs: Values, attributes: Mapping[str, Any]) ->
     value = attributes.get("value")
     if not isinstance(value, Constant):
         raise Refusal(
-            "is a constant that is no dense tensor of numbers", "export the policy with dense float32 weights"
+            "is a constant that is not a dense tensor of numbers",
+            "export the policy with dense float32 weights",
         )
     return value
 

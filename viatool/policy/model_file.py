@@ -94,13 +94,13 @@ def open_model(path: str | os.PathLike[str]) -> ModelFile:
     Raises
     ------
     PolicyError
-        If it is missing, is no regular file, is too large, or is no ONNX model.
+        If it is missing, is not a regular file, is too large, or is not an ONNX model.
     """
     path = POLICIES.find(path)
     try:
         status = path.stat()
         if not stat.S_ISREG(status.st_mode):
-            raise PolicyError(f"the policy {path} is no file", _EXPORT_HINT)
+            raise PolicyError(f"the policy {path} is not a file", _EXPORT_HINT)
         if status.st_size > 2 * MAX_BYTES:
             raise PolicyError(
                 f"the policy {path} has {status.st_size / 2**20:.0f} MiB, far more than a policy needs",
@@ -117,7 +117,7 @@ def open_model(path: str | os.PathLike[str]) -> ModelFile:
         raise PolicyError(f"{path} is not an ONNX model, or is damaged", _EXPORT_HINT) from error
     if not _has_sane_names(proto):
         raise PolicyError(
-            f"{path} is damaged: it holds names that are no text or absurdly long", _EXPORT_HINT
+            f"{path} is damaged: it holds names that are not text, or absurdly long", _EXPORT_HINT
         )
     if not proto.HasField("graph") or not proto.opset_import:
         raise PolicyError(f"{path} is not an ONNX model: it holds no graph", _EXPORT_HINT)
@@ -193,7 +193,7 @@ def _only_output(graph: Graph) -> str:
 def _port(value: onnx.ValueInfoProto) -> Port:
     if not value.type.HasField("tensor_type"):
         raise PolicyError(
-            f"the input '{value.name}' is no tensor", "export the actor with a vector as its input"
+            f"the input '{value.name}' is not a tensor", "export the actor with a vector as its input"
         )
     tensor = value.type.tensor_type
     dtype = dtype_name(tensor.elem_type)

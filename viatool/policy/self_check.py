@@ -1,6 +1,6 @@
 """The gate before every verdict: the loaded network against the program, within what rounding can explain.
 
-The tolerance is no constant: for each observation it is the smaller of two. A running error analysis follows
+The tolerance is not a constant: for each observation it is the smaller of two. A running error analysis follows
 the largest rounding of the program through the network: a dot product of n terms errs by at most
 ``gamma_n * sum |w| |x|``, an activation by its own error plus what its argument's error can move. In a wide or
 deep network these bounds multiply to far more than what happens, and a dropped bias would hide below them. So

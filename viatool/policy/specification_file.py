@@ -40,7 +40,7 @@ def load_specification(path: str | os.PathLike[str]) -> PolicySpecification:
     Raises
     ------
     PolicyError
-        If the file is missing, is no YAML, or does not describe a policy; names the file, line and field.
+        If the file is missing, is not YAML, or does not describe a policy; names the file, line and field.
     """
     import yaml
 

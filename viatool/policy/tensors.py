@@ -243,7 +243,7 @@ def _external_path(name: str, location: str, folder: Path) -> Path:
             )
     if not stat.S_ISREG(mode):
         raise PolicyError(
-            f"tensor '{name}' keeps its data in '{location[:200]}', which is no file",
+            f"tensor '{name}' keeps its data in '{location[:200]}', which is not a file",
             "export the policy again",
         )
     return path

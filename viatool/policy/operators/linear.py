@@ -238,7 +238,7 @@ def read_cast(call: Call) -> Sequence[Result]:
     precision = as_precision(dtype) if dtype else None
     if precision is None:
         raise Refusal(
-            f"casts a computed value to {dtype or 'a type that is no number'}, which is a step function",
+            f"casts a computed value to {dtype or 'a type that is not a number'}, which is a step function",
             "export the policy before its actions are made discrete",
         )
     return [call.assembly.cast(call.computed(0), precision)]

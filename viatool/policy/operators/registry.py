@@ -112,7 +112,7 @@ class Call:
         if constant.roundings:
             array = finite(constant, meaning)
         if array.size != 1 or np.isnan(array).any():
-            raise Refusal(f"has a {meaning} that is no single number")
+            raise Refusal(f"has a {meaning} that is not a single number")
         return float(array.ravel()[0])
 
     def integer(self, name: str) -> int:
@@ -142,7 +142,7 @@ class Call:
         if value is None:
             return None
         if not isinstance(value, tuple) or not all(isinstance(entry, int) for entry in value):
-            raise Refusal(f"has an attribute '{name}' that is no list of integers")
+            raise Refusal(f"has an attribute '{name}' that is not a list of integers")
         return value
 
 

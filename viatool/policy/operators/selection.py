@@ -52,7 +52,7 @@ def read_or(call: Call) -> Sequence[Result]:
     same = above.subject.node == below.subject.node and above.bound == -below.bound
     # the comparison below holds where its opposite does not, so its strictness is the other way round
     if not same or not above.above or below.above or above.strict == below.strict or not above.bound > 0:
-        raise Refusal("joins comparisons of computed values that are no rectifier", _STEP_HINT)
+        raise Refusal("joins comparisons of computed values that do not make a rectifier", _STEP_HINT)
     return [Comparison(call.assembly.activation(above.subject, "Abs"), above.bound, above.strict, True)]
 
 
@@ -72,7 +72,9 @@ def read_where(call: Call) -> Sequence[Value]:
         result = rectified(call.assembly, x, condition.bound, upper, lower, strict=condition.strict)
         if result is not None:
             return [result]
-    raise Refusal("chooses by a comparison of computed values, and is no rectifier that is known", _STEP_HINT)
+    raise Refusal(
+        "chooses by a comparison of computed values, and is not a rectifier that is known", _STEP_HINT
+    )
 
 
 def _branch(value: Value, x: Computed) -> Branch | None:
