@@ -21,6 +21,7 @@ from viatool.motion.manoeuvre import Manoeuvre
 from viatool.safety import Case, find_contested, judge, judgement, settle
 from viatool.safety.judgement import Contested
 from viatool.safety.proof import Proof
+from viatool.setting.criteria import Criterion
 from viatool.setting.rules import Rules
 
 COUNT = 60
@@ -167,8 +168,8 @@ MUTANTS = {
     "danger at the collision distance": ("swept", judgement, "_hold", without_danger),
     "collision at the danger distance": ("swept", judgement, "_hold", without_collision),
     "danger at the collision distance, of nine": ("sampled", judgement, "_hold", without_danger),
-    "begin alone": ("sampled", judgement, "SAMPLED_FRACTIONS", lambda right: right[:1]),
-    "end alone": ("sampled", judgement, "SAMPLED_FRACTIONS", lambda right: right[-1:]),
+    "begin alone": ("sampled", Criterion, "instants", lambda right: right[:1]),
+    "end alone": ("sampled", Criterion, "instants", lambda right: right[-1:]),
     "contested at another distance": (
         "swept", judgement, "_contested", lambda right: lambda case, distance: right(case, distance - 0.1),
     ),

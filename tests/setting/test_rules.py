@@ -11,7 +11,8 @@ import pytest
 
 from viatool.errors import ConfigurationError, MapError
 from viatool.motion.manoeuvre import Manoeuvre
-from viatool.setting.rules import CRITERIA, Rules, as_footprint
+from viatool.setting.criteria import CRITERIA
+from viatool.setting.rules import Rules, as_footprint
 from viatool.world import Clearance, Footprint, Robot, WorldMap
 
 TRIANGLE = [[-0.1, -0.1], [0.3, 0.0], [-0.1, 0.1]]

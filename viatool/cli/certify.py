@@ -13,6 +13,7 @@ from viatool.cli.reporting import read_outputs, tell
 from viatool.cli.shapes import FootprintType, PointType
 from viatool.cli.terminal import show_progress
 from viatool.cli.work import keeping, work_options
+from viatool.setting.criteria import PROVING
 
 if TYPE_CHECKING:
     from viatool.world import Scenario, WorldMap
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
 @options.spec_option
 @click.option(
     "--criterion",
-    type=click.Choice(["swept", "braking"]),
+    type=click.Choice(PROVING),
     default="braking",
     show_default=True,
     help="What has to hold from every pose.",

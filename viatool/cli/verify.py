@@ -14,6 +14,7 @@ from viatool.cli.shapes import PoseErrorType
 from viatool.cli.states import bag_settings, choose_scenarios, sampled_places, state_options
 from viatool.cli.terminal import Progress, show_progress
 from viatool.cli.work import keeping, work_options
+from viatool.setting.criteria import CRITERIA
 
 if TYPE_CHECKING:
     from viatool.loop.horizon import Horizon
@@ -51,7 +52,7 @@ _PASSED_ON = (
 @options.spec_option
 @click.option(
     "--criterion",
-    type=click.Choice(["swept", "sampled", "braking"]),
+    type=click.Choice(list(CRITERIA)),
     default="swept",
     show_default=True,
     help="What a state has to fulfil to be safe.",

@@ -171,7 +171,7 @@ class Certificate:
             "eps": self.eps,
             "criterion": self.rules.criterion,
             "clearance": self.rules.clearance.collision,
-            "deceleration": self.rules.deceleration if self.rules.criterion == "braking" else None,
+            "deceleration": self.rules.manoeuvre.deceleration,
             "delay": self.rules.delay,
             "arithmetic": self.arithmetic,
             "previous_command": {"lower": lower.tolist(), "upper": upper.tolist()},

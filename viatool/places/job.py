@@ -19,6 +19,7 @@ from viatool.places.over_time import Outlook, check_outlook, look_ahead
 from viatool.places.tree import Lattice
 from viatool.policy import Policy, PolicySpecification, load_policy
 from viatool.schedule import Campaign, Staged, ignore
+from viatool.setting.criteria import PROVING
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
 from viatool.taylor import Arithmetic
@@ -136,8 +137,8 @@ def certify(
     criterion holds. What the outlook adds is as sound: see `viatool.places.over_time`.
     """
     resolution, budget = resolution or Resolution(), budget or Budget()
-    if criterion not in ("swept", "braking"):
-        raise ConfigurationError(f"criterion '{criterion}' proves nothing", "choose swept or braking")
+    if criterion not in PROVING:
+        raise ConfigurationError(f"criterion '{criterion}' proves nothing", f"choose {' or '.join(PROVING)}")
     policy = policy if isinstance(policy, Policy) else load_policy(policy, spec)
     world_map = world_map if isinstance(world_map, WorldMap) else load_map(Path(world_map))
     scenario = scenario if isinstance(scenario, Scenario) else world_map.numbered(scenario)

@@ -7,15 +7,11 @@ from collections.abc import Mapping
 from viatool.report.document import Document
 from viatool.report.records import VerifiedRecord
 from viatool.report.wording import describe_eps
+from viatool.setting.criteria import described
 
 ARITHMETIC = {
     "float32": "float32: bounds cover the rounding of the deployed program, in any order of summation",
     "real": "real: bounds hold for the exact network, not for the rounding of the deployed program",
-}
-CRITERION = {
-    "swept": "swept: every action of the reachable box and every instant of the control interval",
-    "braking": "braking: swept, and a full stop at the robot's deceleration afterwards stays clear",
-    "sampled": "sampled: nine actions and sampled instants, as in the paper; not a proof",
 }
 
 
@@ -39,6 +35,6 @@ class Verified(Document):
         """Return what criterion and arithmetic mean."""
         record = self.record
         return {
-            "criterion": CRITERION.get(record.criterion, record.criterion),
+            "criterion": described(record.criterion),
             "arithmetic": ARITHMETIC.get(record.arithmetic, record.arithmetic),
         }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -11,9 +12,7 @@ from viatool.arrays import Booleans, Floats
 from viatool.safety.case import Case
 from viatool.safety.proof import Effort, Proof, prove_clearance
 from viatool.sets.bounds import require_ordered
-
-# The paper discretises the interval "into multiple time steps"; 10 steps here, with both ends.
-SAMPLED_FRACTIONS = np.linspace(0.0, 1.0, 11)
+from viatool.setting.criteria import SAMPLED
 
 _COARSE = Effort(tolerance=1e-4)
 _CHUNK = 4096  # states that are judged together, so that memory stays flat
@@ -90,16 +89,18 @@ def judge(case: Case, lower: Floats, upper: Floats, contested: Contested) -> Jud
 
     Notes
     -----
-    Sound: `safe` and `danger` by `prove`, unless the criterion is the sampled one; `sampled` proves nothing.
+    Sound: `safe` and `danger` by `prove`, unless the criterion samples; `sampled` proves nothing.
     """
-    clearance = case.rules.clearance
-    nine = replace(case, rules=replace(case.rules, criterion="sampled"))
+    clearance, asked = case.rules.clearance, case.rules.asked
+    nine = replace(case, rules=replace(case.rules, criterion=SAMPLED.name))
     sampled = _hold(sample, nine, lower, upper, clearance.collision, contested.collision)
-    if case.rules.criterion == "sampled":
-        danger = _hold(sample, nine, lower, upper, clearance.danger, contested.danger)
-        return Judgement(sampled, danger, sampled)
-    safe = _hold(_proved, case, lower, upper, clearance.collision, contested.collision)
-    danger = _hold(_proved, case, lower, upper, clearance.danger, contested.danger)
+    test = _proved if asked.proves else sample
+    safe = (
+        sampled
+        if asked is SAMPLED
+        else _hold(test, case, lower, upper, clearance.collision, contested.collision)
+    )
+    danger = _hold(test, case, lower, upper, clearance.danger, contested.danger)
     return Judgement(safe, danger, sampled)
 
 
@@ -197,7 +198,7 @@ def prove(case: Case, lower: Floats, upper: Floats, threshold: float) -> Proof:
 
 
 def sample(case: Case, lower: Floats, upper: Floats, threshold: float) -> Booleans:
-    """Judge by nine commands, as the paper does.
+    """Judge by the commands and instants that the criterion samples: by nine commands, as the paper does.
 
     Parameters
     ----------
@@ -211,7 +212,8 @@ def sample(case: Case, lower: Floats, upper: Floats, threshold: float) -> Boolea
     Returns
     -------
     ndarray
-        (B,) bool: the lower, middle and upper value of v and omega keep their clearance at every time step.
+        (B,) bool: every combination of the lower, middle and upper value of each axis keeps its clearance at every
+        time step.
 
     Notes
     -----
@@ -219,7 +221,8 @@ def sample(case: Case, lower: Floats, upper: Floats, threshold: float) -> Boolea
     """
     require_ordered("commands", lower, upper)
     lower, upper = case.rules.clip(lower), case.rules.clip(upper)
-    steps = np.array([(v, w) for v in (0.0, 0.5, 1.0) for w in (0.0, 0.5, 1.0)])
-    actions = lower[:, None] + steps * (upper - lower)[:, None]  # (B, 9, 2)
-    clearances = case.clearance(case.paths(actions, SAMPLED_FRACTIONS))
+    asked = case.rules.asked
+    shares = np.array(list(product(asked.levels, repeat=lower.shape[1])))  # (9, 2) of two axes
+    actions = lower[:, None] + shares * (upper - lower)[:, None]  # (B, 9, 2)
+    clearances = case.clearance(case.paths(actions, np.array(asked.instants)))
     return np.asarray((clearances > threshold).all(axis=(1, 2)))

@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 
@@ -16,10 +16,8 @@ from viatool.motion.dead_time import DeadTime
 from viatool.motion.kinematics import DIFFERENTIAL, kinematics_of
 from viatool.motion.law import Kinematics
 from viatool.motion.manoeuvre import Manoeuvre
+from viatool.setting.criteria import Criterion, criterion_of
 from viatool.world import Clearance, Footprint, WorldMap
-
-Criterion = Literal["sampled", "swept", "braking"]
-CRITERIA: tuple[Criterion, ...] = get_args(Criterion)
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,8 +27,7 @@ class Rules:
     Parameters
     ----------
     criterion : str
-        "sampled" (the paper's nine actions), "swept" (every action, every instant) or "braking" (swept, and
-        a full stop after it).
+        Name of the criterion, see `viatool.setting.criteria`.
     clearance : Clearance
         Distances that the footprint must exceed: collision and danger.
     footprint : Footprint
@@ -48,7 +45,7 @@ class Rules:
         How the robot moves.
     """
 
-    criterion: Criterion
+    criterion: str
     clearance: Clearance
     footprint: Footprint
     lower: Floats
@@ -78,10 +75,7 @@ class Rules:
         robot = world_map.robot
         kinematics = followed(kinematics_of(robot.kinematics))
         lower, upper = kinematics.limits(robot)
-        if criterion not in CRITERIA:
-            raise ConfigurationError(
-                f"criterion '{criterion}' is not known", f"choose one of {', '.join(CRITERIA)}"
-            )
+        asked = criterion_of(criterion)
         interval = robot.control_interval if interval is None else interval
         if not 0.0 < interval < math.inf:
             raise ConfigurationError(
@@ -89,13 +83,9 @@ class Rules:
             )
         if not 0.0 <= delay < math.inf:
             raise ConfigurationError(f"the delay is {delay} s", "give a time of 0 s or more")
-        if criterion == "braking" and not 0.0 < robot.deceleration < math.inf:
-            raise ConfigurationError(
-                f"the robot's deceleration is {robot.deceleration} m/s^2, so it never stops",
-                "give the map's robot a positive deceleration",
-            )
+        asked.check(robot)
         return cls(
-            criterion=next(name for name in CRITERIA if name == criterion),
+            criterion=asked.name,
             clearance=world_map.clearance,
             footprint=robot.footprint if footprint is None else as_footprint(footprint),
             lower=lower,
@@ -107,12 +97,15 @@ class Rules:
         )
 
     @property
+    def asked(self) -> Criterion:
+        """Return the criterion itself."""
+        return criterion_of(self.criterion)
+
+    @property
     def manoeuvre(self) -> Manoeuvre:
         """Return the path on which the clearance counts."""
-        if self.criterion != "braking":
-            return Manoeuvre(self.interval, kinematics=self.kinematics)
-        rim = self.footprint.reach if self.footprint.kind == "polygon" else 0.0
-        return Manoeuvre(self.interval, self.deceleration, rim, self.kinematics)
+        held = Manoeuvre(self.interval, kinematics=self.kinematics)
+        return self.asked.path(held, self.deceleration, self.footprint)
 
     @property
     def dead_time(self) -> DeadTime:

@@ -317,6 +317,7 @@ class Result:
         """Return what the verdicts rest on, by name."""
         rules = self.rules
         grid = self.world_map.obstacles.grid
+        stop = rules.manoeuvre.deceleration
         taken = "free" if grid is not None and grid.unknown_is_free else "obstacles"
         unknown = "" if grid is None else f"; unknown cells count as {taken}"
         return {
@@ -334,7 +335,7 @@ class Result:
             "horizon": f"one command, held for {rules.interval:g} s; each state by itself, not the whole run"
             + ("" if self.horizon is None else f". {self.horizon.meaning}"),
             "delay": f"{rules.delay:g} s" if rules.delay else "none",
-            "braking": f"{rules.deceleration:g} m/s^2" if rules.criterion == "braking" else "not asked",
+            "braking": "not asked" if stop is None else f"{stop:g} m/s^2",
             "obstacles": f"do not move; whatever lies outside the arena is an obstacle{unknown}",
             "sensor_error": "any value within eps of each observation entry, independently",
         }

@@ -20,7 +20,8 @@ from viatool.safety.case import Case
 from viatool.safety.nearest import describe_nearest
 from viatool.safety.situations import Situations
 from viatool.safety.witness import Witnesses
-from viatool.setting.rules import CRITERIA, Rules
+from viatool.setting.criteria import criterion_of
+from viatool.setting.rules import Rules
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
 from viatool.trajectory import read_scenario, whole_file, write_scenario
@@ -265,7 +266,7 @@ def _rules_document(rules: Rules) -> dict[str, Any]:
 def _read_rules(document: Mapping[str, Any]) -> Rules:
     outline = document["footprint"]
     return Rules(
-        criterion=next(name for name in CRITERIA if name == document["criterion"]),
+        criterion=criterion_of(document["criterion"]).name,
         clearance=Clearance(float(document["collision"]), float(document["danger"])),
         footprint=Footprint(
             outline["kind"],

@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from viatool.errors import MapError, ViatoolError
+from viatool.world.obstacle_shapes import SHAPES
 from viatool.world.yaml_text import YamlDocument
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -15,7 +16,7 @@ Built = TypeVar("Built")
 
 _SHOWN = 8  # errors that are listed; the rest is counted
 # Steps in pydantic's locations that name a variant of a union instead of a key of the file.
-_VARIANTS = ("circle", "box", "polygon", "wall", "point", "str", "RobotFile")
+_VARIANTS = (*SHAPES, "point", "str", "RobotFile")
 # What pydantic says in terms of Python, in terms of the file.
 _PLAINER = {
     "union_tag_not_found": "has no 'shape'",

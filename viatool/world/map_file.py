@@ -8,80 +8,13 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag
+from pydantic import Discriminator, Field, Tag
 
+from viatool.world.fields import NotNegative, Number, Point, Pose, Positive, Size, Strict
+from viatool.world.obstacle_shapes import Arena, Obstacle
 from viatool.world.robot import ROBOTS
 
-
-def _refuse_truth(value: Any) -> Any:
-    """Refuse true and false (in YAML also yes, no, on, off) where a number is expected."""
-    if isinstance(value, bool):
-        raise ValueError("expected a number, got a truth value")
-    return value
-
-
-def _refuse_far(value: float) -> float:
-    """Refuse more than a thousand kilometres: it is a slip, and squares of it lose digits."""
-    if abs(value) > 1e6:
-        raise ValueError("expected a size of at most 1e6")
-    return value
-
-
-Number = Annotated[
-    float, BeforeValidator(_refuse_truth), AfterValidator(_refuse_far), Field(allow_inf_nan=False)
-]
-Positive = Annotated[Number, Field(gt=0.0)]
-NotNegative = Annotated[Number, Field(ge=0.0)]
-Point = tuple[Number, Number]
-Pose = tuple[Number, Number, Number]
-Size = tuple[Positive, Positive]
 Unknown = Literal["free", "obstacle"]  # what cells are of which a map does not know
-
-
-class Strict(BaseModel):
-    """A mapping in which every key is known."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Circle(Strict):
-    """A disc."""
-
-    shape: Literal["circle"]
-    name: str = ""
-    center: Point
-    radius: Positive
-
-
-class Box(Strict):
-    """A rectangle: lengths along its own x and y, turned by yaw."""
-
-    shape: Literal["box"]
-    name: str = ""
-    center: Point
-    size: Size
-    yaw: Number = 0.0
-
-
-class Polygon(Strict):
-    """The inside of a simple outline, corners in either direction."""
-
-    shape: Literal["polygon"]
-    name: str = ""
-    points: list[Point] = Field(min_length=3)
-
-
-class Wall(Strict):
-    """A thick polyline; every segment is longer by half of the thickness at both ends."""
-
-    shape: Literal["wall"]
-    name: str = ""
-    points: list[Point] = Field(min_length=2)
-    thickness: Positive = 0.1
-
-
-Obstacle = Annotated[Circle | Box | Polygon | Wall, Field(discriminator="shape")]
-Arena = Annotated[Box | Polygon, Field(discriminator="shape")]
 
 
 class LidarFile(Strict):
@@ -159,7 +92,7 @@ class ScenarioFile(Strict):
     name: str = ""
     start: Pose
     goal: Point
-    obstacles: list[Obstacle] = []
+    obstacles: list[Obstacle] = Field(default=[])
 
 
 class RandomCircle(Strict):
@@ -186,7 +119,7 @@ class GeneratorFile(Strict):
         None,
         description="smallest x, y and largest x, y of all random centres; the arena's bounds if left out",
     )
-    obstacles: list[RandomObstacle] = []
+    obstacles: list[RandomObstacle] = Field(default=[])
     obstacle_separation: NotNegative = 0.0
     start_separation: NotNegative = 0.0
     goal_separation: NotNegative = 0.0
@@ -210,8 +143,8 @@ class MapFile(Strict):
         description="YAML file of a map_server map, relative to this file, whose cells are obstacles as well",
     )
     unknown: Unknown = Field(default="obstacle", description="what unknown cells of the occupancy map are")
-    obstacles: list[Obstacle] = []
+    obstacles: list[Obstacle] = Field(default=[])
     robot: KnownOrChangedRobot = RobotFile()
     clearance: ClearanceFile = ClearanceFile()
-    scenarios: list[ScenarioFile] = []
+    scenarios: list[ScenarioFile] = Field(default=[])
     generator: GeneratorFile | None = None

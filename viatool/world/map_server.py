@@ -12,8 +12,9 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from viatool.errors import MapError
 from viatool.world.complaints import located, validated, wrong
+from viatool.world.fields import Number, Pose, Positive
 from viatool.world.grey_image import GreyImage, read_image
-from viatool.world.map_file import Number, Pose, Positive, Unknown
+from viatool.world.map_file import Unknown
 from viatool.world.occupancy import Cell, OccupancyGrid
 from viatool.world.rings import simple_polygon
 from viatool.world.yaml_text import YamlDocument

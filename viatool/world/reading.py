@@ -6,7 +6,6 @@ import hashlib
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +18,11 @@ from viatool.world.complaints import located, shortened, validated, wrong
 from viatool.world.generator import ScenarioGenerator
 from viatool.world.map_file import Unknown
 from viatool.world.map_server import ServedMap, is_map_server_file, read_map_server
-from viatool.world.rings import simple_polygon
+from viatool.world.obstacle_shapes import Arena, ObstacleShape
 from viatool.world.robot import ROBOTS, Footprint, Lidar, Robot
 from viatool.world.scenario import Scenario
 from viatool.world.scenes import Scenes
-from viatool.world.shapes import Obstacles, box_polygon, wall_polygons
+from viatool.world.shapes import Obstacles
 from viatool.world.world_map import Clearance, WorldMap
 from viatool.world.yaml_text import YamlDocument, read_yaml
 
@@ -173,46 +172,31 @@ def _build(document: YamlDocument, content: file.MapFile, digest: str, served: S
     return replace(world, generator=generator)
 
 
-def _arena(document: YamlDocument, arena: file.Box | file.Polygon | None, served: ServedMap | None) -> Floats:
+def _arena(document: YamlDocument, arena: Arena | None, served: ServedMap | None) -> Floats:
     """Return the arena that is given, or else the outline of the occupancy map."""
     if arena is None:
         assert served is not None  # one of them is required
         return served.grid.outline
-    return _polygon(document, arena, ("arena",))
-
-
-def _polygon(document: YamlDocument, shape: file.Box | file.Polygon, location: Sequence[str | int]) -> Floats:
-    """Return the checked corners of a box or a polygon."""
-
-    def build() -> Floats:
-        if isinstance(shape, file.Box):
-            return simple_polygon(box_polygon(shape.center, shape.size, shape.yaw), shape.name or "box")
-        return simple_polygon(shape.points, shape.name or "polygon")
-
-    return located(document, location, build)
+    return located(document, ("arena",), arena.ring)
 
 
 def _obstacles(
-    document: YamlDocument, shapes: Sequence[file.Obstacle], location: Sequence[str | int]
+    document: YamlDocument, shapes: Sequence[ObstacleShape], location: Sequence[str | int]
 ) -> tuple[Obstacles, Floats]:
-    """Return the obstacles, and the centres of all but the walls."""
-    circles: list[tuple[float, float, float]] = []
-    polygons: list[Floats] = []
-    walls: list[Floats] = []
-    for index, shape in enumerate(shapes):
-        if isinstance(shape, file.Circle):
-            circles.append((*shape.center, shape.radius))
-        elif isinstance(shape, file.Wall):
-            walls.extend(located(document, (*location, index), partial(_wall, shape)))
-        else:
-            polygons.append(_polygon(document, shape, (*location, index)))
-    compact = Obstacles(np.array(circles).reshape(-1, 3), tuple(polygons))
-    return compact + Obstacles(polygons=tuple(walls)), compact.centres()
-
-
-def _wall(shape: file.Wall) -> tuple[Floats, ...]:
-    boxes = wall_polygons(shape.points, shape.thickness)
-    return tuple(simple_polygon(box, shape.name or "wall") for box in boxes)
+    """Return the obstacles, and the centres of those that are compact."""
+    solids = [located(document, (*location, index), shape.solid) for index, shape in enumerate(shapes)]
+    empty = [shape for shape, solid in zip(shapes, solids, strict=True) if not len(solid)]
+    if empty:
+        raise TypeError(
+            f"an obstacle of shape '{empty[0].shape}' has no solid, so nothing would keep away from it"
+        )
+    compact, others = (
+        Obstacles.together(
+            [solid for shape, solid in zip(shapes, solids, strict=True) if shape.compact == kind]
+        )
+        for kind in (True, False)
+    )
+    return compact + others, compact.centres()
 
 
 def _scenarios(document: YamlDocument, given: Sequence[file.ScenarioFile]) -> tuple[Scenario, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -67,6 +68,12 @@ class Obstacles:
             raise ValueError("both sets of obstacles have a grid")
         circles = np.concatenate([self.circles, other.circles])
         return Obstacles(circles, self.polygons + other.polygons, self.grid or other.grid)
+
+    @classmethod
+    def together(cls, parts: Sequence[Obstacles]) -> Obstacles:
+        """Return sets without grids as one."""
+        circles = np.concatenate([_no_circles(), *(part.circles for part in parts)])
+        return cls(circles, tuple(ring for part in parts for ring in part.polygons))
 
     def edges(self) -> Floats:
         """Return the edges of all polygons.

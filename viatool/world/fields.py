@@ -1,0 +1,40 @@
+"""What numbers, points and mappings of a map file may be.
+
+Lengths are metres, angles are radians counter-clockwise, speeds m/s and rad/s, poses x, y, theta.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+
+
+def _refuse_truth(value: Any) -> Any:
+    """Refuse true and false (in YAML also yes, no, on, off) where a number is expected."""
+    if isinstance(value, bool):
+        raise ValueError("expected a number, got a truth value")
+    return value
+
+
+def _refuse_far(value: float) -> float:
+    """Refuse more than a thousand kilometres: it is a slip, and squares of it lose digits."""
+    if abs(value) > 1e6:
+        raise ValueError("expected a size of at most 1e6")
+    return value
+
+
+Number = Annotated[
+    float, BeforeValidator(_refuse_truth), AfterValidator(_refuse_far), Field(allow_inf_nan=False)
+]
+Positive = Annotated[Number, Field(gt=0.0)]
+NotNegative = Annotated[Number, Field(ge=0.0)]
+Point = tuple[Number, Number]
+Pose = tuple[Number, Number, Number]
+Size = tuple[Positive, Positive]
+
+
+class Strict(BaseModel):
+    """A mapping in which every key is known."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
