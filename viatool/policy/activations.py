@@ -38,13 +38,18 @@ _SCALES = frozenset(("alpha", "beta", "gamma", "slope"))
 """Parameters by which an expression multiplies, or that it adds."""
 
 _DECLARATIONS: dict[str, tuple[Callable[..., Expression], dict[str, float]]] = {}
+_JUMPING: set[str] = set()
 
 
 def _declare(
-    name: str, **defaults: float
+    name: str, *, jumps: bool = False, **defaults: float
 ) -> Callable[[Callable[..., Expression]], Callable[..., Expression]]:
+    """Register an activation, with the defaults of its parameters and whether its value jumps somewhere."""
+
     def register(expression: Callable[..., Expression]) -> Callable[..., Expression]:
         _DECLARATIONS[name] = (expression, defaults)
+        if jumps:
+            _JUMPING.add(name)
         return expression
 
     return register
@@ -64,7 +69,7 @@ def _leaky_relu(alpha: float) -> Expression:
     return _pieces((alpha * X, X < 0), (X, True))
 
 
-@_declare("ThresholdedRelu", alpha=1.0)
+@_declare("ThresholdedRelu", jumps=True, alpha=1.0)
 def _thresholded_relu(alpha: float) -> Expression:
     return _pieces((0, X <= alpha), (X, True))
 
@@ -163,17 +168,17 @@ def _softplus_threshold(threshold: float) -> Expression:
     )
 
 
-@_declare("Sign")
+@_declare("Sign", jumps=True)
 def _sign() -> Expression:
     return _pieces((-1, X < 0), (0, X <= 0), (1, True))
 
 
-@_declare("Threshold", threshold=0.0, value=0.0)
+@_declare("Threshold", jumps=True, threshold=0.0, value=0.0)
 def _threshold(threshold: float, value: float) -> Expression:
     return _pieces((value, X <= threshold), (X, True))
 
 
-@_declare("HardShrink", lambd=0.5)
+@_declare("HardShrink", jumps=True, lambd=0.5)
 def _hard_shrink(lambd: float) -> Expression:
     return _pieces((X, X < -lambd), (0, X <= lambd), (X, True))
 
@@ -257,6 +262,11 @@ class ActivationFunction:
         """Return the function as a sympy expression in `X`."""
         declaration, _ = _DECLARATIONS[self.name]
         return declaration(**{name: _exact(value) for name, value in self.parameters})
+
+    @property
+    def jumps(self) -> bool:
+        """Tell whether the value jumps somewhere, as it does in every step function."""
+        return self.name in _JUMPING
 
     @property
     def amplitude(self) -> float:

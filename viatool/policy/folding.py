@@ -21,7 +21,7 @@ MAX_ELEMENTS = 2**24
 """Most elements of a folded tensor."""
 
 # fmt: off
-FOLDED_ONLY = frozenset((
+FOLDED = frozenset((
     "Acos", "Acosh", "And", "ArgMax", "ArgMin", "Asin", "Asinh", "Atan", "Atanh", "BitShift",
     "BitwiseAnd", "BitwiseNot", "BitwiseOr", "BitwiseXor", "CastLike", "Ceil", "Constant",
     "ConstantOfShape", "Cos", "Cosh", "CumProd", "CumSum", "DequantizeLinear", "Equal", "EyeLike",
@@ -30,7 +30,7 @@ FOLDED_ONLY = frozenset((
     "Sin", "Sinh", "Size", "Tan", "TopK", "Xor",
 ))
 # fmt: on
-"""Operators that are read when they do not depend on the observation, and refused when they do."""
+"""Operators that are evaluated when they do not depend on the observation; those without a reader are refused else."""
 
 _OF_MATRICES = frozenset(("Hardmax", "LogSoftmax", "Softmax"))
 """Before opset 13 they took a tensor as a matrix."""

@@ -12,7 +12,7 @@ import onnx
 
 from viatool.errors import PolicyError
 from viatool.policy.assembly import Assembly, Computed, Refusal
-from viatool.policy.folding import FOLDED_ONLY, SHAPE_ONLY, fold, fold_shape
+from viatool.policy.folding import FOLDED, SHAPE_ONLY, fold, fold_shape
 from viatool.policy.graph import Graph, GraphNode
 from viatool.policy.network import Network, Precision
 from viatool.policy.operators import Call, Comparison, Result, entry_of
@@ -141,7 +141,7 @@ def _read_node(
     """Return the values that a node makes; none where its inputs are unreadable and it says nothing new."""
     version, schema = _schema(node)
     entry = entry_of(node.operator, version)
-    if entry is None and node.operator not in FOLDED_ONLY:
+    if entry is None and node.operator not in FOLDED:
         raise reason_for(node, version)
     given = [values[name] if name else None for name in node.inputs]
     attributes = _with_defaults(node, schema)

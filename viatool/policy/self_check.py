@@ -32,9 +32,6 @@ _ACTIVATION_UNITS = 64.0
 """Error of a runtime's activation in unit roundoffs of max(1, |x|, |f(x)|), above all that was seen."""
 
 _EXACT_ACTIVATIONS = ("Abs", "Clip", "Relu", "ThresholdedRelu")
-_JUMPS = ("HardShrink", "Sign", "Threshold", "ThresholdedRelu")
-"""A rare error may jump far, which no few simulations show: only the analysis counts."""
-
 _SIMULATIONS = 4
 _SIMULATED = 2.0
 """Tolerance in root mean squares of the simulated rounding; what was seen in onnxruntime is below 0.05."""
@@ -214,7 +211,8 @@ def simulate_rounding(
     seed : int
         Of the signs.
     """
-    if any(isinstance(node, Activation) and node.function.name in _JUMPS for node in network.nodes):
+    if any(isinstance(node, Activation) and node.function.jumps for node in network.nodes):
+        # a rare error may jump far, which no few simulations show: only the analysis counts
         return np.full(values[-1].shape, np.inf)
     generator = np.random.default_rng(seed)
     exact = [np.zeros_like(value) for value in values]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from viatool.policy.folding import FOLDED_ONLY
+from viatool.policy.folding import FOLDED
 from viatool.policy.operators.registry import Entry, entry_of, registered
 from viatool.policy.refusals import FAMILIES
 
@@ -55,7 +55,7 @@ def treatment_of(operator: str, version: int | None = None) -> Verdict:
     entry = entry_of(operator, max(known, default=0) if version is None else version)
     if entry is not None:
         return entry.treatment
-    return "folded" if operator in FOLDED_ONLY else "refused"
+    return "folded" if operator in FOLDED else "refused"
 
 
 def operator_table() -> str:
@@ -65,7 +65,7 @@ def operator_table() -> str:
     lines = [_row(entry) for entry in sorted(bent, key=lambda entry: entry.operator)]
     conditions = [entry for entry in entries.values() if entry.treatment == "folded"]
     compared = ", ".join(f"`{entry.operator}`" for entry in sorted(conditions, key=lambda e: e.operator))
-    folded = ", ".join(f"`{name}`" for name in sorted(FOLDED_ONLY))
+    folded = ", ".join(f"`{name}`" for name in sorted(FOLDED - entries.keys()))
     refused = [
         f"- {', '.join(f'`{name}`' for name in chosen)}: {reason}; {hint}."
         for reason, hint, names in FAMILIES
