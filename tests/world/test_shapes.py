@@ -10,7 +10,6 @@ from viatool.world import (
     Footprint,
     Lidar,
     Obstacles,
-    Robot,
     bin_ranges,
     box_polygon,
     simple_polygon,
@@ -95,11 +94,6 @@ def test_rays_are_binned_in_order() -> None:
 def test_impossible_lidars_are_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(ConfigurationError, match="LiDAR"):
         Lidar(**wrong)  # type: ignore[arg-type]
-
-
-def test_commands_are_clipped_to_the_robot() -> None:
-    commands = np.array([[0.7, 0.0], [-0.1, 3.0], [0.2, -3.0]])
-    assert Robot().clip(commands).tolist() == [[0.5, 0.0], [0.0, 1.0], [0.2, -1.0]]
 
 
 def test_known_robots_carry_their_names_and_footprints_their_reach() -> None:
