@@ -1,4 +1,4 @@
-"""States with commands on their way: the closest approach is where and when the robot really is, and nothing is guessed."""
+"""Commands on their way: the closest approach is where and when the robot really is, and nothing is guessed."""
 
 from dataclasses import replace
 
@@ -40,7 +40,7 @@ def test_the_robot_is_at_the_closest_approach_at_its_time(delay):
 @pytest.mark.parametrize("delay", [0.05, 0.25])
 def test_a_state_with_an_unknown_command_on_its_way_is_never_safe(delay):
     world = random_world(3)
-    case, lower, upper = make_cases(world, "swept", 5, delay=delay)
+    case, lower, _ = make_cases(world, "swept", 5, delay=delay)
     stop = np.zeros_like(lower)
     known = judge(case, stop, stop, find_contested(case))
     assert known.safe.any()
