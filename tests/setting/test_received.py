@@ -133,3 +133,24 @@ def test_a_command_that_was_assumed_is_not_known(policy):
     assert np.isnan(queue).any(axis=(1, 2)).tolist() == (~told).tolist()
     kept = some.select(np.arange(10) >= 1)
     assert kept.commanded.tolist() == told[1:].tolist()
+
+
+@pytest.mark.parametrize("spacing", [0.05, 0.075, 0.13, 0.2])
+def test_rows_that_are_not_an_interval_apart_do_not_follow_one_another(policy, spacing):
+    sparse = recording(policy, recorded=False, time=np.arange(10) * spacing)
+    queue = commands_under_way(setting(policy, 0.2), sparse)
+    assert np.isnan(queue[:, 0]).all()
+
+
+def test_a_recording_without_a_clock_tells_nothing_of_older_commands(policy, tmp_path):
+    from viatool import load_trajectory
+
+    whole = recording(policy)
+    for name, clock in (("with", {"time": np.arange(10) * 1.0}), ("without", {})):
+        np.savez(tmp_path / f"{name}.npz", pose=whole.poses, observation=whole.observations, **clock)
+    asked = Setting.of(policy, LAB, 0.01, Wishes(interval=1.0, delay=2.0))
+    with_clock, without = (
+        commands_under_way(asked, load_trajectory(tmp_path / f"{name}.npz")) for name in ("with", "without")
+    )
+    assert np.isfinite(with_clock[1:]).all()
+    assert np.isnan(without[:, 0]).all()

@@ -153,3 +153,31 @@ def test_a_goal_in_an_obstacle_is_refused(policy):
     inside = replace(LAB.scenarios[0], goal=(2.83, 2.93))
     with pytest.raises(ConfigurationError, match=r"goal \(2\.83, 2\.93\)"):
         Setting.of(policy, LAB, 0.01, scenarios=[inside])
+
+
+def test_a_robot_that_the_user_names_brings_its_body_unless_the_map_states_a_footprint(policy):
+    slow = limits(policy, 0.2)
+    kept = Setting.of(slow, LAB, 0.01, Wishes(robot="jackal"))
+    assert kept.rules.footprint.kind == "point"
+    assert "map" in value_of(kept, "footprint").source
+    own = Setting.of(slow, GRID, 0.01, Wishes(robot="jackal"))
+    assert own.rules.footprint.kind == "polygon"
+    assert value_of(own, "footprint").source == "--robot"
+
+
+def test_a_policy_that_names_another_robot_than_the_map_is_told(policy):
+    assert (
+        "the policy names jackal"
+        in value_of(Setting.of(said(policy, robot="jackal"), LAB, 0.01), "robot").source
+    )
+
+
+def test_a_lidar_that_the_policy_leaves_out_is_among_the_premises(policy):
+    first, *others = policy.spec.observation
+    silent = said(policy, observation=[first.model_copy(update={"lidar": None}), *others])
+    assert "does not describe it" in value_of(Setting.of(silent, LAB, 0.01), "LiDAR 'lidar'").source
+
+
+def test_a_delay_of_a_thousand_intervals_is_refused(policy):
+    with pytest.raises(ConfigurationError, match="more than 1000 control intervals"):
+        Setting.of(policy, LAB, 0.01, Wishes(delay=1e9))

@@ -14,7 +14,7 @@ from viatool.trajectory import Trajectory
 
 _ROWS = 65536  # states that are converted together, so that no second copy of all exists
 _ALIKE = 1e-3  # m/s and rad/s by which a command may differ between what was recorded and what was observed
-_LATE = 0.5  # of an interval by which two rows may be early or late and still follow one another
+_LATE = 0.1  # of an interval by which two rows may be early or late and still follow one another
 
 
 def as_received(setting: Setting, trajectory: Trajectory) -> Trajectory:
@@ -166,4 +166,5 @@ def _follows(setting: Setting, trajectory: Trajectory) -> Booleans:
     follows = np.zeros(len(trajectory), dtype=bool)
     late = np.abs(np.diff(trajectory.time) - interval)
     follows[1:] = (np.diff(trajectory.episode) == 0) & (late < _LATE * interval)
+    follows &= trajectory.clocked
     return follows

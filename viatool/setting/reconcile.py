@@ -80,7 +80,11 @@ def _base(parties: Parties) -> tuple[Robot, str]:
     if wished is not None:
         return with_robot(world_map, wished).robot, "--robot"
     if parties.map_speaks:
-        return world_map.robot, f"map '{world_map.path}'"
+        told = f"map '{world_map.path}'"
+        return (
+            world_map.robot,
+            told if spec.robot == world_map.robot.name else f"{told}; the policy names {spec.robot}",
+        )
     if spec.robot in ROBOTS:
         return ROBOTS[spec.robot], f"{parties.policy} (the map names no robot)"
     return replace(world_map.robot, name=spec.robot), "default (policy and map name no robot that is known)"
@@ -89,8 +93,8 @@ def _base(parties: Parties) -> tuple[Robot, str]:
 def with_robot(world_map: WorldMap, name: str) -> WorldMap:
     """Return a map with a robot that is known by name: its limits and body.
 
-    It keeps the map's footprint, from which the map's clearances are measured, since one means nothing without the
-    other; and the map's LiDAR and control interval, which belong to the policy.
+    It keeps the footprint that a map states, from which its clearances are measured, since one means nothing without
+    the other; and the map's LiDAR and control interval, which belong to the policy.
 
     Raises
     ------
@@ -100,9 +104,9 @@ def with_robot(world_map: WorldMap, name: str) -> WorldMap:
     if name not in ROBOTS:
         raise ConfigurationError(f"unknown robot '{name}'", f"choose one of {', '.join(ROBOTS)}")
     mine = world_map.robot
-    robot = replace(
-        ROBOTS[name], footprint=mine.footprint, lidar=mine.lidar, control_interval=mine.control_interval
-    )
+    robot = replace(ROBOTS[name], lidar=mine.lidar, control_interval=mine.control_interval)
+    if "footprint" in world_map.stated:
+        robot = replace(robot, footprint=mine.footprint)
     return world_map.with_robot(robot)
 
 
@@ -174,6 +178,9 @@ def _lidar(parties: Parties, robot: Robot) -> tuple[PolicySpecification, tuple[P
     for channel in parties.spec.observation:
         if channel.lidar is None or channel.value is not None:
             channels.append(channel)
+            if channel.kind == "lidar" and channel.value is None:
+                of = f"robot '{robot.name}', as the policy does not describe it"
+                premises.append(Premise(f"LiDAR '{channel.name}'", _words(has, _SENSOR), of))
             continue
         asked = channel.lidar
         other = [name for name in said if not _same(getattr(asked, name), getattr(has, name))]
@@ -199,7 +206,8 @@ def _lidar(parties: Parties, robot: Robot) -> tuple[PolicySpecification, tuple[P
 def _body(parties: Parties, robot: Robot, source: str) -> tuple[Robot, tuple[Premise, ...]]:
     """Return the robot with the footprint and the braking that count."""
     wishes = parties.wishes
-    outline, braking = source, source
+    stated = "footprint" in parties.world_map.stated
+    outline, braking = f"map '{parties.world_map.path}'" if stated else source, source
     if wishes.footprint is not None:
         robot, outline = replace(robot, footprint=as_footprint(wishes.footprint)), "--footprint"
     if wishes.deceleration is not None:

@@ -19,6 +19,9 @@ from viatool.motion.manoeuvre import Manoeuvre
 from viatool.setting.criteria import Criterion, criterion_of
 from viatool.world import Clearance, Footprint, WorldMap
 
+MOST_COMMANDS = 1000
+"""On their way to the motors at once; more is a slip of the keyboard."""
+
 
 @dataclass(frozen=True, eq=False)
 class Rules:
@@ -83,6 +86,11 @@ class Rules:
             )
         if not 0.0 <= delay < math.inf:
             raise ConfigurationError(f"the delay is {delay} s", "give a time of 0 s or more")
+        if not delay <= MOST_COMMANDS * interval:
+            raise ConfigurationError(
+                f"the delay is {delay} s, more than {MOST_COMMANDS} control intervals of {interval} s",
+                "give a shorter delay, in seconds",
+            )
         asked.check(robot)
         return cls(
             criterion=asked.name,

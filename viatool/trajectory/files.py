@@ -158,6 +158,7 @@ def _load_arrays(path: Path, specification: PolicySpecification | None) -> Traje
             outcomes=outcomes,
             costs=arrays.get("cost", np.full(outcomes.shape, np.nan)),
             scenarios=tuple(read_scenario(str(text)) for text in scenarios.ravel()),
+            clocked="time" in arrays,
         )
     except (ValueError, TypeError) as error:
         raise TrajectoryError(

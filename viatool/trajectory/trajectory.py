@@ -48,6 +48,8 @@ class Trajectory:
         Whether the robot is known to have stood still before the first state of every episode, as in a simulation.
     commanded : ndarray, optional
         (N,) bool: whether the command before each state was recorded, and not assumed; None if nothing was assumed.
+    clocked : bool
+        Whether `time` was recorded; without a clock nobody knows which rows follow one another.
 
     Raises
     ------
@@ -68,6 +70,7 @@ class Trajectory:
     connected: bool = True
     from_rest: bool = False
     commanded: Booleans | None = None
+    clocked: bool = True
 
     def __post_init__(self) -> None:
         for name, kind in _KINDS.items():

@@ -223,7 +223,8 @@ def _stated(content: file.MapFile) -> frozenset[str]:
     robot = content.robot
     lidar = None if isinstance(robot, str) else robot.lidar
     said = set() if lidar is None else lidar.model_dump(exclude_none=True).keys()
-    return frozenset({"robot", *(f"lidar.{name}" for name in said)})
+    body = set() if isinstance(robot, str) or robot.footprint is None else {"footprint"}
+    return frozenset({"robot", *body, *(f"lidar.{name}" for name in said)})
 
 
 def _robot(content: str | file.RobotFile) -> Robot:
