@@ -108,6 +108,34 @@ def test_when_the_time_is_up_the_first_roots_are_reported_whoever_worked():
     }
 
 
+class Late(Serial):
+    """Workers that have not started when the time is up."""
+
+    workers = 3
+
+    def run(self, work, pieces, told=None):
+        for piece in pieces:
+            if piece is None:
+                return
+            yield piece, (None, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "scheduler", "words", "hint"),
+    [
+        (60.0, Late(), "60 s left .* none of 3 workers had started", "give 1 worker"),
+        (1e-9, Serial(), "used up before the search could begin", "raise the budget"),
+    ],
+)
+def test_a_budget_too_short_for_one_root_is_named_as_the_cause(seconds, scheduler, words, hint):
+    with pytest.raises(EmptyEvaluationError, match=words) as caught:
+        certify(
+            POLICY, ROOM, SCENARIO, eps=0.01, resolution=Resolution(0.25, 0),
+            budget=Budget(Deadline.after(seconds)), campaign=Campaign(scheduler),
+        )  # fmt: skip
+    assert hint in caught.value.hint
+
+
 def test_a_budget_of_cells_is_the_same_for_every_scheduler(monkeypatch):
     monkeypatch.setattr(campaign, "_ROOTS_AT_ONCE", 4)
     run = {"eps": 0.01, "resolution": Resolution(0.25, 0), "budget": Budget(cells=3000), "seed": 3}

@@ -18,7 +18,7 @@ from viatool.places.certificate import Certificate
 from viatool.places.over_time import Outlook, check_outlook, look_ahead
 from viatool.places.tree import Lattice
 from viatool.policy import Policy, PolicySpecification, load_policy
-from viatool.schedule import Campaign, Staged, ignore
+from viatool.schedule import Campaign, Deadline, Staged, ignore
 from viatool.setting.criteria import PROVING
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
@@ -128,7 +128,7 @@ def certify(
     PolicyError
         If the policy has no specification, or observes what cannot be simulated.
     EmptyEvaluationError
-        If no free place was examined.
+        If no free place was examined, or no root at all within the budget.
 
     Notes
     -----
@@ -157,9 +157,12 @@ def certify(
     work = RootWork(inspection, budget.share, describe(inspection, scenario))
     campaign = campaign or Campaign()
     search_until = budget.until.moved(-_FOLLOWING) if outlook.asked else budget.until
+    left = search_until.left
     found = campaign.carry_out(
         work, tell, until=search_until, enough=lambda parts: sum(map(len, parts)) >= budget.cells
     )
+    if not found.units:
+        raise _too_short(search_until, left, campaign.scheduler.workers)
     if not (found.part.status > 0).any():
         raise EmptyEvaluationError("no free place was examined", "lower the clearance or raise the budget")
     seconds = {"search": time.perf_counter() - start}
@@ -174,3 +177,18 @@ def certify(
         policy, setting, scenario, arithmetic, lattice, found.part, found.units,
         int(np.prod(lattice.count)), seconds, result_versions(), prospect,
     )  # fmt: skip
+
+
+def _too_short(until: Deadline, left: float, workers: int) -> EmptyEvaluationError:
+    """Return what to raise when the time was up before one root was examined, `left` seconds after the search began."""
+    if left <= 0.0:
+        return EmptyEvaluationError(
+            f"the budget of {until.budget:g} s was used up before the search could begin", "raise the budget"
+        )
+    search = f"the budget of {until.budget:g} s left {left:.1f} s for the search"
+    if workers > 1:
+        return EmptyEvaluationError(
+            f"{search}, in which none of {workers} workers had started and examined a root",
+            "give 1 worker, which need not start, or raise the budget",
+        )
+    return EmptyEvaluationError(f"{search}, in which no root was examined to its end", "raise the budget")
