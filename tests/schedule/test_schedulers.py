@@ -39,7 +39,7 @@ class TestEveryScheduler:
             report, pieces(20), lambda piece, message: told.append((piece.name, message))
         ):
             first, second = [message for name, message in told if name == piece.name]
-            assert (first.fraction, first.note) == (0.1, f"at {piece.span.first}")
+            assert (first.fraction, first.stage) == (0.1, f"at {piece.span.first}")
             assert (second.fraction, second.line) == (1.0, f"squared {piece.content}")
 
     @pytest.mark.parametrize(

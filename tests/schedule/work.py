@@ -75,8 +75,8 @@ def report(numbers: list[int]) -> list[int]:
     """Square numbers, and say so."""
     progress = reporter()
     for done, number in enumerate(numbers, start=1):
-        progress.advance(done / len(numbers), f"at {number}")
-    progress.say(f"squared {numbers}")
+        progress(f"at {number}", done, len(numbers))
+    progress("", 1, 1, f"squared {numbers}")
     return [number * number for number in numbers]
 
 
@@ -89,7 +89,7 @@ class Endless:
     def __call__(self, numbers: list[int]) -> list[int]:
         for step in range(1200):
             Path(self.sign).write_text(str(step))
-            reporter().advance(step / 1200)
+            reporter()("", step, 1200)
             time.sleep(0.05)
         return numbers
 

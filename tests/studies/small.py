@@ -48,7 +48,7 @@ class Count(Task):
         for number in range(reached + 1, self.upto + 1):
             time.sleep(self.seconds)
             write_whole(state, str(number).encode())
-            progress.advance(number / self.upto, f"at {number}")
+            progress(f"at {number}", number, self.upto)
         return {"sum": sum(range(self.upto + 1))}
 
 

@@ -145,7 +145,7 @@ def test_the_time_left_follows_the_work_that_is_done(monkeypatch: pytest.MonkeyP
     board.begin([Count("a"), Count("b"), Count("c"), Count("d")], 5)
     assert board.time_left() == ""
     clock[0] = 60.0
-    board.put("small/a", Message(0.5))
+    board.put("small/a", Message("", 0.5, 1.0))
     assert board.fraction() == pytest.approx(0.125)
     assert board.time_left() == ", about 7 min left"
 

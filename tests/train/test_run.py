@@ -57,11 +57,11 @@ class Lines:
         self.lines: list[str] = []
         self.fractions: list[float] = []
 
-    def advance(self, fraction: float, note: str = "") -> None:
-        self.fractions.append(fraction)
-
-    def say(self, line: str) -> None:
-        self.lines.append(line)
+    def __call__(self, stage: str, done: float, total: float, line: str = "", /) -> None:
+        if line:
+            self.lines.append(line)
+        else:
+            self.fractions.append(done / total)
 
 
 def tiny(**changes: object) -> TrainingConfiguration:
@@ -234,8 +234,8 @@ def test_a_killed_run_goes_on_as_if_it_had_never_stopped(
     run: tuple[TrainingResult, Lines], tmp_path: Path, moment: int
 ) -> None:
     class Bomb(Lines):
-        def advance(self, fraction: float, note: str = "") -> None:
-            super().advance(fraction, note)
+        def __call__(self, stage: str, done: float, total: float, line: str = "", /) -> None:
+            super().__call__(stage, done, total, line)
             if len(self.fractions) == moment:
                 raise Killed
 
@@ -275,8 +275,8 @@ def test_td7_resumes_with_its_priorities_and_codes(tmp_path: Path) -> None:
     whole = train(options, tmp_path / "whole")
 
     class Bomb(Lines):
-        def advance(self, fraction: float, note: str = "") -> None:
-            if fraction > 0.7:
+        def __call__(self, stage: str, done: float, total: float, line: str = "", /) -> None:
+            if done / total > 0.7:
                 raise Killed
 
     with pytest.raises(Killed):

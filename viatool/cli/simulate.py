@@ -122,7 +122,7 @@ def _simulate(given: Mapping[str, Any]) -> Simulation:
             seed=given["seed"],
             workers=given["workers"],
             lidar=given["lidar"],
-            progress=lambda done, total: progress("drive", done, total),
+            progress=progress,
         )
 
 
@@ -154,7 +154,7 @@ def _show(simulation: Simulation, given: Mapping[str, Any]) -> None:
         from viatool.simulate.bullet.playback import write_film
 
         with show_progress(quiet=given["quiet"]) as progress, replacing(given["record"]) as draft:
-            write_film(simulation, draft, given["shown"], lambda done, all: progress("film", done, all))
+            write_film(simulation, draft, given["shown"], progress)
     if given["render"]:
         from viatool.simulate.bullet.playback import play_in_window
 

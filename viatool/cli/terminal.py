@@ -5,20 +5,17 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.progress import Progress as Bars
+    from rich.progress import ProgressColumn, TaskID
+
+    from viatool.schedule import Progress
 
 PIPE_WIDTH = 100
 _SECONDS_BETWEEN_LINES = 10.0
-
-
-class Progress(Protocol):
-    """Told how far a stage has come."""
-
-    def __call__(self, stage: str, done: int, total: int) -> None:
-        """Note that `done` of `total` units of `stage` are finished."""
 
 
 def open_console(*, stderr: bool = False) -> Console:
@@ -32,54 +29,92 @@ def open_console(*, stderr: bool = False) -> Console:
 
 
 @contextmanager
-def show_progress(*, quiet: bool = False) -> Iterator[Progress]:
-    """Show a bar for each stage on a terminal, plain lines in a pipe, nothing if `quiet`.
+def show_progress(*, quiet: bool = False, whole: str = "") -> Iterator[Progress]:
+    """Show how far a command is: bars on a terminal, plain lines in a pipe, nothing if `quiet`.
+
+    Parameters
+    ----------
+    quiet : bool
+        Show nothing.
+    whole : str
+        What one bar for all stages is called at first, which stays with the time left; in a pipe there are then only
+        the lines that the work gives. By default each stage has a bar or lines of its own.
 
     Yields
     ------
     Progress
         To be called with the stage, the units done and the units in all.
     """
+    from viatool.schedule import ignore
+
     console = open_console(stderr=True)
     if quiet:
-        yield _ignore
+        yield ignore
     elif console.is_terminal:
-        with _bars(console) as progress:
-            yield progress
+        from rich.progress import Progress as Bars
+
+        with Bars(*_columns(whole), console=console, transient=not whole) as bars:
+            yield Display(console, whole, bars)
     else:
-        yield _Lines(console)
+        yield Display(console, whole)
 
 
-def _ignore(stage: str, done: int, total: int) -> None:
-    """Show nothing."""
+def _columns(whole: str) -> tuple[ProgressColumn, ...]:
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        TaskProgressColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    if whole:
+        spent, left = TimeElapsedColumn(), (TextColumn("left"), TimeRemainingColumn())
+        return TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), spent, *left
+    return TextColumn("{task.description:>12}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
 
 
-@contextmanager
-def _bars(console: Console) -> Iterator[Progress]:
-    from rich.progress import BarColumn, MofNCompleteColumn, TaskID, TextColumn, TimeElapsedColumn
-    from rich.progress import Progress as Bars
+class Display:
+    """Draws progress on a console.
 
-    columns = (TextColumn("{task.description:>12}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    stages: dict[str, TaskID] = {}
-    with Bars(*columns, console=console, transient=True) as bars:
+    Parameters
+    ----------
+    console : Console
+        For lines.
+    whole : str
+        As in `show_progress`.
+    bars : Bars, optional
+        Of rich, on a terminal.
+    """
 
-        def update(stage: str, done: int, total: int) -> None:
-            if stage not in stages:
-                stages[stage] = bars.add_task(stage, total=total)
-            bars.update(stages[stage], completed=done, total=total)
+    def __init__(self, console: Console, whole: str = "", bars: Bars | None = None) -> None:
+        self._console, self._whole, self._bars = console, whole, bars
+        self._rows: dict[str, TaskID] = {}
+        if bars is not None and whole:
+            self._rows[whole] = bars.add_task(whole, total=1.0)
+        self._last = time.monotonic()
 
-        yield update
+    def __call__(self, stage: str, done: float, total: float, line: str = "", /) -> None:
+        """Show how far a stage is, and a line that stays."""
+        if self._bars is not None:
+            self._draw(self._bars, stage, done, total)
+        elif not self._whole:
+            self._print_now_and_then(stage, done, total)
+        if line:
+            self._console.print(line, markup=False, soft_wrap=not self._console.is_terminal)
 
+    def _draw(self, bars: Bars, stage: str, done: float, total: float) -> None:
+        if self._whole:
+            bars.update(self._rows[self._whole], completed=done / total, description=stage)
+            return
+        if stage not in self._rows:
+            self._rows[stage] = bars.add_task(stage, total=total)
+        bars.update(self._rows[stage], completed=done, total=total)
 
-class _Lines:
-    """Plain lines: one when a stage ends, and now and then one while it runs."""
-
-    def __init__(self, console: Console) -> None:
-        self.console = console
-        self.last = time.monotonic()
-
-    def __call__(self, stage: str, done: int, total: int) -> None:
+    def _print_now_and_then(self, stage: str, done: float, total: float) -> None:
+        """Print a line when a stage ends, and now and then one while it runs."""
         now = time.monotonic()
-        if done >= total or now - self.last >= _SECONDS_BETWEEN_LINES:
-            self.last = now
-            self.console.print(f"{stage}: {done:,} of {total:,}", markup=False)
+        if done >= total or now - self._last >= _SECONDS_BETWEEN_LINES:
+            self._last = now
+            self._console.print(f"{stage}: {done:,} of {total:,}", markup=False)

@@ -9,7 +9,7 @@ from typing import Literal
 import click
 
 from viatool.cli import options
-from viatool.cli.terminal import open_console
+from viatool.cli.terminal import open_console, show_progress
 from viatool.cli.work import keeping, worker_options
 
 
@@ -91,9 +91,7 @@ def command(
     """
     from viatool.schedule import Progress, open_scheduler
     from viatool.train import (
-        Silence,
         TrainingResult,
-        console_progress,
         make_configuration,
         resume_seeds,
         train_seeds,
@@ -111,12 +109,11 @@ def command(
         return train_seeds(configuration, directory, batch=batch, scheduler=who, progress=progress)
 
     kept = interrupted or directory
-    with keeping(kept, "what is trained is", f"--resume {kept}"):
-        if quiet:
-            run(Silence())
-            return
-        with console_progress() as progress:
-            result = run(progress)
+    told = keeping(kept, "what is trained is", f"--resume {kept}")
+    with told, show_progress(quiet=quiet, whole="training") as progress:
+        result = run(progress)
+    if quiet:
+        return
     console = open_console()
     for line in result.lines():
         console.print(line, markup=False, soft_wrap=True)

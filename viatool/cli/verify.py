@@ -12,12 +12,13 @@ from viatool.cli.gating import build_gate, gate_options, leave_by_gate
 from viatool.cli.reporting import read_outputs, tell
 from viatool.cli.shapes import PoseErrorType
 from viatool.cli.states import bag_settings, choose_scenarios, sampled_places, state_options
-from viatool.cli.terminal import Progress, show_progress
+from viatool.cli.terminal import show_progress
 from viatool.cli.work import keeping, work_options
 from viatool.setting.criteria import CRITERIA
 
 if TYPE_CHECKING:
     from viatool.loop.horizon import Horizon
+    from viatool.schedule import Progress
     from viatool.verification.result import Result
 
 _PASSED_ON = (

@@ -18,7 +18,7 @@ from viatool.places.certificate import Certificate
 from viatool.places.over_time import Outlook, check_outlook, look_ahead
 from viatool.places.tree import Lattice
 from viatool.policy import Policy, PolicySpecification, load_policy
-from viatool.schedule import Campaign, Deadline, Staged, ignore
+from viatool.schedule import Campaign, Deadline, Progress, ignore
 from viatool.setting.criteria import PROVING
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
@@ -77,7 +77,7 @@ def certify(
     outlook: Outlook | None = None,
     seed: int = 0,
     campaign: Campaign | None = None,
-    tell: Staged = ignore,
+    tell: Progress = ignore,
 ) -> Certificate:
     """Decide for every pose of a map, and every command before it, whether the next action is safe.
 
@@ -113,7 +113,7 @@ def certify(
         Of the order of the roots, and of the search for counterexamples.
     campaign : Campaign, optional
         Who does the work, and where it is kept; by default this process.
-    tell : Staged
+    tell : Progress
         Told the stage, the roots done and the roots in all.
 
     Returns

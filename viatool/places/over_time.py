@@ -25,8 +25,8 @@ from viatool.schedule import (
     NEVER,
     Campaign,
     Deadline,
+    Progress,
     Span,
-    Staged,
     TimeUp,
     Work,
     digest_of,
@@ -244,7 +244,7 @@ def look_ahead(
     goal: tuple[float, float],
     outlook: Outlook,
     campaign: Campaign,
-    tell: Staged = ignore,
+    tell: Progress = ignore,
     *,
     until: Deadline = NEVER,
 ) -> Prospect:
@@ -260,7 +260,7 @@ def look_ahead(
         What is asked.
     campaign : Campaign
         Who does the work, and where it is kept.
-    tell : Staged
+    tell : Progress
         Told the stage, the cells done and the cells of the stage.
     until : Deadline
         After which no cell is followed further; what was not followed is not claimed.

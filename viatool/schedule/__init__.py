@@ -16,7 +16,7 @@ from viatool.schedule.folder import run_in_folder
 from viatool.schedule.lock import locked
 from viatool.schedule.pieces import Piece, Scheduler, Span, cut
 from viatool.schedule.processes import Processes
-from viatool.schedule.progress import Message, Progress, Reporter, Staged, ignore, reporter
+from viatool.schedule.progress import Message, Progress, Reporter, ignore, reporter
 from viatool.schedule.serial import Serial
 
 __all__ = [
@@ -34,7 +34,6 @@ __all__ = [
     "Scheduler",
     "Serial",
     "Span",
-    "Staged",
     "TimeUp",
     "Work",
     "check_time",

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from viatool.schedule.checkpoint import Checkpoint
 from viatool.schedule.deadline import NEVER, Deadline, TimeUp, within
 from viatool.schedule.pieces import Content, Piece, Scheduler, Span, cut
-from viatool.schedule.progress import Staged, ignore
+from viatool.schedule.progress import Progress, ignore
 from viatool.schedule.serial import Serial
 
 Part = TypeVar("Part")
@@ -150,7 +150,7 @@ class Campaign:
     def carry_out(
         self,
         work: Work[Content, Part],
-        tell: Staged = ignore,
+        tell: Progress = ignore,
         *,
         until: Deadline = NEVER,
         enough: Callable[[Sequence[Part]], bool] | None = None,
@@ -161,7 +161,7 @@ class Campaign:
         ----------
         work : Work
             N units.
-        tell : Staged
+        tell : Progress
             Told how much of the work is done.
         until : Deadline
             When to stop.
@@ -208,7 +208,7 @@ class _Front(Generic[Part]):
     """What was found so far, and how far it reaches without a gap."""
 
     def __init__(
-        self, work: Work[Any, Part], tell: Staged, enough: Callable[[Sequence[Part]], bool] | None
+        self, work: Work[Any, Part], tell: Progress, enough: Callable[[Sequence[Part]], bool] | None
     ) -> None:
         self._work, self._tell, self._enough = work, tell, enough
         self.parts: dict[Span, Part] = {}

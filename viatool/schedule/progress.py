@@ -9,32 +9,29 @@ from contextvars import ContextVar
 from typing import NamedTuple, Protocol
 
 _SECONDS_BETWEEN = 0.5
-_MOST_LETTERS = 500  # a short message is written to a pipe at once, so that a kill leaves no half of one
+_MOST_LETTERS = 400
+"""Of a stage and of a line: a short message is written to a pipe at once, so that a kill leaves no half of one."""
 
 
 class Progress(Protocol):
-    """What long work reports to."""
+    """What long work of every kind reports to, in whatever process it is done: a function."""
 
-    def advance(self, fraction: float, note: str = "") -> None:
-        """Tell the fraction of the work that is done, in [0, 1], and what is going on."""
-
-    def say(self, line: str) -> None:
-        """Tell something that shall stay on the screen."""
-
-
-class Staged(Protocol):
-    """Told how far a stage has come."""
-
-    def __call__(self, stage: str, done: int, total: int, /) -> None:
-        """Note that `done` of `total` units of `stage` are finished."""
+    def __call__(self, stage: str, done: float, total: float, line: str = "", /) -> None:
+        """Note that `done` of `total` units of `stage` are done; a `line`, if there is one, stays in sight."""
 
 
 class Message(NamedTuple):
-    """The fraction of a piece that is done, what is going on, and a line that shall stay, if there is one."""
+    """What a piece under way tells, as `Progress` is called."""
 
-    fraction: float
-    note: str = ""
+    stage: str
+    done: float
+    total: float
     line: str = ""
+
+    @property
+    def fraction(self) -> float:
+        """Return the part that is done, in [0, 1]."""
+        return self.done / self.total if self.total else 1.0
 
 
 Tell = Callable[[Message], None]
@@ -48,7 +45,7 @@ _tell: ContextVar[Tell] = ContextVar("tell", default=ignore)
 
 
 class Reporter:
-    """A progress that tells the waiting process, of the fraction only now and then.
+    """A progress that tells the waiting process: every line, and how far the piece is only now and then.
 
     Notes
     -----
@@ -56,20 +53,14 @@ class Reporter:
     """
 
     def __init__(self, tell: Tell) -> None:
-        self._tell = tell
-        self._fraction, self._last = 0.0, float("-inf")
+        self._tell, self._last = tell, float("-inf")
 
-    def advance(self, fraction: float, note: str = "") -> None:
-        """Tell how far the piece is, unless that was told a moment ago."""
-        self._fraction = fraction
+    def __call__(self, stage: str, done: float, total: float, line: str = "", /) -> None:
+        """Tell how far the piece is, unless that was told a moment ago and there is no line."""
         now = time.monotonic()
-        if now - self._last >= _SECONDS_BETWEEN:
+        if line or now - self._last >= _SECONDS_BETWEEN:
             self._last = now
-            self._tell(Message(fraction, note[:_MOST_LETTERS]))
-
-    def say(self, line: str) -> None:
-        """Tell a line."""
-        self._tell(Message(self._fraction, "", line[:_MOST_LETTERS]))
+            self._tell(Message(stage[:_MOST_LETTERS], done, total, line[:_MOST_LETTERS]))
 
 
 class Abandoned(Exception):  # noqa: N818  # an event, not an error

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from viatool.arrays import Floats, Indices
 from viatool.policy.specified import Specified, name_of, specification_of
+from viatool.schedule import Progress
 from viatool.setting.setting import Setting
 from viatool.simulate.conditions import Conditions
 from viatool.simulate.engines import largest_batch, make_simulator
@@ -74,7 +75,7 @@ def drive(
     task: NavigationTask | None = None,
     workers: int = 1,
     lidar: str | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> Drive:
     """Drive a policy through scenarios, many at once, until each ends.
 
@@ -100,8 +101,8 @@ def drive(
         Processes of the physics engine; they do not change what comes out.
     lidar : str, optional
         How the physics engine casts rays, "rays" or "analytic".
-    progress : callable, optional
-        Called with the episodes that have ended and all of them.
+    progress : Progress, optional
+        Told the episodes that have ended and all of them.
 
     Returns
     -------
@@ -142,7 +143,7 @@ def _record(
     simulator: Simulator,
     scenarios: tuple[Scenario, ...],
     columns: list[int],
-    progress: Callable[[int, int], None] | None,
+    progress: Progress | None,
 ) -> Drive:
     """Drive all scenarios; a robot that is done takes the next one, or leaves."""
     count, ended = len(scenarios), 0
@@ -160,7 +161,7 @@ def _record(
             continue
         ended += len(done)
         if progress is not None:
-            progress(ended, count)
+            progress("drive", ended, count)
         going = np.ones(len(simulator), dtype=bool)
         going[done[count - begun :]] = False
         renewed = step.done & going

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from viatool.policy import Policy
+from viatool.schedule import Progress
 from viatool.setting.premises import Premise
 from viatool.setting.setting import Setting
 from viatool.simulate.conditions import Conditions
@@ -88,7 +88,7 @@ def simulate(
     seed: int = 0,
     workers: int = 1,
     lidar: str | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> Simulation:
     """Drive a policy through scenarios and sum up what happened; everything is as for `drive`."""
     started = time.perf_counter()

@@ -102,7 +102,7 @@ class Lines(Board):
         now = time.monotonic()
         if now - self._last >= _SECONDS_BETWEEN_LINES:
             self._last = now
-            self._show(f"{task}: {message.fraction:.0%} {message.note}{self.time_left()}")
+            self._show(f"{task}: {message.fraction:.0%} {message.stage}{self.time_left()}")
 
 
 class Bars(Board):
@@ -121,7 +121,7 @@ class Bars(Board):
     def _moved(self, task: str, message: Message) -> None:
         if task not in self._rows:
             self._rows[task] = self._bars.add_task("", total=1.0)
-        text = f"{task} {message.note}"
+        text = f"{task} {message.stage}"
         self._bars.update(self._rows[task], completed=message.fraction, description=text)
         overall = f"{self._number} of {self._total} tasks{self.time_left()}"
         self._bars.update(self._all, completed=self.fraction(), description=overall)

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from viatool.errors import ViatoolError
-from viatool.schedule import Piece, Progress, Scheduler, Serial, Span, locked, reporter, run_in_folder
+from viatool.schedule import Piece, Scheduler, Serial, Span, locked, reporter, run_in_folder
 from viatool.studies.progress import Board
 from viatool.studies.tasks import Record, Task, execute, load_record
 
@@ -114,20 +113,6 @@ def _summary_of(failures: dict[str, ViatoolError], unfinished: int) -> ViatoolEr
 def _attempt(output: Path, task: Task) -> Outcome:
     """Do a task; an error that viatool explains is an outcome, any other one ends the run."""
     try:
-        return execute(task, output, _Quiet(reporter()))
+        return execute(task, output, reporter())
     except ViatoolError as error:
         return error
-
-
-@dataclass(frozen=True)
-class _Quiet:
-    """A progress without lines: those of single trainings are in `metrics.csv`."""
-
-    progress: Progress
-
-    def advance(self, fraction: float, note: str = "") -> None:
-        """Tell how far the task is."""
-        self.progress.advance(fraction, note)
-
-    def say(self, line: str) -> None:
-        """Leave a line out."""

@@ -212,9 +212,9 @@ class EvaluateSeed(Task):
             raise ConfigurationError(f"map {options.map} has no generator", "add one, as maps/lab.yaml has")
         held_out = world_map.generator.draw(self.scenarios, options.test_seed)
         found: dict[str, Any] = {"seed": self.seed, "epoch": epoch, "sha256": policy.sha256}
-        progress.advance(0.1, "fixed scenarios")
+        progress("fixed scenarios", 0.1, 1.0)
         fixed = self._verify(policy, world_map, world_map.scenarios)
-        progress.advance(0.3, "held-out scenarios")
+        progress("held-out scenarios", 0.3, 1.0)
         random = self._verify(policy, world_map, held_out, only_contested=True)
         return found | {"fixed": report(fixed), "held_out": report(random), "paths": paths(fixed)}
 

@@ -157,7 +157,9 @@ class DriveAndVerify(Task):
             engine=self.place.engine,
             conditions=conditions,
             seed=SEED,
-            progress=lambda done, total: progress.advance(0.7 * done / total, f"{done} of {total} driven"),
+            progress=lambda _, done, total, line="": progress(
+                f"{done} of {total} driven", 0.7 * done / total, 1.0
+            ),
         )
         result = verify(
             policy,
@@ -166,7 +168,9 @@ class DriveAndVerify(Task):
             trajectory=simulation.drive.trajectory,
             delay=conditions.delay,
             robot=self.place.robot,
-            progress=lambda stage, done, total: progress.advance(0.7 + 0.3 * done / max(total, 1), stage),
+            progress=lambda stage, done, total, line="": progress(
+                stage, 0.7 + 0.3 * done / max(total, 1), 1.0
+            ),
         )
         found = simulation.statistics
         shares = {

@@ -6,17 +6,14 @@ from viatool.schedule import Progress
 from viatool.train.batches import complete, resume_seeds, train_seeds
 from viatool.train.configuration import PRESETS, TrainingConfiguration, load_configuration, make_configuration
 from viatool.train.export import export_checkpoint
-from viatool.train.progress import Silence, console_progress
 from viatool.train.trainer import TrainingResult, resume, train
 
 __all__ = [
     "PRESETS",
     "Progress",
-    "Silence",
     "TrainingConfiguration",
     "TrainingResult",
     "complete",
-    "console_progress",
     "export_checkpoint",
     "load_configuration",
     "make_configuration",

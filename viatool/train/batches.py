@@ -20,12 +20,12 @@ from viatool.schedule import (
     Scheduler,
     Serial,
     Span,
+    ignore,
     locked,
     reporter,
     run_in_folder,
 )
 from viatool.train.configuration import TrainingConfiguration, load_configuration
-from viatool.train.progress import Silence
 from viatool.train.records import write_json, write_text
 from viatool.train.selection import best_candidates
 from viatool.train.trainer import BATCHES, CONFIGURATION, EVALUATION, TrainingResult, resume, train
@@ -194,9 +194,10 @@ def _carry_out(
         _Batch(number, folder, part, world_map)
         for number, (folder, part) in enumerate(zip(folders, parts, strict=True))
     ]
-    show = _Shown(batches, progress or Silence())
+    show = _Shown(batches, progress or ignore)
     if len(batches) < scheduler.workers:
-        show.progress.say(f"{len(batches)} of {scheduler.workers} workers have a batch of seeds, see --batch")
+        line = f"{len(batches)} of {scheduler.workers} workers have a batch of seeds, see --batch"
+        show.progress("training", 0, 1, line)
     pieces = [Piece(Span(one.number, one.number + 1), show.name(one), one) for one in batches]
     with locked(directory):
         found = {
@@ -228,12 +229,10 @@ class _Shown:
     def told(self, piece: Piece[_Batch], message: Message) -> None:
         """Show what a batch tells."""
         before = f"{piece.name}: " if self.several else ""
-        if message.line:
-            self.progress.say(before + message.line)
-            return
         self.fractions[piece.content.number] = message.fraction
         done = sum(share * part for share, part in zip(self.shares, self.fractions, strict=True))
-        self.progress.advance(done / sum(self.shares), before + message.note)
+        line = message.line and before + message.line
+        self.progress(before + message.stage, done, sum(self.shares), line)
 
 
 @dataclass(frozen=True)

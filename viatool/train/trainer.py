@@ -16,14 +16,13 @@ import torch
 from viatool.arrays import Floats, Indices
 from viatool.errors import ConfigurationError, ViatoolError
 from viatool.policy import Policy
-from viatool.schedule import Progress
+from viatool.schedule import Progress, ignore
 from viatool.train.collection import Collector, Episodes
 from viatool.train.configuration import TrainingConfiguration, load_configuration
 from viatool.train.constraint import update_multiplier, update_var
 from viatool.train.export import export_actor, training_record
 from viatool.train.methods.method import EpochCosts
 from viatool.train.observation import make_specification
-from viatool.train.progress import Silence
 from viatool.train.records import (
     MetricsLog,
     installed_versions,
@@ -110,7 +109,7 @@ def train(
         ``tensorboard/``, ``checkpoints/``, ``state.pt`` until it ends, ``policy.onnx`` and
         ``evaluation.json``.
     progress : Progress, optional
-        What the run reports to; by default nothing. See `console_progress`.
+        What the run reports to; by default nothing.
     world_map : WorldMap, optional
         The configuration's map where it is loaded already, for a process that does not see its file.
 
@@ -134,7 +133,7 @@ def train(
         run = begin_run(configuration, world_map)  # reads the map: a wrong one leaves no folder behind
         directory.mkdir(parents=True, exist_ok=True)
         write_text(directory / CONFIGURATION, configuration.to_yaml())
-        return _train(run, directory, progress or Silence())
+        return _train(run, directory, progress or ignore)
 
 
 def resume(
@@ -168,7 +167,7 @@ def resume(
             run = resume_run(load_checkpoint(directory / STATE), directory, world_map)
         else:
             run = begin_run(load_configuration(directory / CONFIGURATION), world_map)
-        return _train(run, directory, progress or Silence())
+        return _train(run, directory, progress or ignore)
 
 
 _trainings = 0
@@ -209,7 +208,8 @@ def _train(run: TrainingRun, directory: Path, progress: Progress) -> TrainingRes
             run_epoch(run, progress)
             line = finish_epoch(run, directory)
             log.write(run.rows, options.seeds)
-            progress.say(f"{line}  {time.perf_counter() - started:.0f} s")
+            spent = f"{line}  {time.perf_counter() - started:.0f} s"
+            progress(_stage(run), run.epoch, options.epochs, spent)
     finally:
         log.close()
     return _finish(run, directory, progress, started)
@@ -235,10 +235,13 @@ def run_epoch(run: TrainingRun, progress: Progress) -> None:
         steps += 1
         _learn(run, (run.epoch - 1 + part) / options.epochs, measured)
         part = _part_of_epoch(options, steps, counts)
-        done = (run.epoch - 1 + min(part, 1.0)) / options.epochs
-        progress.advance(done, f"epoch {run.epoch}/{options.epochs}")
+        progress(_stage(run), run.epoch - 1 + min(part, 1.0), options.epochs)
     run.steps += steps
     _record(run, Episodes.joined(finished), _average(measured), collector)
+
+
+def _stage(run: TrainingRun) -> str:
+    return f"epoch {run.epoch}/{run.configuration.epochs}"
 
 
 def _part_of_epoch(options: TrainingConfiguration, steps: int, counts: Indices) -> float:
@@ -397,13 +400,13 @@ def _verified(run: TrainingRun, candidate: Candidate, row: dict[str, float]) -> 
 def _finish(run: TrainingRun, directory: Path, progress: Progress, started: float) -> TrainingResult:
     """Choose, export and test."""
     options = run.configuration
-    progress.advance(1.0, "choosing")
+    progress("choosing", 1, 1)
     chosen = choose(run.candidates, run.world_map, run.scaling, options)
     training = training_record(options, chosen.seed, chosen.epoch)
     specification = make_specification(run.world_map.robot, chosen.var, training)
     path = directory / "policy.onnx"
     policy = export_actor(chosen.weights, run.scaling, specification, path)
-    progress.advance(1.0, "testing")
+    progress("testing", 1, 1)
     evaluation = evaluate_policy(policy, run.world_map, options)
     seconds = time.perf_counter() - started
     record: dict[str, Any] = {"seed": chosen.seed, "epoch": chosen.epoch, "seconds": round(seconds, 1)}

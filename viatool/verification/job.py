@@ -10,7 +10,7 @@ from typing import Literal
 from viatool.errors import ConfigurationError
 from viatool.loop.horizon import Horizon
 from viatool.policy import Policy, PolicySpecification, load_policy
-from viatool.schedule import Campaign, Scheduler, Staged, ignore, open_scheduler
+from viatool.schedule import Campaign, Progress, Scheduler, ignore, open_scheduler
 from viatool.setting.received import as_received, commands_observed, commands_under_way
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
@@ -62,7 +62,7 @@ def verify(
     chunk: int | None = None,
     checkpoint: StrPath | None = None,
     resume: bool = False,
-    progress: Staged | None = None,
+    progress: Progress | None = None,
 ) -> Result:
     """Verify a policy on a map: no sensor error within bounds makes it come too close to something.
 

@@ -6,7 +6,7 @@ import math
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,13 +16,12 @@ from PIL import Image, ImageDraw
 
 from viatool.arrays import Floats
 from viatool.errors import ConfigurationError
+from viatool.schedule import Progress
 from viatool.simulate.bullet.world import BulletWorld
 from viatool.simulate.models import model_of
 from viatool.simulate.simulation import Simulation
 from viatool.simulate.task import NavigationTask
 from viatool.world import Obstacles, Scenario
-
-Progress = Callable[[int, int], None]
 
 FILMS = (".gif", ".mp4")
 _WIDTH, _HEIGHT = 640, 480  # multiples of 16, as films want
@@ -83,8 +82,8 @@ def write_film(simulation: Simulation, path: Path, episodes: int, progress: Prog
         Ends in .gif or .mp4.
     episodes : int
         How many are shown.
-    progress : callable
-        Called with the pictures that are done and all of them.
+    progress : Progress
+        Told the pictures that are done and all of them.
     """
     takes = _takes(simulation, episodes)
     total = sum(len(take.poses[::_STRIDE]) for take in takes)
@@ -209,7 +208,7 @@ def _film(simulation: Simulation, takes: Sequence[Take]) -> Iterator[Image.Image
 def _counted(pictures: Iterator[Image.Image], total: int, progress: Progress) -> Iterator[Image.Image]:
     for number, picture in enumerate(pictures, start=1):
         yield picture
-        progress(number, total)
+        progress("film", number, total)
 
 
 def _write_gif(path: Path, pictures: Iterator[Image.Image]) -> None:
