@@ -132,3 +132,11 @@ def test_what_is_wrong_is_said_before_anything_is_driven(
     assert result.exit_code == 2
     assert told in result.stderr
     assert result.stderr.startswith(("error: ", "Usage"))
+
+
+def test_scenarios_that_cannot_be_drawn_are_refused_with_a_way_on(run):
+    done = run("simulate", "via", "--map", "room", "--episodes", "3", "--quiet")
+    assert done.exit_code == 2
+    assert "to draw 3 scenarios" in done.output
+    assert "leave the number of scenarios out" in done.output
+    assert run("simulate", "via", "--map", "room", "--quiet").exit_code == 0

@@ -154,3 +154,17 @@ def test_a_recording_without_a_clock_tells_nothing_of_older_commands(policy, tmp
     )
     assert np.isfinite(with_clock[1:]).all()
     assert np.isnan(without[:, 0]).all()
+
+
+def test_only_the_first_state_of_a_simulation_begins_at_rest(policy):
+    """Also where commands are asked about that are held much longer than they were."""
+    simulated = recording(policy, observed=False, from_rest=True)
+    fixed = [
+        c.model_copy(update={"value": 0.0} if c.name.startswith("previous") else {})
+        for c in policy.spec.observation
+    ]
+    spec = policy.spec.model_copy(update={"observation": fixed})
+    asked = Setting.of_specification(spec, LAB, 0.01, Wishes(interval=2.0, delay=2.0))
+    queue = commands_under_way(asked, simulated)
+    np.testing.assert_array_equal(queue[0], 0.0)
+    assert np.isnan(queue[1:]).all()

@@ -181,3 +181,9 @@ def test_a_lidar_that_the_policy_leaves_out_is_among_the_premises(policy):
 def test_a_delay_of_a_thousand_intervals_is_refused(policy):
     with pytest.raises(ConfigurationError, match="more than 1000 control intervals"):
         Setting.of(policy, LAB, 0.01, Wishes(delay=1e9))
+
+
+def test_a_premise_names_both_files_where_they_agree(policy):
+    source = value_of(Setting.of(policy, LAB, 0.01), "control interval").source
+    assert str(policy.path) in source
+    assert str(LAB.path) in source

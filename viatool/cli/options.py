@@ -288,9 +288,16 @@ def draw_scenarios(world_map: WorldMap, scenarios: int | None, seed: int) -> tup
     if scenarios is None and world_map.scenarios:
         return world_map.scenarios
     if world_map.generator is None:
-        lack = "no scenario generator" if scenarios else "no scenarios"
+        if scenarios is not None:
+            fixed = (
+                ", or leave the number of scenarios out to drive the map's own" if world_map.scenarios else ""
+            )
+            raise ConfigurationError(
+                f"map '{world_map.path}' has no scenario generator to draw {scenarios} scenarios",
+                f"add a 'generator' to the map{fixed}",
+            )
         raise ConfigurationError(
-            f"map '{world_map.path}' has {lack}",
+            f"map '{world_map.path}' has no scenarios",
             "add 'scenarios' or a 'generator' to the map, or give --trajectory",
         )
     if scenarios is None:

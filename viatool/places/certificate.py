@@ -16,10 +16,9 @@ from viatool.places.over_time import Prospect
 from viatool.places.raster import Raster, rasterise
 from viatool.places.tree import Lattice, Nodes
 from viatool.policy import Policy
-from viatool.setting.premises import Premise
-from viatool.setting.rules import Rules
+from viatool.setting.asked import Asked
 from viatool.setting.setting import Setting
-from viatool.world import Scenario, WorldMap
+from viatool.world import Scenario
 
 SCHEMA_VERSION = 1
 SECTORS = 8
@@ -34,7 +33,7 @@ _MOST_VOLUMES = 8_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class Certificate:
+class Certificate(Asked):
     """The outcome of one certification.
 
     Parameters
@@ -70,26 +69,6 @@ class Certificate:
     seconds: Mapping[str, float]
     versions: Mapping[str, str]
     prospect: Prospect | None = None
-
-    @property
-    def world_map(self) -> WorldMap:
-        """Return the map, with the robot and the clearances that counted."""
-        return self.setting.world_map
-
-    @property
-    def rules(self) -> Rules:
-        """Return what holds in the certified cells."""
-        return self.setting.rules
-
-    @property
-    def eps(self) -> float | dict[str, float]:
-        """Return the radius that was given for everything, else radii by channel, as they took effect."""
-        return self.setting.errors.to_json()
-
-    @property
-    def premises(self) -> tuple[Premise, ...]:
-        """Return everything that took effect, and who said so."""
-        return self.setting.premises
 
     @cached_property
     def units(self) -> dict[str, int]:

@@ -81,7 +81,7 @@ def commands_under_way(setting: Setting, trajectory: Trajectory) -> Floats:
         return dead_time.queue(newest)
     queue = np.full((len(newest), dead_time.commands, 2), np.nan)
     rows, follows = np.arange(len(newest)), _follows(setting, trajectory)
-    begins = _begins(setting, trajectory)
+    begins = _begins(trajectory)
     known = np.ones(len(newest), dtype=bool)
     for back in range(dead_time.commands):
         at = np.maximum(rows - back, 0)
@@ -151,13 +151,13 @@ def _recorded(setting: Setting, trajectory: Trajectory) -> Floats | None:
     before = np.full((len(trajectory), 2), np.nan)
     follows = _follows(setting, trajectory)
     before[follows] = trajectory.actions[np.flatnonzero(follows) - 1][:, setting.columns]
-    before[_begins(setting, trajectory)] = 0.0
+    before[_begins(trajectory)] = 0.0
     return before
 
 
-def _begins(setting: Setting, trajectory: Trajectory) -> Booleans:
-    """Tell before which rows the robot is known to have stood, (N,): the first ones of simulated episodes."""
-    return (trajectory.time < _LATE * setting.rules.interval) & trajectory.from_rest
+def _begins(trajectory: Trajectory) -> Booleans:
+    """Tell before which rows the robot is known to have stood, (N,): those with which simulated episodes begin."""
+    return np.asarray((trajectory.time == 0.0) & trajectory.from_rest)
 
 
 def _follows(setting: Setting, trajectory: Trajectory) -> Booleans:

@@ -116,8 +116,10 @@ def _interval(parties: Parties, robot: Robot) -> tuple[Robot, Premise]:
     asked, has = spec.control_interval, robot.control_interval
     if wishes.interval is not None:
         counts, source = wishes.interval, "--interval"
-    elif not parties.map_speaks or _same(asked, has):
-        counts, source = asked, f"{parties.policy}"
+    elif not parties.map_speaks:
+        counts, source = asked, parties.policy
+    elif _same(asked, has):
+        counts, source = asked, f"{parties.policy} and map '{parties.world_map.path}'"
     else:
         party = wishes.preferred("interval")
         if party is None:

@@ -189,7 +189,7 @@ def _premises(world_map: WorldMap, rules: Rules, wishes: Wishes) -> tuple[Premis
     """Return what else took effect."""
     clearance, file = world_map.clearance, f"map '{world_map.path}'"
     return (
-        Premise("criterion", rules.criterion, "--criterion"),
+        Premise("criterion", rules.criterion, "--criterion, or its default"),
         Premise(
             "collision distance", f"{clearance.collision:g} m", "--clearance" if wishes.clearance else file
         ),

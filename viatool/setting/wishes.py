@@ -10,7 +10,7 @@ from viatool.errors import ConfigurationError
 from viatool.world import Footprint
 
 Party = Literal["policy", "map"]
-Matter = Literal["interval", "limits", "lidar", "kinematics"]
+Matter = Literal["interval", "limits", "lidar"]
 PARTIES: tuple[Party, ...] = get_args(Party)
 MATTERS: tuple[Matter, ...] = get_args(Matter)
 

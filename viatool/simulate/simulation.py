@@ -7,16 +7,16 @@ from dataclasses import dataclass
 
 from viatool.policy import Policy
 from viatool.schedule import Progress
+from viatool.setting.asked import Asked
 from viatool.setting.premises import Premise
 from viatool.setting.setting import Setting
 from viatool.simulate.conditions import Conditions
 from viatool.simulate.roll_out import Drive, drive
 from viatool.simulate.statistics import Statistics, summarise_drive
-from viatool.world import WorldMap
 
 
 @dataclass(frozen=True, eq=False)
-class Simulation:
+class Simulation(Asked):
     """A policy that was driven, how, and what came of it.
 
     Parameters
@@ -50,11 +50,6 @@ class Simulation:
     drive: Drive
     statistics: Statistics
     seconds: float
-
-    @property
-    def world_map(self) -> WorldMap:
-        """Return the map, with the robot that drove."""
-        return self.setting.world_map
 
     @property
     def premises(self) -> tuple[Premise, ...]:

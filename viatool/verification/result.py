@@ -15,8 +15,7 @@ from viatool.arrays import Booleans, Floats, Indices
 from viatool.policy import Maps, ObservationChannel
 from viatool.safety.judgement import Contested, Judgement
 from viatool.safety.witness import Witnesses
-from viatool.setting.premises import Premise
-from viatool.setting.rules import Rules
+from viatool.setting.asked import Asked
 from viatool.setting.setting import ActionName, Setting
 from viatool.simulate import Agreement
 from viatool.taylor import ReachableSet
@@ -24,14 +23,13 @@ from viatool.trajectory import Trajectory
 from viatool.verification.horizon_result import HorizonResult
 from viatool.verification.notebook import table_of
 from viatool.verification.rates import RateByOutcome
-from viatool.world import WorldMap
 
 SCHEMA_VERSION = 1
 VERDICTS = ("safe", "unsafe", "unknown")
 
 
 @dataclass(frozen=True, eq=False)
-class Result:
+class Result(Asked):
     """The outcome of one verification over N states.
 
     Parameters
@@ -92,24 +90,9 @@ class Result:
     """Arrays of the state table with one row for each episode instead of one for each state."""
 
     @property
-    def world_map(self) -> WorldMap:
-        """Return the map, with the robot and the clearances that counted."""
-        return self.setting.world_map
-
-    @property
-    def rules(self) -> Rules:
-        """Return what every state had to fulfil."""
-        return self.setting.rules
-
-    @property
     def radii(self) -> Floats:
         """Return the uncertainty of every observation entry, (n,)."""
         return self.setting.radii
-
-    @property
-    def eps(self) -> float | dict[str, float]:
-        """Return the radius that was given for everything, else radii by channel, as they took effect."""
-        return self.setting.errors.to_json()
 
     @property
     def channels(self) -> tuple[ObservationChannel, ...]:
@@ -125,11 +108,6 @@ class Result:
     def columns(self) -> list[int]:
         """Return which actions are v and omega."""
         return self.setting.columns
-
-    @property
-    def premises(self) -> tuple[Premise, ...]:
-        """Return everything that took effect, and who said so."""
-        return self.setting.premises
 
     @property
     def criterion(self) -> str:

@@ -72,8 +72,8 @@ class WorldMap:
     warnings : tuple of str
         What a user should know about the file.
     stated : frozenset of str
-        What the file says of the robot: ``robot`` where it speaks of one at all, and ``lidar.rays`` and the like.
-        What it does not say is a default, and binds nobody.
+        What the file says of the robot: ``robot`` where it speaks of one at all, ``footprint``, ``lidar.rays`` and the
+        like. A LiDAR or a footprint that it does not state is a default, and binds nobody.
 
     Raises
     ------
