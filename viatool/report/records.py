@@ -13,7 +13,7 @@ from typing_extensions import Self
 
 from viatool.report.sections import Share
 
-Count = Annotated[int, Field(ge=0)]
+Count = Annotated[int, Field(ge=0, strict=True)]
 Amount = Annotated[float, Field(ge=0.0)]
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 

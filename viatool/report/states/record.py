@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from pydantic import Field
+from pydantic import Field, model_validator
+from typing_extensions import Self
 
 from viatool.report.records import Count, Counted, Fraction, Part, VerifiedRecord
 
@@ -33,6 +34,15 @@ class RateByOutcome(Part):
     success: Rate
     collision: Rate
     timeout: Rate
+
+    @model_validator(mode="after")
+    def _adds_up(self) -> Self:
+        parts = (self.success, self.collision, self.timeout)
+        for name in ("safe", "total"):
+            counted = sum(getattr(part, name) for part in parts)
+            if counted > getattr(self.overall, name):
+                raise ValueError(f"{name} of the outcomes is {counted}, of all {getattr(self.overall, name)}")
+        return self
 
 
 class Task(Part):
@@ -125,3 +135,17 @@ class StatesRecord(VerifiedRecord):
     unsafe_states: list[UnsafeState] | None = None
     horizon: HorizonRecord | None = None
     recording: list[RecordingRecord] | None = None
+
+    @model_validator(mode="after")
+    def _adds_up(self) -> Self:
+        counted = self.verdicts.safe + self.verdicts.unsafe + self.verdicts.unknown
+        if counted != self.states:
+            raise ValueError(f"the verdicts count {counted} states of {self.states}")
+        for name in ("safety_rate", "sampled_safety_rate", "danger_rate"):
+            whole = getattr(self, name).overall
+            if whole.total != self.states:
+                raise ValueError(f"{name} is over {whole.total} states of {self.states}")
+        if self.safety_rate.overall.safe != self.verdicts.safe:
+            counted = self.safety_rate.overall.safe
+            raise ValueError(f"safety_rate counts {counted} safe states, the verdicts {self.verdicts.safe}")
+        return self
