@@ -223,7 +223,8 @@ def _write_clip(writer: _Writer, source: str, function: ActivationFunction, prec
     inputs = [source]
     for name, value in function.parameters:
         finite = np.isfinite(value)
-        inputs.append(writer.constant(np.asarray(value), precision, name) if finite else "")
+        kind = f"bound_{name}"  # not "max" alone, which is the name of what a Max gives
+        inputs.append(writer.constant(np.asarray(value), precision, kind) if finite else "")
     return writer.call("Clip", inputs if inputs[-1] else inputs[:-1])
 
 
