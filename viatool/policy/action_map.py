@@ -6,7 +6,7 @@ import numpy as np
 
 from viatool.arrays import Floats
 from viatool.policy.activations import activation
-from viatool.policy.assembly import Assembly, Computed
+from viatool.policy.assembly import Assembly, Computed, Term
 from viatool.policy.network import Network
 from viatool.policy.specification import PolicySpecification
 
@@ -30,7 +30,7 @@ def with_action_map(network: Network, spec: PolicySpecification | None) -> Netwo
     assembly.nodes = list(network.nodes)
     raw = Computed(len(network.nodes) - 1, (size,), network.nodes[-1].precision)
     value = assembly.cast(raw, "float64")
-    terms = [(value, np.diag(np.array(spec.action_map.scale)))]
+    terms = [Term(value, np.diag(np.array(spec.action_map.scale)))]
     mapped = assembly.affine(terms, np.array(spec.action_map.offset), (size,), "float64")
     if spec.action_map.clip:
         mapped = _clipped(assembly, mapped, spec)

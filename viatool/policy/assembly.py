@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -35,6 +35,10 @@ MAX_ENTRIES = 2**24
 
 MAX_TOTAL_ENTRIES = 2**26
 """Most entries of all weight matrices of a network together."""
+
+
+MOST_ROUNDINGS = 2.0**21
+"""More roundings of a number than this say nothing any more."""
 
 
 class Refusal(Exception):  # noqa: N818  # not an error of the program: what the reader collects and reports
@@ -82,6 +86,50 @@ class Scaling:
     roundings: int
 
 
+class Counted(NamedTuple):
+    """Constant numbers, and how far those of the program may be from them.
+
+    Parameters
+    ----------
+    values : ndarray
+        The numbers, float64.
+    magnitudes : ndarray
+        What their roundings are relative to: their absolute values, or more where they are what is left of a sum.
+    roundings : int
+        How many roundings, of its magnitude, each number may be off.
+    """
+
+    values: Floats
+    magnitudes: Floats
+    roundings: int = 0
+
+    def relative_roundings(self) -> int:
+        """Return how many roundings of itself each number may be off.
+
+        Raises
+        ------
+        Refusal
+            If there is no useful bound, as of what is left of a sum that cancels.
+        """
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = np.where(self.magnitudes == 0, 0.0, self.magnitudes / np.abs(self.values))
+        most = self.roundings * float(share.max(initial=0.0)) if self.roundings else 0.0
+        if not most <= MOST_ROUNDINGS:
+            raise Refusal(
+                "uses a constant that runtimes compute differently, in a way that has no bound",
+                "let the exporter fold constants, or simplify the model (onnxsim) before it is verified",
+            )
+        return math.ceil(most)
+
+
+class Term(NamedTuple):
+    """``weights @ source``, with what the roundings of the weights are relative to; None for their absolute values."""
+
+    source: Computed
+    weights: Floats
+    magnitudes: Floats | None = None
+
+
 class Assembly:
     """Collects network nodes.
 
@@ -99,27 +147,50 @@ class Assembly:
 
     def affine(
         self,
-        terms: Sequence[tuple[Computed, Floats]],
+        terms: Sequence[Term],
         bias: Floats,
         shape: Shape,
         precision: Precision,
         roundings: int = 0,
+        *,
+        bias_magnitude: Floats | None = None,
     ) -> Computed:
-        """Add ``sum_k weights_k @ x_k + bias``; terms of one source are merged."""
-        merged: dict[int, Floats] = {}
-        for source, weight in terms:
-            known = merged.get(source.node)
-            merged[source.node] = weight if known is None else known + weight
-        merged = {node: weight for node, weight in merged.items() if weight.any()}
-        if len(merged) == 1 and not bias.any():
-            ((node, weight),) = merged.items()
-            rows, columns = weight.shape
-            if rows == columns and np.array_equal(weight, np.eye(rows)):
-                return Computed(node, shape, precision)
+        """Add ``sum_k weights_k @ x_k + bias``; terms of one source are merged.
+
+        Parameters
+        ----------
+        terms : sequence of Term
+            Those of one source are merged; their magnitudes add up, so that what cancels still counts as it rounds.
+        bias : ndarray
+            What is added, of as many numbers as the shape has.
+        shape, precision
+            Of the result.
+        roundings : int
+            Of each term, beyond those of a sum of as many terms as there are.
+        bias_magnitude : ndarray, optional
+            The sum of the absolute values of what was added up in the bias; None where that is one number each.
+        """
+        merged: dict[int, Term] = {}
+        for term in terms:
+            known = merged.get(term.source.node)
+            if known is not None:
+                roundings += int(bool(((known.weights != 0) & (term.weights != 0)).any()))
+                term = Term(term.source, known.weights + term.weights, _magnitude(known) + _magnitude(term))
+            merged[term.source.node] = term
+        merged = {node: term for node, term in merged.items() if _magnitude(term).any()}
+        offset = np.asarray(bias, dtype=np.float64).ravel()
+        merged_bias = _beyond(bias_magnitude, offset)
         sources = tuple(sorted(merged))
-        weights = tuple(np.ascontiguousarray(merged[node], dtype=np.float64) for node in sources)
+        weights = tuple(np.ascontiguousarray(merged[node].weights, dtype=np.float64) for node in sources)
+        magnitudes = [_beyond(merged[node].magnitudes, merged[node].weights) for node in sources]
+        alone = merged_bias is None and all(magnitude is None for magnitude in magnitudes)
+        if alone and not roundings and len(sources) == 1 and not offset.any() and _is_identity(weights[0]):
+            return Computed(sources[0], shape, precision)
+        merged_weights = None
+        if any(magnitude is not None for magnitude in magnitudes):
+            merged_weights = tuple(np.ascontiguousarray(_magnitude(merged[node])) for node in sources)
         return self._append(
-            Affine(sources, weights, np.asarray(bias, dtype=np.float64).ravel(), precision, roundings),
+            Affine(sources, weights, offset, precision, roundings, merged_weights, merged_bias),
             shape,
             precision,
         )
@@ -129,17 +200,11 @@ class Assembly:
         x: Computed,
         function: Callable[[Floats], Floats],
         shape: Shape,
-        bias: Floats | None = None,
         roundings: int = 0,
     ) -> Computed:
         """Add a linear map that is given as a function of arrays ``(K, *x.shape) -> (K, *shape)``."""
-        return self.affine(
-            [(x, self.matrix(x, function, shape))],
-            np.zeros(math.prod(shape)) if bias is None else bias,
-            shape,
-            x.precision,
-            roundings,
-        )
+        term = Term(x, self.matrix(x, function, shape))
+        return self.affine([term], np.zeros(math.prod(shape)), shape, x.precision, roundings)
 
     def matrix(self, x: Computed, function: Callable[[Floats], Floats], shape: Shape) -> Floats:
         """Return the matrix ``(size, x.size)`` of a linear map, by applying it to the unit vectors."""
@@ -157,7 +222,7 @@ class Assembly:
             weight = np.zeros((index.size, source.size))
             (rows,) = np.nonzero(index >= 0)
             weight[rows, index[rows]] = 1.0
-            weights.append((source, weight))
+            weights.append(Term(source, weight))
         return self.affine(weights, bias, shape, precision)
 
     def broadcast(self, x: Computed, shape: Shape) -> Computed:
@@ -174,7 +239,7 @@ class Assembly:
         """Add ``factor * x + offset`` with one number each."""
         self.reserve(x.size, x.size)
         return self.affine(
-            [(x, factor * np.eye(x.size))], np.full(x.size, offset), x.shape, x.precision, roundings
+            [Term(x, factor * np.eye(x.size))], np.full(x.size, offset), x.shape, x.precision, roundings
         )
 
     def activation(self, x: Computed, function: ActivationFunction | str) -> Computed:
@@ -224,9 +289,11 @@ class Assembly:
         return None
 
     def scaling_of(self, x: Computed) -> Scaling | None:
-        """Return how x is ``factor * source + offset`` with one number each, None when it is not."""
+        """Return how x is ``factor * source + offset`` with one number each, None when it is not or was merged."""
         node = self.nodes[x.node]
         if not isinstance(node, Affine) or len(node.sources) != 1:
+            return None
+        if node.merged_weights is not None or node.merged_bias is not None:
             return None
         (source,), (weight,) = node.sources, node.weights
         factor, offset = float(weight[0, 0]), float(node.bias[0])
@@ -279,6 +346,22 @@ class Assembly:
                 raise Refusal("makes the network larger than viatool keeps", "export the actor alone")
         self.nodes.append(node)
         return Computed(len(self.nodes) - 1, shape, precision)
+
+
+def _magnitude(term: Term) -> Floats:
+    return np.abs(term.weights) if term.magnitudes is None else term.magnitudes
+
+
+def _beyond(magnitudes: Floats | None, values: Floats) -> Floats | None:
+    """Return magnitudes where they are larger than the absolute values of what was added up, else None."""
+    if magnitudes is None or np.array_equal(magnitudes.ravel(), np.abs(values).ravel()):
+        return None
+    return np.asarray(magnitudes, dtype=np.float64).reshape(values.shape)
+
+
+def _is_identity(weight: Floats) -> bool:
+    rows, columns = weight.shape
+    return rows == columns and np.array_equal(weight, np.eye(rows))
 
 
 def broadcast_index(x: Computed, shape: Shape) -> Indices:

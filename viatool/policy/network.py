@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -56,7 +57,10 @@ class Affine:
     roundings : int
         How many more roundings than a dot product each term may carry, because a weight stands for several
         operations of the program (a division, a normalisation). When it is not 0, the stored weights and bias
-        are within this many float64 roundings of the real numbers that they stand for.
+        are within this many float64 roundings, of their magnitudes, of the real numbers that they stand for.
+    merged_weights, merged_bias : optional
+        What the program may add up before it cancels: the sums of the absolute values of the terms that were merged
+        into each weight, ``(size, N_k)``, and into the bias, ``(size,)``. None where each stands for one term.
     """
 
     sources: tuple[int, ...]
@@ -64,11 +68,28 @@ class Affine:
     bias: Floats
     precision: Precision = "float32"
     roundings: int = 0
+    merged_weights: tuple[Floats, ...] | None = None
+    merged_bias: Floats | None = None
 
     @property
     def size(self) -> int:
         """Return the length of the output vector."""
         return int(self.bias.shape[0])
+
+    @cached_property
+    def absolute_weights(self) -> tuple[Floats, ...]:
+        """Return the absolute values of the weights: how far each source can move the result."""
+        return tuple(np.abs(weight) for weight in self.weights)
+
+    @property
+    def magnitudes(self) -> tuple[Floats, ...]:
+        """Return what the roundings of the weighted terms are relative to, ``(size, N_k)`` for each source."""
+        return self.absolute_weights if self.merged_weights is None else self.merged_weights
+
+    @property
+    def bias_magnitude(self) -> Floats:
+        """Return what the roundings of the constants are relative to, ``(size,)``."""
+        return np.abs(self.bias) if self.merged_bias is None else self.merged_bias
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,9 +237,10 @@ def _problem_of_sizes(node: Node, sizes: Sequence[int]) -> str | None:
     """Return what is wrong with the sizes of the sources of a node, None if they fit."""
     match node:
         case Affine():
-            for size, weight in zip(sizes, node.weights, strict=True):
-                if weight.shape != (node.size, size):
-                    return f"weight {weight.shape} does not map {size} to {node.size}"
+            for weights in (node.weights, node.magnitudes):
+                for size, weight in zip(sizes, weights, strict=True):
+                    if weight.shape != (node.size, size):
+                        return f"weight {weight.shape} does not map {size} to {node.size}"
             return None
         case Input() | Activation() | Product() | Maximum() | Minimum() | Cast():
             if any(size != node.size for size in sizes):

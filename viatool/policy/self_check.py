@@ -255,14 +255,13 @@ def _affine_error(
 ) -> Floats:
     terms = np.zeros(node.size)
     inherited = np.zeros((len(values[0]), node.size))
-    magnitude = np.broadcast_to(np.abs(node.bias), inherited.shape)
-    for source, weight in zip(node.sources, node.weights, strict=True):
-        absolute = np.abs(weight).T
-        terms = terms + np.count_nonzero(weight, axis=1)
-        inherited = inherited + errors[source] @ absolute
-        magnitude = magnitude + (np.abs(values[source]) + errors[source]) @ absolute
+    magnitude = np.broadcast_to(node.bias_magnitude, inherited.shape)
+    for source, absolute, merged in zip(node.sources, node.absolute_weights, node.magnitudes, strict=True):
+        terms = terms + np.count_nonzero(merged, axis=1)
+        inherited = inherited + errors[source] @ absolute.T
+        magnitude = magnitude + (np.abs(values[source]) + errors[source]) @ merged.T
     roundings = (terms + 1 + node.roundings) * unit
-    signs = [np.isin(weight, (-1.0, 0.0, 1.0)).all(axis=1) for weight in node.weights]
+    signs = [np.isin(weight, (0.0, 1.0)).all(axis=1) for weight in node.magnitudes]
     copies = (terms == 1) & (node.bias == 0) & (node.roundings == 0) & np.all(signs, axis=0)
     stored = (terms == 0) & (node.roundings == 0)
     factor = np.where(copies | stored, 0.0, roundings / np.maximum(1 - roundings, 1e-3))

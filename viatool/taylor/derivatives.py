@@ -55,10 +55,7 @@ def _bounds_pulled_back(node: Node, adjoint: Hull, hulls: Sequence[Hull]) -> lis
         case Input():
             return []
         case Affine():
-            return [
-                (source, _mapped(centre, radius, weight, node.roundings))
-                for source, weight in zip(node.sources, node.weights, strict=True)
-            ]
+            return [(source, _mapped(adjoint, node, k)) for k, source in enumerate(node.sources)]
         case Activation():
             slopes = curve_of(node.function).range(*hulls[node.source], 1)
             return [(node.source, _scaled(centre, radius, slopes.lower, slopes.upper))]
@@ -124,10 +121,12 @@ def _accumulate(adjoints: dict[int, Hull], node: int, contribution: Hull) -> Non
     adjoints[node] = (centre, radius)
 
 
-def _mapped(centre: Floats, radius: Floats, weight: Floats, roundings: int) -> Hull:
-    absolute = np.abs(weight)
-    rounding = gamma(weight.shape[0] + 2 + roundings, ENGINE_ROUNDOFF)
-    spread = radius @ absolute + rounding * (np.abs(centre) @ absolute)
+def _mapped(adjoint: Hull, node: Affine, source: int) -> Hull:
+    """Multiply an adjoint by the weights of one source; what was merged counts as large as before it cancelled."""
+    (centre, radius), weight = adjoint, node.weights[source]
+    rounding = gamma(weight.shape[0] + 2 + node.roundings, ENGINE_ROUNDOFF)
+    spread = radius @ node.absolute_weights[source]
+    spread = spread + rounding * ((np.abs(centre) + radius) @ node.magnitudes[source])
     return centre @ weight, spread * SLIGHTLY_MORE + 1e-300
 
 

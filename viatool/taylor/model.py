@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from viatool.arrays import Floats, Indices
+from viatool.policy.network import Affine
 from viatool.rounding import ENGINE_ROUNDOFF, SLIGHTLY_MORE
 from viatool.taylor.basis import Basis
 from viatool.taylor.rounding import gamma
@@ -183,31 +184,31 @@ class TaylorModel:
         return self.constant - reach, self.constant + reach
 
 
-def affine_image(
-    models: Sequence[TaylorModel], weights: Sequence[Floats], bias: Floats, roundings: int = 0
-) -> TaylorModel:
-    """Map models through ``sum_k weights[k] @ models[k] + bias``.
+def affine_image(models: Sequence[TaylorModel], node: Affine) -> TaylorModel:
+    """Map the models of its sources through an affine node.
 
     Notes
     -----
     **Sound:** yes; the float64 rounding of all products joins the remainder through the L1 norm of the coefficients:
-    ``gamma_n (|W| magnitude + |b|)``. Weights that are themselves rounded add their `roundings` to n.
+    ``gamma_n (|W| magnitude + |b|)``. Weights that are themselves rounded add their `roundings` to n, and what was
+    merged counts as large as it was before it cancelled.
     """
     first = models[0]
-    constant = np.broadcast_to(bias, (first.constant.shape[0], bias.shape[0]))
-    size = np.zeros_like(constant) + np.abs(bias)
+    constant = np.broadcast_to(node.bias, (first.constant.shape[0], node.size))
+    size = np.zeros_like(constant) + node.bias_magnitude
     remainder = np.zeros_like(constant)
     linear: Form | None = None
     higher: Floats | None = None
     symbols: dict[int, Form] = {}
-    terms = 2 + len(models) + roundings
-    for whole, weight in zip(models, weights, strict=True):
+    terms = 2 + len(models) + node.roundings
+    for whole, weight, absolute, merged in zip(
+        models, node.weights, node.absolute_weights, node.magnitudes, strict=True
+    ):
         model = fold_symbols(whole)
-        absolute = np.abs(weight).T
         terms += weight.shape[1]
         constant = constant + model.constant @ weight.T
-        size = size + model.magnitude @ absolute
-        remainder = remainder + model.remainder @ absolute
+        size = size + model.magnitude @ merged.T
+        remainder = remainder + model.remainder @ absolute.T
         linear = _joined(linear, model.linear.mapped(weight))
         for key, form in model.symbols.items():
             symbols[key] = _joined(symbols.get(key), form.mapped(weight))

@@ -206,22 +206,23 @@ def _enclose_affine(node: Affine, known: list[Enclosure]) -> Enclosure:
         higher = None if higher is None else np.zeros((batch, higher.shape[1], node.size))
         return Enclosure(TaylorModel(value, form, higher, {}, zero, zero, known[0].model.basis), value, value)
     sources = [known[source] for source in node.sources]
-    model = affine_image([source.model for source in sources], node.weights, node.bias, node.roundings)
+    model = affine_image([source.model for source in sources], node)
     return _intersected(model, interval_image([source.hull for source in sources], node))
 
 
 def interval_image(sources: Sequence[Hull], node: Affine) -> Hull:
     """Enclose an affine node by interval arithmetic in centre-radius form. **Sound:** yes."""
     centre = np.broadcast_to(node.bias, (sources[0][0].shape[0], node.size))
-    reach, size = np.zeros_like(centre), np.zeros_like(centre) + np.abs(node.bias)
-    for (lower, upper), weight in zip(sources, node.weights, strict=True):
+    reach, size = np.zeros_like(centre), np.zeros_like(centre) + node.bias_magnitude
+    for (lower, upper), weight, absolute, merged in zip(
+        sources, node.weights, node.absolute_weights, node.magnitudes, strict=True
+    ):
         middle = lower / 2 + upper / 2
         radius = np.maximum(upper - middle, middle - lower)
-        absolute = np.abs(weight).T
         centre = centre + middle @ weight.T
-        spread = radius @ absolute
+        spread = radius @ absolute.T
         reach = reach + spread
-        size = size + np.abs(middle) @ absolute + spread
+        size = size + np.abs(middle) @ merged.T + (spread if merged is absolute else radius @ merged.T)
     terms = 4 + node.roundings + sum(weight.shape[1] for weight in node.weights)
     reach = (reach + 2 * gamma(terms, ENGINE_ROUNDOFF) * size) * SLIGHTLY_MORE + 1e-300
     return centre - reach, centre + reach

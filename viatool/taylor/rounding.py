@@ -71,10 +71,10 @@ def affine_rounding(node: Affine, unit: float) -> tuple[Floats, Floats]:
     """
     terms = np.zeros(node.size)
     copies = np.ones(node.size, dtype=bool)
-    for weight in node.weights:
+    for weight in node.magnitudes:
         terms += np.count_nonzero(weight, axis=1)
-        copies &= np.isin(weight, (-1.0, 0.0, 1.0)).all(axis=1)
-    has_bias = node.bias != 0
+        copies &= np.isin(weight, (0.0, 1.0)).all(axis=1)
+    has_bias = node.bias_magnitude != 0
     exact = (node.roundings == 0) & ((copies & (terms <= 1) & ~has_bias) | (terms == 0))
     rounded = np.where(exact, 0.0, terms + has_bias + 1 + node.roundings)
     return gamma(rounded, unit), rounded
@@ -179,11 +179,10 @@ def _affine_deviation(
     factor, terms = affine_rounding(node, UNIT_ROUNDOFF[precision])
     tiny = SMALLEST_NORMAL[precision]
     inherited = np.zeros((hulls[0][0].shape[0], node.size))
-    size = inherited + np.abs(node.bias)
-    for source, weight in zip(node.sources, node.weights, strict=True):
-        absolute = np.abs(weight).T
-        inherited = inherited + deviations[source] @ absolute
-        size = size + _reach(hulls[source], deviations[source]) @ absolute
+    size = inherited + node.bias_magnitude
+    for source, absolute, merged in zip(node.sources, node.absolute_weights, node.magnitudes, strict=True):
+        inherited = inherited + deviations[source] @ absolute.T
+        size = size + _reach(hulls[source], deviations[source]) @ merged.T
     _check_overflow(-size, size, np.zeros(()), precision)  # a partial sum may be larger than the result
     return inherited + factor * size + 2 * terms * tiny
 

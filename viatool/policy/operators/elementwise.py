@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from viatool.policy.activations import ActivationFunction, activation
-from viatool.policy.assembly import Computed, Refusal
+from viatool.policy.assembly import Computed, Refusal, Term
 from viatool.policy.operators.registry import Call, Value, reads
 
 _FLOAT32_LARGEST = float(np.finfo(np.float32).max)
@@ -121,8 +121,8 @@ def read_prelu(call: Call) -> Sequence[Value]:
     if (rest + slopes == 1.0).all() and (
         (1.0 - rest) == slopes
     ).all():  # 1 - s is exact: one bent term is tighter
-        terms = [(positive, np.diag(rest)), (x, np.diag(slopes))]
+        terms = [Term(positive, np.diag(rest)), Term(x, np.diag(slopes))]
     else:
         negative = assembly.activation(assembly.scaled(x, -1.0), "Relu")
-        terms = [(positive, np.eye(x.size)), (negative, np.diag(-slopes))]
+        terms = [Term(positive, np.eye(x.size)), Term(negative, np.diag(-slopes))]
     return [assembly.affine(terms, np.zeros(x.size), x.shape, x.precision)]

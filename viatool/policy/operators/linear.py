@@ -9,11 +9,11 @@ import numpy as np
 
 from viatool.arrays import Floats
 from viatool.policy.activations import activation
-from viatool.policy.assembly import Computed, Refusal, broadcast_index
+from viatool.policy.assembly import Computed, Counted, Refusal, Term, broadcast_index
 from viatool.policy.network import Precision
 from viatool.policy.operators.elementwise import clipped
 from viatool.policy.operators.gates import gated, softsign
-from viatool.policy.operators.registry import Call, Comparison, Result, Value, finite, reads
+from viatool.policy.operators.registry import Call, Comparison, Result, Value, counted, finite, reads
 from viatool.policy.tensors import Constant, as_precision, dtype_name
 
 Shape = tuple[int, ...]
@@ -51,15 +51,19 @@ def weighted_sum(
     shape: Shape = np.broadcast_shapes(*(value.shape for value in values))
     size = math.prod(shape)
     call.assembly.reserve(size, min(value.size for value in values if isinstance(value, Computed)))
-    bias = np.zeros(size)
-    terms = []
+    bias, magnitude = np.zeros(size), np.zeros(size)
+    terms: list[Term] = []
     for value, factor in zip(values, factors, strict=True):
         if isinstance(value, Constant):
-            bias = bias + factor * np.broadcast_to(finite(value, "constant", counted=True), shape).ravel()
-            roundings += value.roundings
+            constant = counted(value, "constant")
+            bias = bias + factor * np.broadcast_to(constant.values, shape).ravel()
+            magnitude = magnitude + abs(factor) * np.broadcast_to(constant.magnitudes, shape).ravel()
+            roundings += constant.roundings
         else:
-            terms.append((value, scattered(call, value, shape, np.full(size, factor))))
-    return call.assembly.affine(terms, bias, shape, precision_of(values), roundings)
+            terms.append(Term(value, scattered(call, value, shape, np.full(size, factor))))
+    roundings += max(0, len(values) - len(terms) - 1)  # constants that are merged are rounded term by term
+    precision = precision_of(values)
+    return call.assembly.affine(terms, bias, shape, precision, roundings, bias_magnitude=magnitude)
 
 
 def scattered(call: Call, x: Computed, shape: Shape, factors: Floats) -> Floats:
@@ -87,14 +91,15 @@ def read_sub(call: Call) -> Sequence[Value]:
 def read_sum(call: Call) -> Sequence[Value]:
     """Read a sum of any number of values."""
     values = [call.value(index) for index in range(len(call.inputs))]
-    return [weighted_sum(call, values, [1.0] * len(values), roundings=len(values))]
+    return [weighted_sum(call, values, [1.0] * len(values))]
 
 
 @reads("Mean", 6, 8, 13, treatment="exact")
 def read_mean(call: Call) -> Sequence[Value]:
     """Read the mean of any number of values, element by element."""
     values = [call.value(index) for index in range(len(call.inputs))]
-    return [weighted_sum(call, values, [1.0 / len(values)] * len(values), roundings=len(values) + 1)]
+    roundings = 2 * int(len(values) > 1)  # the division, and the share that stands for it
+    return [weighted_sum(call, values, [1.0 / len(values)] * len(values), roundings)]
 
 
 @reads("Neg", 6, 13, treatment="exact")
@@ -112,16 +117,20 @@ def read_mul(call: Call) -> Sequence[Value]:
     x, constant = (left, right) if isinstance(left, Computed) else (right, left)
     assert isinstance(x, Computed)
     assert isinstance(constant, Constant)
-    return [scaled_by(call, x, finite(constant, "factor", counted=True), constant.roundings)]
+    return [scaled_by(call, x, counted(constant, "factor"))]
 
 
-def scaled_by(call: Call, x: Computed, factors: Floats, roundings: int = 0) -> Computed:
+def scaled_by(call: Call, x: Computed, factors: Counted) -> Computed:
     """Add the elementwise product of x and an array, with broadcasting."""
-    shape = np.broadcast_shapes(x.shape, factors.shape)
+    shape = np.broadcast_shapes(x.shape, factors.values.shape)
     call.assembly.reserve(math.prod(shape), x.size)
-    call.assembly.expect_folding(x, 1 + roundings)
-    weight = scattered(call, x, shape, np.broadcast_to(factors, shape).ravel())
-    return call.assembly.affine([(x, weight)], np.zeros(math.prod(shape)), shape, x.precision, roundings)
+    call.assembly.expect_folding(x, 1 + factors.roundings)
+
+    def spread(numbers: Floats) -> Floats:
+        return scattered(call, x, shape, np.broadcast_to(numbers, shape).ravel())
+
+    term = Term(x, spread(factors.values), spread(factors.magnitudes) if factors.roundings else None)
+    return call.assembly.affine([term], np.zeros(math.prod(shape)), shape, x.precision, factors.roundings)
 
 
 @reads(
@@ -138,26 +147,26 @@ def read_div(call: Call) -> Sequence[Value]:
     numerator, divisor = operands(call)
     if isinstance(divisor, Constant):
         assert isinstance(numerator, Computed)
-        divisors = finite(divisor, "divisor", counted=True)
-        return [divided_by(call, numerator, divisors, divisor.roundings)]
+        return [divided_by(call, numerator, counted(divisor, "divisor"))]
     if isinstance(numerator, Computed) and numerator.shape == divisor.shape:
         ratio = softsign(call.assembly, numerator, divisor)
         if ratio is not None:
             return [ratio]
     reciprocal = call.assembly.activation(divisor, "Reciprocal")
     if isinstance(numerator, Constant):
-        factors = finite(numerator, "numerator", counted=True)
-        return [scaled_by(call, reciprocal, factors, numerator.roundings)]
+        return [scaled_by(call, reciprocal, counted(numerator, "numerator"))]
     return [call.assembly.product(numerator, reciprocal)]
 
 
-def divided_by(call: Call, x: Computed, divisors: Floats, roundings: int = 0) -> Computed:
+def divided_by(call: Call, x: Computed, divisors: Counted) -> Computed:
     """Add the elementwise quotient of x by an array; a division by a power of two is exact."""
-    if not divisors.all():
+    if not divisors.values.all():
         raise Refusal("divides by zero", "export the policy again with a normaliser that has no zero spread")
-    mantissas, _ = np.frexp(divisors)
+    mantissas, _ = np.frexp(divisors.values)
     inexact = bool((np.abs(mantissas) != 0.5).any())
-    return scaled_by(call, x, 1.0 / divisors, roundings + int(inexact))
+    factors = 1.0 / divisors.values
+    roundings = divisors.relative_roundings() + int(inexact)
+    return scaled_by(call, x, Counted(factors, np.abs(factors), roundings))
 
 
 @reads("Pow", 1, 7, 12, 13, 15, treatment="enclosed", note="constant exponent: an integer, 0.5 or -0.5")

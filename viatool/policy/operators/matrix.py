@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 
 from viatool.arrays import Floats
-from viatool.policy.assembly import Computed, Refusal
+from viatool.policy.assembly import Computed, Counted, Refusal, Term
 from viatool.policy.operators.linear import scattered
-from viatool.policy.operators.registry import Call, Value, finite, reads
+from viatool.policy.operators.registry import Call, Value, counted, reads
 from viatool.policy.tensors import Constant
 
 Shape = tuple[int, ...]
@@ -37,18 +37,9 @@ def matrix_product(
     shape: Shape = (*batch, left.shape[-2], right.shape[-1])
     if isinstance(left, Computed) and isinstance(right, Computed):
         return _bilinear(call, left, right, shape, factor, roundings)
-    if isinstance(left, Computed):
-        assert isinstance(right, Constant)
-        weight = factor * finite(right, "weight", counted=True)
-        roundings += right.roundings
-        x = left.reshaped(_padded(left.shape, len(shape)))
-        return call.assembly.linear(x, lambda basis: basis @ weight, shape, roundings=roundings)
-    assert isinstance(right, Computed)
-    assert isinstance(left, Constant)
-    weight = factor * finite(left, "weight", counted=True)
-    roundings += left.roundings
-    x = right.reshaped(_padded(right.shape, len(shape)))
-    return call.assembly.linear(x, lambda basis: weight @ basis, shape, roundings=roundings)
+    term, inexact = _weight_term(call, left, right, factor, shape)
+    bias = np.zeros(math.prod(shape))
+    return call.assembly.affine([term], bias, shape, term.source.precision, roundings + inexact)
 
 
 def _bilinear(
@@ -80,41 +71,57 @@ def read_gemm(call: Call) -> Sequence[Value]:
     left, right = (_matrix(call, index, call.flag(name)) for index, name in ((0, "transA"), (1, "transB")))
     roundings = 2 * int(abs(alpha) != 1.0 or abs(beta) != 1.0)
     shape: Shape = (left.shape[0], right.shape[1])
-    bias = np.zeros(math.prod(shape))
-    terms: list[tuple[Computed, Floats]] = []
+    bias, magnitude = np.zeros(math.prod(shape)), np.zeros(math.prod(shape))
+    terms: list[Term] = []
     if call.has(2):
         addend = call.value(2)
         if np.broadcast_shapes(addend.shape, shape) != shape:
             raise Refusal(f"adds the shape {list(addend.shape)} to {list(shape)}")
         if isinstance(addend, Constant):
-            bias = beta * np.broadcast_to(finite(addend, "bias", counted=True), shape).ravel()
-            roundings += addend.roundings
+            constant = counted(addend, "bias")
+            bias = beta * np.broadcast_to(constant.values, shape).ravel()
+            magnitude = abs(beta) * np.broadcast_to(constant.magnitudes, shape).ravel()
+            roundings += constant.roundings
         else:
-            terms.append((addend, scattered(call, addend, shape, np.full(bias.size, beta))))
+            terms.append(Term(addend, scattered(call, addend, shape, np.full(bias.size, beta))))
     if isinstance(left, Constant) and isinstance(right, Constant):
-        bias = bias + (alpha * (finite(left, "weight") @ finite(right, "weight"))).ravel()
-        precision = terms[0][0].precision
-        return [call.assembly.affine(terms, bias, shape, precision, roundings + left.shape[1])]
-    if isinstance(left, Computed) and isinstance(right, Computed):
+        product_of_constants = _constant_product(left, right)
+        bias = bias + alpha * product_of_constants.values.ravel()
+        magnitude = magnitude + abs(alpha) * product_of_constants.magnitudes.ravel()
+        roundings += product_of_constants.roundings
+    elif isinstance(left, Computed) and isinstance(right, Computed):
         product = matrix_product(call, left, right, alpha, roundings)
-        terms.append((product, np.eye(product.size)))
+        terms.append(Term(product, np.eye(product.size)))
     else:
-        terms.append(_weight_term(call, left, right, alpha, shape))
-        roundings += sum(value.roundings for value in (left, right) if isinstance(value, Constant))
-    return [call.assembly.affine(terms, bias, shape, terms[-1][0].precision, roundings)]
+        term, inexact = _weight_term(call, left, right, alpha, shape)
+        terms.append(term)
+        roundings += inexact
+    precision = terms[-1].source.precision
+    return [call.assembly.affine(terms, bias, shape, precision, roundings, bias_magnitude=magnitude)]
 
 
-def _weight_term(
-    call: Call, left: Value, right: Value, alpha: float, shape: Shape
-) -> tuple[Computed, Floats]:
-    if isinstance(left, Computed):
-        assert isinstance(right, Constant)
-        weight = alpha * finite(right, "weight", counted=True)
-        return left, call.assembly.matrix(left, lambda basis: basis @ weight, shape)
-    assert isinstance(right, Computed)
-    assert isinstance(left, Constant)
-    weight = alpha * finite(left, "weight", counted=True)
-    return right, call.assembly.matrix(right, lambda basis: weight @ basis, shape)
+def _weight_term(call: Call, left: Value, right: Value, factor: float, shape: Shape) -> tuple[Term, int]:
+    """Return ``factor * left @ right``, one of them constant, as a term, and the roundings of its weights."""
+    x, constant = (left, right) if isinstance(left, Computed) else (right, left)
+    assert isinstance(x, Computed)
+    assert isinstance(constant, Constant)
+    weight = counted(constant, "weight")
+    source = x.reshaped(_padded(x.shape, len(shape)))
+
+    def mapped(numbers: Floats) -> Floats:
+        return call.assembly.matrix(
+            source, lambda basis: basis @ numbers if x is left else numbers @ basis, shape
+        )
+
+    magnitudes = mapped(abs(factor) * weight.magnitudes) if weight.roundings else None
+    return Term(source, mapped(factor * weight.values), magnitudes), weight.roundings
+
+
+def _constant_product(left: Constant, right: Constant) -> Counted:
+    """Return the product of two constant matrices."""
+    first, second = counted(left, "weight"), counted(right, "weight")
+    roundings = first.roundings + second.roundings + left.shape[-1]
+    return Counted(first.values @ second.values, first.magnitudes @ second.magnitudes, roundings)
 
 
 def _matrix(call: Call, index: int, transposed: bool) -> Value:

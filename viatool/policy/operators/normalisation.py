@@ -14,10 +14,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from viatool.policy.activations import activation
-from viatool.policy.assembly import Computed, Refusal
+from viatool.policy.assembly import Computed, Refusal, Term
 from viatool.policy.operators.linear import scaled_by, scattered, weighted_sum
 from viatool.policy.operators.reduction import normalised_axes, summed
-from viatool.policy.operators.registry import Call, Value, finite, reads
+from viatool.policy.operators.registry import Call, Value, counted, reads
 from viatool.policy.tensors import Constant
 
 _BATCH_ROUNDINGS = 6
@@ -47,7 +47,7 @@ def read_batch_normalization(call: Call) -> Sequence[Value]:
     call.assembly.expect_folding(x, _BATCH_ROUNDINGS)
     offset = np.broadcast_to((-mean * factor).reshape(trailing), x.shape)
     matrix = scattered(call, x, x.shape, np.broadcast_to(factor.reshape(trailing), x.shape).ravel())
-    centred = call.assembly.affine([(x, matrix)], offset, x.shape, x.precision, _BATCH_ROUNDINGS)
+    centred = call.assembly.affine([Term(x, matrix)], offset, x.shape, x.precision, _BATCH_ROUNDINGS)
     return [weighted_sum(call, [centred, Constant(shift.reshape(trailing), x.precision)], (1.0, 1.0))]
 
 
@@ -72,7 +72,7 @@ def standardised(
 def _scaled_and_shifted(call: Call, x: Computed, scale: Value, shift: Value | None) -> Computed:
     if isinstance(scale, Computed) or isinstance(shift, Computed):
         raise Refusal("takes its scale from the observation")
-    result = scaled_by(call, x, finite(scale, "scale"))
+    result = scaled_by(call, x, counted(scale, "scale"))
     return result if shift is None else weighted_sum(call, [result, shift], (1.0, 1.0))
 
 

@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from viatool.arrays import Floats
-from viatool.policy.assembly import Assembly, Computed, Refusal
+from viatool.policy.assembly import Assembly, Computed, Counted, Refusal
 from viatool.policy.graph import GraphNode
 from viatool.policy.tensors import Constant
 
@@ -203,29 +203,31 @@ def registered() -> Mapping[tuple[str, int], Entry]:
     return dict(_REGISTRY)
 
 
-def finite(constant: Constant, meaning: str, *, counted: bool = False) -> Floats:
-    """Return a constant as float64 numbers, all finite.
-
-    Parameters
-    ----------
-    constant : Constant
-        A stored or folded one.
-    meaning : str
-        What it is, for messages.
-    counted : bool
-        Whether the caller counts the roundings of a constant that runtimes fold differently.
+def finite(constant: Constant, meaning: str) -> Floats:
+    """Return a constant as float64 numbers, all finite and the same in every runtime.
 
     Raises
     ------
     Refusal
-        If one is NaN or infinite, or if the constant is inexact and the caller does not count that.
+        If one is NaN or infinite, or if runtimes fold the constant differently.
     """
-    if constant.roundings and not counted:
+    if constant.roundings:
         raise Refusal(
             f"has a {meaning} that runtimes compute differently",
             "let the exporter fold constants, or simplify the model (onnxsim) before it is verified",
         )
+    return counted(constant, meaning).values
+
+
+def counted(constant: Constant, meaning: str) -> Counted:
+    """Return a constant as finite float64 numbers, with the roundings that the caller counts.
+
+    Raises
+    ------
+    Refusal
+        If one is NaN or infinite.
+    """
     array = np.asarray(constant.array, dtype=np.float64)
     if not np.isfinite(array).all():
         raise Refusal(f"has a {meaning} with NaN or infinite numbers", "train and export the policy again")
-    return array
+    return Counted(array, np.abs(array), constant.roundings)
