@@ -261,7 +261,7 @@ MUTANTS = [
     Mutant(
         real(chain(64, CANCELLING, BOTH), ONES, 0.0),
         "model.affine_image",
-        "remainder + model.remainder @ absolute",
+        "remainder + model.remainder @ absolute.T",
         "remainder",
     ),
     Mutant(
@@ -435,7 +435,7 @@ MUTANTS = [
     Mutant(
         gradients(chain(4, cancelling(4).T[:, :4], np.ones((1, 64))), normal(2, 4), 0.0),
         "derivatives._mapped",
-        "rounding * (np.abs(centre) @ absolute)",
+        "rounding * ((np.abs(centre) + radius) @ node.magnitudes[source])",
         "0",
     ),
     Mutant(
@@ -447,8 +447,8 @@ MUTANTS = [
     Mutant(
         gradients(CURVED, normal(3, 2), 0.3),
         "derivatives._mapped",
-        "radius @ absolute +",
-        "0 * (radius @ absolute) +",
+        "spread = radius @ node.absolute_weights[source]",
+        "spread = 0 * centre @ weight",
     ),
     Mutant(
         real(CURVED, normal(6, 2), 0.6, refine="monotone"),
@@ -484,13 +484,13 @@ MUTANTS = [
     Mutant(
         deployed(chain(1, ([[1.0]], [1e6])), [[0.5], [0.25 + 2.0**-20]]),
         "rounding._affine_deviation",
-        "size = inherited + np.abs(node.bias)",
+        "size = inherited + node.bias_magnitude",
         "size = inherited",
     ),
     Mutant(
         deployed(chain(4, normal(3, 4), TANH, np.eye(3)), normal(5, 4)),
         "rounding._affine_deviation",
-        "inherited + deviations[source] @ absolute",
+        "inherited + deviations[source] @ absolute.T",
         "inherited",
     ),
     Mutant(

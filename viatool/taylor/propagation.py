@@ -201,10 +201,12 @@ def _enclose_affine(node: Affine, known: list[Enclosure]) -> Enclosure:
         batch = known[0].lower.shape[0]
         value = np.broadcast_to(node.bias, (batch, node.size))
         zero = np.zeros((batch, node.size))
+        rest = zero + gamma(2 * node.roundings, ENGINE_ROUNDOFF) * node.bias_magnitude
         form = known[0].model.linear.mapped(np.zeros((node.size, known[0].lower.shape[1])))
         higher = known[0].model.higher
         higher = None if higher is None else np.zeros((batch, higher.shape[1], node.size))
-        return Enclosure(TaylorModel(value, form, higher, {}, zero, zero, known[0].model.basis), value, value)
+        model = TaylorModel(value, form, higher, {}, rest, zero, known[0].model.basis)
+        return Enclosure(model, value - rest, value + rest)
     sources = [known[source] for source in node.sources]
     model = affine_image([source.model for source in sources], node)
     return _intersected(model, interval_image([source.hull for source in sources], node))

@@ -112,7 +112,9 @@ def read_conv(call: Call) -> Sequence[Value]:
             matrix[own, read, from_channels, row[read]] += taps[own, :, part]  # (R, M, C)
     bias = np.repeat(call.weights(2, "bias"), places) if call.has(2) else np.zeros(outputs * places)
     shape = (1, outputs, *lengths)
-    return [call.assembly.affine([Term(x, matrix.reshape(outputs * places, x.size))], bias, shape, x.precision)]
+    return [
+        call.assembly.affine([Term(x, matrix.reshape(outputs * places, x.size))], bias, shape, x.precision)
+    ]
 
 
 @reads("AveragePool", 7, 10, 11, 19, 22, treatment="exact")
@@ -132,7 +134,9 @@ def read_average_pool(call: Call) -> Sequence[Value]:
     one[read, positions[parts, read]] = 1.0 / counts[read]
     matrix: Floats = np.kron(np.eye(channels), one).astype(np.float64)
     shape = (1, channels, *lengths)
-    return [call.assembly.affine([Term(x, matrix)], np.zeros(channels * places), shape, x.precision, roundings=1)]
+    return [
+        call.assembly.affine([Term(x, matrix)], np.zeros(channels * places), shape, x.precision, roundings=1)
+    ]
 
 
 @reads("GlobalAveragePool", 1, 22, treatment="exact")

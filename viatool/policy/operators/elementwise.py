@@ -10,8 +10,6 @@ from viatool.policy.activations import ActivationFunction, activation
 from viatool.policy.assembly import Computed, Refusal, Term
 from viatool.policy.operators.registry import Call, Value, reads
 
-_FLOAT32_LARGEST = float(np.finfo(np.float32).max)
-
 _WITHOUT_PARAMETERS: dict[str, tuple[int, ...]] = {
     "Abs": (6, 13),
     "Erf": (9, 13),
@@ -81,12 +79,10 @@ def read_swish(call: Call) -> Sequence[Value]:
 @reads("Clip", 6, 11, 12, 13, treatment="enclosed", note="constant bounds")
 def read_clip(call: Call) -> Sequence[Value]:
     """Read bounds from attributes (opset 6) or inputs."""
-    if call.version == 6:
+    if call.version == 6:  # whose defaults, the largest float32 numbers, do limit a double
         lower, upper = call.number("min"), call.number("max")
     else:
         lower, upper = call.scalar(1, "lower bound", -np.inf), call.scalar(2, "upper bound", np.inf)
-    lower = -np.inf if lower <= -_FLOAT32_LARGEST else lower
-    upper = np.inf if upper >= _FLOAT32_LARGEST else upper
     return [clipped(call, call.computed(0), lower, upper)]
 
 

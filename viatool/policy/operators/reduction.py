@@ -177,7 +177,9 @@ def _exponential_sums(call: Call) -> tuple[Computed, Indices]:
     np.add.at(weight, (np.arange(rows.size), rows), 1.0)
     np.add.at(weight, (np.arange(rows.size), columns), -1.0)
     shape = (*numbers.shape, count)
-    difference = assembly.affine([Term(x, weight)], np.zeros(rows.size), shape, x.precision, roundings=3 * count)
+    difference = assembly.affine(
+        [Term(x, weight)], np.zeros(rows.size), shape, x.precision, roundings=3 * count
+    )
     total = summed(call, assembly.activation(difference, activation("Exp")), [2], keep=False)
     return total, np.argsort(numbers.ravel())
 
