@@ -23,7 +23,7 @@ from viatool.policy.folding import fold
 from viatool.policy.graph import live, read_graph
 from viatool.policy.network import Affine
 from viatool.policy.tensors import Constant
-from viatool.taylor.rounding import runtime_deviation
+from viatool.taylor.deviation import runtime_deviation
 
 UNIT = Fraction(1, 2**24)
 Exact = Callable[..., Fraction]

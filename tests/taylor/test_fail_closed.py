@@ -21,10 +21,11 @@ from viatool.taylor.approximation import approximate
 from viatool.taylor.correlated import input_model, reach_correlated, reach_linear
 from viatool.taylor.curve import curve_of
 from viatool.taylor.derivatives import gradient_bounds
+from viatool.taylor.deviation import runtime_deviation
 from viatool.taylor.polynomial_range import range_of_quadratics
 from viatool.taylor.propagation import Enclosure, propagate
 from viatool.taylor.refinement import collapse_monotone, extrema_of
-from viatool.taylor.rounding import gamma, runtime_deviation, widen
+from viatool.taylor.rounding import gamma, widen
 
 NAN, INFINITY = float("nan"), float("inf")
 NOT_A_NUMBER = np.array([NAN])

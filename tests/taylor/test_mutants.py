@@ -12,7 +12,7 @@ import sys
 import textwrap
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from tests.taylor.containment import escape_of_exact_values, escape_of_gradients
 from tests.taylor.test_curve import wrong_approximations, wrong_ranges
 from tests.taylor.test_interval import wrong_functions, wrong_operations
 from tests.taylor.test_wide import wrong_foldings
+from tests.taylor.worst_program import escape_of_worst_program
 from viatool.errors import BoundsError, EnclosureError
 from viatool.policy.activations import ActivationFunction, activation
 from viatool.policy.network import (
@@ -109,6 +110,11 @@ def deployed(network: Network, centre: Any, eps: float = 0.0) -> Check:
     states = np.atleast_2d(np.array(centre, dtype=np.float64))
     radii = np.full(states.shape, eps)
     return lambda: escape_of_programs(network, states, radii, samples=8, refine="none")
+
+
+def strayed(network: Network, lower: float, upper: float, with_symbols: bool) -> Check:
+    """Check the worst program over a box against the deviation that is carried with or without symbols."""
+    return lambda: escape_of_worst_program(network, lower, upper, with_symbols=with_symbols)
 
 
 def gradients(network: Network, centre: Any, eps: float) -> Check:
@@ -232,6 +238,56 @@ SOFTPLUS_CLIFF = Network(
     )
 )
 
+
+def in_halves(*nodes: Node) -> Network:
+    return Network(tuple(replace(node, precision="float16") for node in nodes))
+
+
+def half_chain(*layers: Any) -> Network:
+    return in_halves(*chain(40, *layers).nodes)
+
+
+MEAN = np.full((1, 40), 2.0**-5)
+LEVEL = MEAN * ([1.0] * 20 + [-1.0] * 20)
+"""Weights that cancel where all inputs are equal, with a large error."""
+SUMS = half_chain((normal(3, 40), normal(3)), normal(1, 3))
+STEEP = half_chain(MEAN, TANH, [[1.0]])
+TURNED = half_chain(MEAN, [[-1.0]], TANH, [[1.0]])
+CROSSING = half_chain(LEVEL, TANH, [[1.0]])
+STEPS = half_chain(LEVEL, activation("Sign"), [[1.0]])
+ASLEEP = half_chain((LEVEL, [-0.01]), RELU, [[1.0]])
+SQUARED = in_halves(Input(40), affine(0, MEAN), affine(0, MEAN), Product(1, 2, 1))
+SQUARED_LEVEL = in_halves(Input(40), affine(0, LEVEL), affine(0, LEVEL), Product(1, 2, 1))
+EITHER = in_halves(Input(40), affine(0, MEAN), affine(0, [[1.25] + [0.0] * 39]), Maximum(1, 2, 1))
+CARRYING = [
+    Mutant(strayed(network, *box, with_symbols), f"deviation._Carried.{method}", old, new)
+    for network, box, with_symbols, method, old, new in (
+        (SUMS, (1.0, 1.0), False, "_through_affine", "rest + spare @ absolute.T", "rest"),
+        (SUMS, (1.0, 1.0), True, "_through_affine", "form.mapped(weight)", "form.mapped(0 * weight)"),
+        (SUMS, (1.0, 1.0), True, "_at", "(rest + own) * SLIGHTLY_MORE", "rest * 1.0"),
+        (STEEP, (0.5, 0.5), False, "_through_activation", "np.abs(middle) * rest + varied", "0 * middle"),
+        (TURNED, (0.5, 0.5), True, "_through_activation", "form.scaled(middle)", "form.scaled(0 * middle)"),
+        (STEEP, (0.5, 0.5), True, "_without_private", "deviation.rest + own.norms()", "deviation.rest"),
+        (CROSSING, (0.5, 4.0), True, "_through_activation", "(half + 8 *", "(0 * half + 8 *"),
+        (STEPS, (0.5, 1.0), True, "_through_activation", "np.where(jumps, span, varied)", "0 * span"),
+        (ASLEEP, (1.0, 1.0), True, "_program", "lower - bound, upper + bound", "lower, upper"),
+        (SQUARED, (1.0, 1.0), True, "_through_product", "moved.scaled(middle)", "moved.scaled(0 * middle)"),
+        (SQUARED, (1.0, 1.0), False, "_through_product", "np.abs(middle) * moved.rest", "0 * middle"),
+        (SQUARED, (0.25, 4.0), True, "_through_product", "(half + 8 *", "(0 * half + 8 *"),
+        (
+            SQUARED_LEVEL,
+            (1.0, 1.0),
+            True,
+            "_through_product",
+            "rest = left.bound * right.bound",
+            "rest = 0 * left.bound",
+        ),
+        (EITHER, (1.0, 1.0), True, "_through_maximum", "(left.bound + right.bound) / 2", "0 * left.bound"),
+        (EITHER, (1.0, 1.0), True, "_through_maximum", "side.scaled(part)", "side.scaled(0 * part)"),
+        (EITHER, (1.0, 1.0), False, "_through_maximum", "np.maximum(left", "np.minimum(left"),
+    )
+]
+
 MUTANTS = [
     Mutant(
         wrong_foldings,
@@ -261,7 +317,7 @@ MUTANTS = [
     Mutant(
         real(chain(64, CANCELLING, BOTH), ONES, 0.0),
         "model.affine_image",
-        "remainder + model.remainder @ absolute.T",
+        "remainder + spare @ absolute.T",
         "remainder",
     ),
     Mutant(
@@ -471,85 +527,65 @@ MUTANTS = [
     # the deployed program
     Mutant(
         deployed(chain(1, [[1.0]]), [[0.1], [1 / 3]]),
-        "rounding._deviation",
-        "unit * reach + SMALLEST_NORMAL[precision]",
-        "0 * reach",
+        "rounding.own_error",
+        "case Input():\n            return unit * value + tiny",
+        "case Input():\n            return 0 * value",
     ),
     Mutant(
         deployed(chain(64, ABSORBED), np.ones((1, 64))),
-        "rounding._affine_deviation",
-        "factor * size",
-        "0 * size",
+        "rounding.own_error",
+        "factor * value",
+        "0 * value",
     ),
     Mutant(
         deployed(chain(1, ([[1.0]], [1e6])), [[0.5], [0.25 + 2.0**-20]]),
-        "rounding._affine_deviation",
-        "size = inherited + node.bias_magnitude",
-        "size = inherited",
+        "rounding.affine_size",
+        "size = node.bias_magnitude",
+        "size = 0 * node.bias",
     ),
     Mutant(
-        deployed(chain(4, normal(3, 4), TANH, np.eye(3)), normal(5, 4)),
-        "rounding._affine_deviation",
-        "inherited + deviations[source] @ absolute.T",
-        "inherited",
+        deployed(chain(64, ABSORBED), np.ones((1, 64))),
+        "rounding.affine_size",
+        "size + magnitude(source) @ merged.T",
+        "size",
     ),
     Mutant(
         deployed(chain(2, normal(3, 2) * 1e-20), normal(5, 2) * 2.0**-64),
-        "rounding._affine_deviation",
+        "rounding.own_error",
         "2 * terms * tiny",
         "0",
     ),
     Mutant(
-        deployed(chain(4, np.abs(normal(3, 4)), RELU), np.abs(normal(5, 4))),
-        "rounding._activation_deviation",
-        "return moved +",
-        "return 0 * moved +",
-    ),
-    Mutant(
         deployed(chain(1, TANH), [[2.0], [0.75], [4.0]]),
-        "rounding._activation_deviation",
-        "activation_error(node.function.name, precision) * size",
-        "0 * size",
+        "rounding.own_error",
+        "activation_error(node.function, precision, sources[0], value)",
+        "0 * value",
     ),
     Mutant(
         deployed(chain(1, [[1.0]], activation("Elu", alpha=1e5)), [[-3.3e-3]]),
-        "rounding._activation_deviation",
-        "node.function.amplitude *",
+        "rounding.error_scale",
+        "function.amplitude *",
         "",
     ),
     Mutant(
-        deployed(chain(1, [[1.0]], activation("ThresholdedRelu", alpha=0.1)), [[0.1]]),
-        "rounding._activation_deviation",
-        "value.upper - value.lower",
-        "0 * value.upper",
+        deployed(chain(1, [[1.0]], activation("Reciprocal")), [[1e3 + 1.0], [3e3 + 1.0]]),
+        "rounding.activation_error",
+        "own = units *",
+        "own = 0 * units *",
     ),
     Mutant(
         deployed(scaled_by([1.1, 1.3, 1.7, 1.9]), normal(24, 1)),
-        "rounding._product_deviation",
-        "unit * left * right",
-        "0 * left",
-    ),
-    Mutant(
-        deployed(Network((Input(2), affine(0, normal(2, 2)), Product(1, 1, 2))), normal(4, 2)),
-        "rounding._product_deviation",
-        "left * deviations[node.right] + right * deviations[node.left]",
-        "0 * left",
-    ),
-    Mutant(
-        deployed(
-            Network((Input(1), affine(0, [[1.0]]), affine(0, [[0.0]], [1.0]), Maximum(1, 2, 1))),
-            [[1.1], [2.3]],
-        ),
-        "rounding._deviation",
-        "np.maximum(deviations[node.left], deviations[node.right])",
-        "np.minimum(deviations[node.left], deviations[node.right])",
+        "rounding.own_error",
+        "case Product():\n            return unit * value + tiny",
+        "case Product():\n            return 0 * value",
     ),
     Mutant(
         deployed(Network((Input(1), Cast(0, 1, "float16"))), [[0.1], [1 / 3]]),
-        "rounding._deviation",
-        "deviation + unit * _reach(hulls[index], deviation) + SMALLEST_NORMAL[precision]",
-        "deviation",
+        "rounding.own_error",
+        "case Cast():\n            return unit * value + tiny",
+        "case Cast():\n            return 0 * value",
     ),
+    *CARRYING,
 ]
 
 

@@ -10,7 +10,8 @@ from tests.strategies import ACTIVATIONS
 from viatool.errors import EnclosureError
 from viatool.policy.activations import ActivationFunction, activation
 from viatool.policy.network import Affine, Input, Network
-from viatool.taylor.rounding import activation_error, affine_rounding, gamma, runtime_deviation
+from viatool.taylor.deviation import runtime_deviation
+from viatool.taylor.rounding import affine_rounding, gamma, runtime_units
 
 STEEP = (
     activation("Elu", alpha=1e4),
@@ -25,7 +26,7 @@ STEEP = (
 def test_onnxruntime_stays_within_half_of_the_margin_of_an_activation(function: ActivationFunction) -> None:
     worst = worst_error(function, 40_009, -LARGEST, LARGEST)
     assert worst.points > 40_000
-    assert 2 * worst.units <= activation_error(function.name, "float32") / UNIT
+    assert 2 * worst.units <= runtime_units(function.name)
 
 
 def test_the_sum_of_n_terms_errs_by_n_roundings() -> None:

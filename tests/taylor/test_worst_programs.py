@@ -15,7 +15,7 @@ from viatool.rounding import LARGEST, SMALLEST_NORMAL, UNIT_ROUNDOFF
 from viatool.taylor import approximation
 from viatool.taylor.approximation import approximate_linearly
 from viatool.taylor.curve import curve_of
-from viatool.taylor.rounding import runtime_deviation
+from viatool.taylor.deviation import runtime_deviation
 
 PRECISIONS: tuple[Precision, ...] = ("bfloat16", "float16", "float32", "float64")
 

@@ -7,7 +7,7 @@ deep network these bounds multiply to far more than what happens, and a dropped 
 the rounding is simulated as well: every node errs by its own bound with a random sign (Monte Carlo arithmetic),
 and what that does to the actions is what rounding explains. Real rounding is a few hundredths of it. A few
 simulations of one observation may cancel by chance; the share of the analysis that they reach over all
-observations does not.
+observations does not. Where rounding could explain nearly anything, an observation is compared but counts for nothing.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from viatool.arrays import Floats
+from viatool.arrays import Booleans, Floats
 from viatool.channels import Extent, Quantities
 from viatool.errors import PolicyError, SelfCheckError
 from viatool.policy.maps import Scaling, leading_steps
@@ -42,6 +42,12 @@ _SMALLEST = 16.0
 _NOMINAL = Extent(-2.65, -2.65, 2.65, 2.65)
 """The room from which plausible observations come: goals are up to 15 m away."""
 
+_TELLING = 0.1
+"""Largest tolerance of a comparison that tells anything, as a share of how far the action varies."""
+
+_FLAT = 2.0**-10
+"""Share of an action that does not vary that stands for how far it does."""
+
 _RANDOM_POINTS = 48
 _CORNERS = 16
 
@@ -53,7 +59,7 @@ class SelfCheck:
     Parameters
     ----------
     points : int
-        Observations that were compared.
+        Observations that were compared and whose comparison tells something; 0 if rounding explains nearly anything.
     largest_difference : float
         Between the network and the program.
     largest_tolerance : float
@@ -96,7 +102,7 @@ def check_network(
         with np.errstate(over="ignore"):  # what is not finite is left out below
             points = points.astype(kind).astype(np.float64)
     values, errors = propagate_rounding(network, points)
-    usable = np.all([np.isfinite(error).all(axis=1) for error in errors], axis=0)
+    usable = _fit(network, values)
     if not usable.any():
         raise PolicyError(
             "the network overflows or is undefined on every observation of the self-check",
@@ -123,7 +129,29 @@ def check_network(
             "report this model: it was read wrongly, and no verdict may rest on it",
         )
     program.batches = _batches(program, points, expected, tolerance)
-    return SelfCheck(len(actions), float(difference.max()), float(tolerance.max()))
+    telling = _tells(expected, tolerance)
+    return SelfCheck(
+        int(telling.sum()),
+        float(difference[telling].max(initial=0.0)),
+        float(tolerance[telling].max(initial=0.0)),
+    )
+
+
+def _fit(network: Network, values: list[Floats]) -> Booleans:
+    """Return at which points (B,) no value and no partial sum comes near the largest number of its precision."""
+    fits = np.ones(len(values[0]), dtype=bool)
+    with np.errstate(all="ignore"):
+        for node, value, own in zip(network.nodes, values, _own_errors(network, values), strict=True):
+            most = LARGEST[node.precision] / _MARGIN
+            fits &= ((np.abs(value) < most) & np.isfinite(own)).all(axis=1)
+    return fits
+
+
+def _tells(expected: Floats, tolerance: Floats) -> Booleans:
+    """Return at which points (B,) the tolerance is small beside what the actions do."""
+    varies = np.ptp(expected, axis=0)
+    size = np.maximum(varies, _FLAT * np.maximum(1.0, np.abs(expected).max(axis=0)))
+    return np.asarray((tolerance <= _TELLING * size).all(axis=1))
 
 
 def _batches(program: Runtime, points: Floats, expected: Floats, tolerance: Floats) -> bool:
@@ -207,7 +235,7 @@ def simulate_rounding(
     points, values : ndarray
         ``(B, size)`` observations and the values of every node on them.
     largest : ndarray
-        ``(B, A)`` finite, from the analysis.
+        ``(B, A)``, from the analysis; infinite where it says nothing.
     seed : int
         Of the signs.
     """
@@ -215,19 +243,27 @@ def simulate_rounding(
         # a rare error may jump far, which no few simulations show: only the analysis counts
         return np.full(values[-1].shape, np.inf)
     generator = np.random.default_rng(seed)
-    exact = [np.zeros_like(value) for value in values]
     squares = np.zeros_like(values[-1])
     with np.errstate(all="ignore"):
-        own = [_error(node, value, values, exact) for node, value in zip(network.nodes, values, strict=True)]
+        own = _own_errors(network, values)
         for _ in range(_SIMULATIONS):
             noise = [np.where(generator.random(error.shape) < 0.5, error, -error) for error in own]
             squares += (network.values(points, noise)[-1] - values[-1]) ** 2
         deviation = _SIMULATED * np.sqrt(squares / _SIMULATIONS)
+        known = np.isfinite(largest)
         share = np.nan_to_num(np.where(largest > 0.0, deviation / largest, 0.0), nan=1.0, posinf=1.0)
-        common = np.sqrt(np.square(share).mean(axis=0)) * largest
+        mean_share = np.square(share).sum(axis=0, where=known) / np.maximum(known.sum(axis=0), 1)
+        unshared = np.sqrt(np.square(deviation).mean(axis=0))  # where there is no analysis to take a share of
+        common = np.where(known, np.sqrt(mean_share) * np.where(known, largest, 0.0), unshared)
     simulated = np.maximum(deviation, common)
     least = _SMALLEST * UNIT_ROUNDOFF[network.nodes[-1].precision] * np.maximum(1.0, np.abs(values[-1]))
     return np.where(np.isfinite(simulated), np.maximum(simulated, least), np.inf)
+
+
+def _own_errors(network: Network, values: list[Floats]) -> list[Floats]:
+    """Return how far the program may be from each node when it is right about those before it."""
+    exact = [np.zeros_like(value) for value in values]
+    return [_error(node, value, values, exact) for node, value in zip(network.nodes, values, strict=True)]
 
 
 def _error(node: Node, value: Floats, values: list[Floats], errors: list[Floats]) -> Floats:

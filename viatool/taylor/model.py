@@ -12,7 +12,7 @@ neurons, ``(B, M, N)``, so that an affine map is one matrix product.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -201,17 +201,17 @@ def affine_image(models: Sequence[TaylorModel], node: Affine) -> TaylorModel:
     higher: Floats | None = None
     symbols: dict[int, Form] = {}
     terms = 2 + len(models) + node.roundings
-    for whole, weight, absolute, merged in zip(
+    for model, weight, absolute, merged in zip(
         models, node.weights, node.absolute_weights, node.magnitudes, strict=True
     ):
-        model = fold_symbols(whole)
+        kept, spare = fold_symbols(model.symbols, model.remainder)
         terms += weight.shape[1]
         constant = constant + model.constant @ weight.T
         size = size + model.magnitude @ merged.T
-        remainder = remainder + model.remainder @ absolute.T
-        linear = _joined(linear, model.linear.mapped(weight))
-        for key, form in model.symbols.items():
-            symbols[key] = _joined(symbols.get(key), form.mapped(weight))
+        remainder = remainder + spare @ absolute.T
+        linear = join_forms(linear, model.linear.mapped(weight))
+        for key, form in kept.items():
+            symbols[key] = join_forms(symbols.get(key), form.mapped(weight))
         if model.higher is not None:
             mapped = Dense(model.higher).mapped(weight).coefficients
             higher = mapped if higher is None else higher + mapped
@@ -231,24 +231,25 @@ def affine_image(models: Sequence[TaylorModel], node: Affine) -> TaylorModel:
     )
 
 
-def fold_symbols(model: TaylorModel) -> TaylorModel:
+def fold_symbols(symbols: Mapping[int, Form], remainder: Floats) -> tuple[Mapping[int, Form], Floats]:
     """Fold the symbols of whole nodes, those that weigh least, into the remainder until few enough are left.
 
     Without it the work on a layer grows with all layers before it. **Sound:** yes, ``|form(e)|`` is at most its norm.
     """
-    excess = sum(form.symbols for form in model.symbols.values()) - MOST_SYMBOLS
+    excess = sum(form.symbols for form in symbols.values()) - MOST_SYMBOLS
     if excess <= 0:
-        return model
-    norms = {key: form.norms() for key, form in model.symbols.items()}
-    symbols, remainder = dict(model.symbols), model.remainder
+        return symbols, remainder
+    norms = {key: form.norms() for key, form in symbols.items()}
+    kept = dict(symbols)
     for key in sorted(norms, key=lambda key: float(norms[key].sum())):
         if excess > 0:
-            excess -= symbols.pop(key).symbols
+            excess -= kept.pop(key).symbols
             remainder = (remainder + norms[key]) * SLIGHTLY_MORE
-    return replace(model, symbols=symbols, remainder=remainder)
+    return kept, remainder
 
 
-def _joined(left: Form | None, right: Form) -> Form:
+def join_forms(left: Form | None, right: Form) -> Form:
+    """Return the sum of two forms in the same symbols; None is no form."""
     return right if left is None else Dense(left.dense() + right.dense())
 
 
@@ -312,9 +313,9 @@ def product_image(left: TaylorModel, right: TaylorModel, node: int) -> TaylorMod
     linear: Form | None = None
     symbols: dict[int, Form] = {}
     for model, factor in sides:
-        linear = _joined(linear, model.linear.scaled(factor))
+        linear = join_forms(linear, model.linear.scaled(factor))
         for key, form in model.symbols.items():
-            symbols[key] = _joined(symbols.get(key), form.scaled(factor))
+            symbols[key] = join_forms(symbols.get(key), form.scaled(factor))
     assert linear is not None
     spread_left, spread_right = left.radius + left.remainder, right.radius + right.remainder
     error = spread_left * spread_right

@@ -14,10 +14,11 @@ from viatool.errors import ConfigurationError, EnclosureError
 from viatool.policy.network import Network
 from viatool.taylor.approximation import Approximation
 from viatool.taylor.attained import attained_values
+from viatool.taylor.deviation import runtime_deviation
 from viatool.taylor.head import hulls_through, split_head, values_through
 from viatool.taylor.propagation import Box, propagate
 from viatool.taylor.refinement import extrema_of, refine_by_pieces, refine_monotone, unfold
-from viatool.taylor.rounding import runtime_deviation, widen
+from viatool.taylor.rounding import widen
 from viatool.taylor.splitting import Effort, refine_by_splitting
 
 Refinement = Literal["none", "monotone", "split"]

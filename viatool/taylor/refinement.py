@@ -16,9 +16,9 @@ from viatool.arrays import Floats, Hull, Indices
 from viatool.policy.network import Network
 from viatool.taylor.approximation import Approximation
 from viatool.taylor.derivatives import gradient_bounds
+from viatool.taylor.deviation import runtime_deviation
 from viatool.taylor.duality import DualEffort, DualProblem, SymbolLayout, descend, relaxation_conditions
 from viatool.taylor.propagation import Box, Enclosure, propagate
-from viatool.taylor.rounding import runtime_deviation
 
 _ROUNDS = 4
 _FREE_TOGETHER = 4

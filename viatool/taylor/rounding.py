@@ -1,8 +1,8 @@
 """The one place that knows how floating-point programs round.
 
 Two programs are accounted for: the engine itself, in float64, and the deployed one, in the precision that each node
-names. For the deployed program `runtime_deviation` bounds how far any evaluation, in any order of summation and with or
-without fused multiply-add, can stray from the exact network anywhere in a box.
+names. `own_error` bounds what one node adds to the errors that reach it, for any order of summation and with or without
+fused multiply-add; `deviation` carries these errors to the actions.
 """
 
 from __future__ import annotations
@@ -13,14 +13,13 @@ import numpy as np
 
 from viatool.arrays import Floats, Hull
 from viatool.errors import EnclosureError
-from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Network, Product
-from viatool.rounding import LARGEST, SLIGHTLY_MORE, SMALLEST_NORMAL, UNIT_ROUNDOFF
+from viatool.policy.activations import ActivationFunction
+from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Node, Precision, Product
+from viatool.rounding import SLIGHTLY_MORE, SMALLEST_NORMAL, UNIT_ROUNDOFF
 from viatool.sets.bounds import require_ordered
-from viatool.taylor.curve import curve_of
 
-# Error of a runtime's activation in unit roundoffs of max(1, |f(x)|, |x|), times the amplitude of its parameters, at
-# least twice what was ever measured in onnxruntime; composites (Silu as x * sigmoid(x), ...) count each of their
-# operations.
+# Error of a runtime's activation in unit roundoffs of `error_scale`, at least twice what was ever measured in
+# onnxruntime; composites (Silu as x * sigmoid(x), ...) count each of their operations.
 _RUNTIME_UNITS = {
     "Abs": 0.0,
     "Clip": 0.0,
@@ -45,6 +44,9 @@ _RUNTIME_UNITS = {
     "Mish": 96.0,
 }
 _DEFAULT_UNITS = 64.0
+
+_RELATIVE_TO_VALUE = frozenset(("Pow", "Reciprocal", "Sqrt"))
+"""IEEE 754 rounds these correctly, or they are a few products: they err relative to their value, however small."""
 
 
 def gamma(terms: int | Floats, unit: float) -> Floats:
@@ -80,66 +82,54 @@ def affine_rounding(node: Affine, unit: float) -> tuple[Floats, Floats]:
     return gamma(rounded, unit), rounded
 
 
-def runtime_deviation(network: Network, hulls: Sequence[Hull], *, engine: bool = False) -> Floats:
-    """Bound how far a floating-point evaluation strays from the exact network, anywhere in a box.
+def own_error(node: Node, precision: Precision, sources: Sequence[Hull], value: Floats) -> Floats:
+    """Bound what a program errs by itself in one node, on top of the errors of what it reads.
 
     Parameters
     ----------
-    network : Network
-        N nodes.
-    hulls : sequence of (lower, upper)
-        For each node, bounds ``(B, size)`` of its exact value over the box.
-    engine : bool
-        Account for `Network.__call__` in float64 on exact inputs, in place of the deployed program.
+    node : Node
+        Of size N.
+    precision : str
+        In which it is evaluated.
+    sources : sequence of (lower, upper)
+        For each source, bounds ``(B, N_k)`` of what the program has there.
+    value : ndarray
+        ``(B, N)``: a bound on the absolute value of the node, evaluated exactly on what the program has there; of an
+        affine node on that of every partial sum.
 
     Returns
     -------
     ndarray
-        ``(B, A)``: ``|program(x) - network(x)| <= deviation`` for every x of the box, where the program first rounds x
-        to its input precision.
-
-    Raises
-    ------
-    EnclosureError
-        If the program may overflow or divide by zero somewhere in the box.
+        ``(B, N)``.
 
     Notes
     -----
-    **Sound:** yes, given the activation errors of `activation_error`. Forward error analysis: an affine node adds
-    ``|W| E + gamma_n (|W| |x| + |b|)``, an activation ``E max|f'|`` plus its own error, a product the product rule.
+    **Sound:** yes, given the units of `activation_error`. An affine node adds ``gamma_n (|W| |x| + |b|)``, a product
+    one rounding, each with what is lost where numbers below the smallest normal one are flushed to zero.
     """
-    deviations: list[Floats] = []
-    for index, (node, hull) in enumerate(zip(network.nodes, hulls, strict=True)):
-        deviation = _deviation(network, index, hulls, deviations, engine=engine) * SLIGHTLY_MORE
-        _check_overflow(*hull, deviation, "float64" if engine else node.precision)
-        deviations.append(deviation)
-    return deviations[-1]
-
-
-def _deviation(
-    network: Network, index: int, hulls: Sequence[Hull], deviations: Sequence[Floats], *, engine: bool
-) -> Floats:
-    """Bound how far a node strays, given how far those before it do."""
-    node = network.nodes[index]
-    precision = "float64" if engine else node.precision
-    unit = UNIT_ROUNDOFF[precision]
+    unit, tiny = UNIT_ROUNDOFF[precision], SMALLEST_NORMAL[precision]
     match node:
         case Input():
-            reach = _reach(hulls[index], np.zeros(()))
-            return np.zeros_like(reach) if engine else unit * reach + SMALLEST_NORMAL[precision]
+            return unit * value + tiny
         case Affine():
-            return _affine_deviation(node, hulls, deviations, precision)
+            factor, terms = affine_rounding(node, unit)
+            return np.asarray(factor * value + 2 * terms * tiny)
         case Activation():
-            return _activation_deviation(node, hulls[node.source], deviations[node.source], precision)
+            return activation_error(node.function, precision, sources[0], value)
         case Product():
-            return _product_deviation(node, hulls, deviations, unit) + SMALLEST_NORMAL[precision]
+            return unit * value + tiny
         case Maximum() | Minimum():
-            return np.maximum(deviations[node.left], deviations[node.right])
+            return np.zeros_like(value)
         case Cast():
-            deviation = deviations[node.source]
-            if engine or unit <= UNIT_ROUNDOFF[network.nodes[node.source].precision]:
-                return deviation
-            return deviation + unit * _reach(hulls[index], deviation) + SMALLEST_NORMAL[precision]
+            return unit * value + tiny
+
+
+def affine_size(node: Affine, sources: Sequence[Hull]) -> Floats:
+    """Bound the absolute value (B, N) of every partial sum of an affine node, given what its sources may be."""
+    size = node.bias_magnitude
+    for source, merged in zip(sources, node.magnitudes, strict=True):
+        size = size + magnitude(source) @ merged.T
+    return np.asarray(size)
 
 
 def widen(lower: Floats, upper: Floats, deviation: Floats) -> Hull:
@@ -160,62 +150,35 @@ def widen(lower: Floats, upper: Floats, deviation: Floats) -> Hull:
     return np.where(np.isnan(lower), -np.inf, lower), np.where(np.isnan(upper), np.inf, upper)
 
 
-def activation_error(name: str, precision: str) -> float:
-    """Return the error of a runtime's activation, in units of ``amplitude * max(1, |f(x)|, |x|)``."""
-    units = _RUNTIME_UNITS.get(name, _DEFAULT_UNITS)
-    return units * UNIT_ROUNDOFF[precision]
+def runtime_units(name: str) -> float:
+    """Return the largest error of a runtime's activation in unit roundoffs of `error_scale`."""
+    return _RUNTIME_UNITS.get(name, _DEFAULT_UNITS)
 
 
-def _reach(hull: Hull, deviation: Floats) -> Floats:
-    return np.maximum(np.abs(hull[0]), np.abs(hull[1])) + deviation
+def magnitude(hull: Hull) -> Floats:
+    """Return the largest absolute value between two bounds."""
+    return np.maximum(np.abs(hull[0]), np.abs(hull[1]))
 
 
-def _affine_deviation(
-    node: Affine,
-    hulls: Sequence[Hull],
-    deviations: Sequence[Floats],
-    precision: str,
+def activation_error(
+    function: ActivationFunction, precision: Precision, argument: Hull, value: Floats
 ) -> Floats:
-    factor, terms = affine_rounding(node, UNIT_ROUNDOFF[precision])
-    tiny = SMALLEST_NORMAL[precision]
-    inherited = np.zeros((hulls[0][0].shape[0], node.size))
-    size = inherited + node.bias_magnitude
-    for source, absolute, merged in zip(node.sources, node.absolute_weights, node.magnitudes, strict=True):
-        inherited = inherited + deviations[source] @ absolute.T
-        size = size + _reach(hulls[source], deviations[source]) @ merged.T
-    _check_overflow(-size, size, np.zeros(()), precision)  # a partial sum may be larger than the result
-    return inherited + factor * size + 2 * terms * tiny
+    """Bound the error of a runtime's activation (B, N), given its argument and a bound on its absolute value."""
+    units = runtime_units(function.name) * UNIT_ROUNDOFF[precision]
+    own = units * error_scale(function, magnitude(argument), value)
+    if function.name in _RELATIVE_TO_VALUE:
+        return own + _flushed(function.name, argument, SMALLEST_NORMAL[precision])
+    return np.asarray(own)
 
 
-def _activation_deviation(node: Activation, hull: Hull, inherited: Floats, precision: str) -> Floats:
-    curve = curve_of(node.function)
-    lower, upper = hull[0] - inherited, hull[1] + inherited
-    slope = curve.range(lower, upper, 1)
-    value = curve.range(lower, upper)
-    with np.errstate(invalid="ignore"):
-        moved = inherited * np.maximum(np.abs(slope.lower), np.abs(slope.upper))
-    moved = np.where(inherited == 0, 0.0, moved)
-    moved = np.fmin(moved, value.upper - value.lower)  # over a jump only the range helps
-    size = node.function.amplitude * np.maximum(
-        1.0, np.maximum(np.maximum(np.abs(value.lower), np.abs(value.upper)), _reach(hull, inherited))
-    )
-    return moved + activation_error(node.function.name, precision) * size
+def _flushed(name: str, argument: Hull, tiny: float) -> Floats:
+    """Bound what is lost where a program takes arguments and results below the smallest normal number for zero."""
+    at_zero = {"Sqrt": np.sqrt(tiny), "Reciprocal": np.inf}.get(name, tiny)
+    return np.where((argument[0] < tiny) & (argument[1] > -tiny), at_zero, tiny)
 
 
-def _product_deviation(
-    node: Product, hulls: Sequence[Hull], deviations: Sequence[Floats], unit: float
-) -> Floats:
-    left, right = (
-        _reach(hulls[node.left], deviations[node.left]),
-        _reach(hulls[node.right], deviations[node.right]),
-    )
-    return left * deviations[node.right] + right * deviations[node.left] + unit * left * right
-
-
-def _check_overflow(lower: Floats, upper: Floats, deviation: Floats, precision: str) -> None:
-    size = np.maximum(np.abs(lower), np.abs(upper)) + deviation
-    if not (size < LARGEST[precision]).all():
-        raise EnclosureError(
-            f"an intermediate value may leave the range of {precision} (up to {float(np.max(size)):.3g})",
-            "make eps smaller, or check the weights and the units of the observation",
-        )
+def error_scale(function: ActivationFunction, argument: Floats, value: Floats) -> Floats:
+    """Return what the error of a runtime's activation is proportional to, given absolute values."""
+    if function.name in _RELATIVE_TO_VALUE:
+        return value
+    return np.asarray(function.amplitude * np.maximum(1.0, np.maximum(value, argument)))

@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike
 from viatool.errors import ConfigurationError, EnclosureError
 from viatool.rounding import SLIGHTLY_MORE
 from viatool.taylor.approximation import Approximation
+from viatool.taylor.deviation import runtime_deviation
 from viatool.taylor.model import TaylorModel
 from viatool.taylor.propagation import propagate
 from viatool.taylor.reach import Arithmetic, HasNetwork, observation_box
-from viatool.taylor.rounding import runtime_deviation
 
 if TYPE_CHECKING:
     import sympy

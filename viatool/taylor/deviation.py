@@ -1,0 +1,306 @@
+"""How far a program may stray from the exact network: the errors of its nodes, carried to the actions.
+
+Each node errs by itself (`rounding.own_error`) and passes on the errors that reach it. The difference of program and
+network at a node is a linear form of the errors before it, up to what the slopes vary over the box. It is bounded in
+two ways by the same rules: cheaply by norms alone, which multiply as ``|W|`` layer by layer, and, where that says too
+little beside the width of the actions, with one symbol for each error, so that errors cancel as the network cancels
+them and shrink as it contracts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from viatool.arrays import Booleans, Floats, Hull, Indices
+from viatool.errors import EnclosureError
+from viatool.policy.network import (
+    Activation,
+    Affine,
+    Cast,
+    Input,
+    Maximum,
+    Minimum,
+    Network,
+    Node,
+    Precision,
+    Product,
+)
+from viatool.rounding import ENGINE_ROUNDOFF, LARGEST, SLIGHTLY_MORE, UNIT_ROUNDOFF
+from viatool.taylor.curve import curve_of
+from viatool.taylor.model import Diagonal, Form, fold_symbols, join_forms
+from viatool.taylor.rounding import affine_size, gamma, magnitude, own_error
+
+_WORTH = 2.0**-8
+"""Share of an action's width up to which a deviation is not worth symbols."""
+
+_ROUNDINGS_WORTH = 32.0
+"""Roundings of an action up to which a deviation is not worth symbols, where the action has no width."""
+
+_FLOATS_TOGETHER = 2**22
+"""Floats in the symbols of one node, over the states that are looked at together."""
+
+
+@dataclass(frozen=True, eq=False)
+class Deviation:
+    """What a program has at a node of N neurons less what the exact network has there, at the same observation.
+
+    Parameters
+    ----------
+    symbols : mapping
+        Node to the forms in the errors that arose at it, each error in [-1, 1].
+    rest : ndarray
+        ``(B, N)``, not negative: half-width of what no symbol stands for.
+    bound : ndarray
+        ``(B, N)``: of the absolute value of all of it.
+    """
+
+    symbols: Mapping[int, Form]
+    rest: Floats
+    bound: Floats = field(init=False)
+
+    def __post_init__(self) -> None:
+        bound = self.rest
+        for form in self.symbols.values():
+            bound = bound + form.norms()
+        if self.symbols:
+            bound = bound * SLIGHTLY_MORE
+        object.__setattr__(self, "bound", np.where(np.isnan(bound), np.inf, bound))
+
+    def scaled(self, factor: Floats) -> dict[int, Form]:
+        """Return the symbols' forms times a factor for each neuron, (B, N)."""
+        return {key: form.scaled(factor) for key, form in self.symbols.items()}
+
+
+def runtime_deviation(network: Network, hulls: Sequence[Hull], *, engine: bool = False) -> Floats:
+    """Bound how far a floating-point evaluation strays from the exact network, anywhere in a box.
+
+    Parameters
+    ----------
+    network : Network
+        N nodes, A actions.
+    hulls : sequence of (lower, upper)
+        For each node, bounds ``(B, size)`` of its exact value over the box.
+    engine : bool
+        Account for `Network.__call__` in float64 on exact inputs, in place of the deployed program.
+
+    Returns
+    -------
+    ndarray
+        ``(B, A)``: ``|program(x) - network(x)| <= deviation`` for every x of the box, where the program first rounds x
+        to its input precision.
+
+    Raises
+    ------
+    EnclosureError
+        If the program may overflow or divide by zero somewhere in the box.
+
+    Notes
+    -----
+    **Sound:** yes, given the activation errors of `rounding.activation_error`. With program values ``x + d`` a node of
+    slope s between x and x + d passes on ``s d``, s within the slopes of the box widened by the bound of d (mean value
+    theorem); its middle scales the forms of d, its half-width times the bound of d joins the node's own error.
+    """
+    carried = _Carried(network, hulls, engine=engine, with_symbols=False).to_actions()
+    for rows in _blocks(network, np.flatnonzero(_is_worth_symbols(network, hulls[-1], carried))):
+        some = [(lower[rows], upper[rows]) for lower, upper in hulls]
+        finer = _Carried(network, some, engine=engine, with_symbols=True).to_actions()
+        carried[rows] = np.fmin(carried[rows], finer)
+    return carried
+
+
+def _is_worth_symbols(network: Network, actions: Hull, deviation: Floats) -> Booleans:
+    unit = UNIT_ROUNDOFF[network.nodes[-1].precision]
+    negligible = _WORTH * (actions[1] - actions[0]) + _ROUNDINGS_WORTH * unit * magnitude(actions)
+    return np.asarray(~(deviation <= negligible).all(axis=1))
+
+
+def _blocks(network: Network, rows: Indices) -> list[Indices]:
+    """Cut states into blocks whose symbols fit the memory that is meant for them."""
+    symbols = sum(node.size for node in network.nodes)
+    step = max(1, _FLOATS_TOGETHER // (symbols * max(node.size for node in network.nodes)))
+    return [rows[start : start + step] for start in range(0, rows.size, step)]
+
+
+class _Carried:
+    """One pass over a network that carries the errors of its nodes."""
+
+    def __init__(self, network: Network, hulls: Sequence[Hull], *, engine: bool, with_symbols: bool) -> None:
+        self._network = network
+        self._hulls = hulls
+        self._engine = engine
+        self._with_symbols = with_symbols
+        self._deviations: list[Deviation] = []
+        self._overflows = np.zeros(hulls[0][0].shape[0], dtype=bool)
+        self._readers = np.zeros(len(network.nodes), dtype=int)
+        for node in network.nodes:
+            np.add.at(self._readers, list(node.sources), 1)
+
+    def to_actions(self) -> Floats:
+        """Return the bound of the last node, (B, A); infinite where norms alone leave the range of a precision."""
+        with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is infinite
+            for index, node in enumerate(self._network.nodes):
+                self._deviations.append(self._at(index, node))
+        return np.where(self._overflows[:, None], np.inf, self._deviations[-1].bound)
+
+    def _at(self, index: int, node: Node) -> Deviation:
+        symbols, rest = self._passed_on(index, node)
+        own = self._own_error(index, node)
+        rest = (rest + own) * SLIGHTLY_MORE
+        if self._with_symbols and rest.any():
+            symbols, rest = {**symbols, index: _one_for_each(rest)}, np.zeros_like(rest)
+        deviation = Deviation(symbols, rest)
+        self._check_overflow(magnitude(self._hulls[index]) + deviation.bound, self._precision(node))
+        return deviation
+
+    def _precision(self, node: Node) -> Precision:
+        return "float64" if self._engine else node.precision
+
+    def _passed_on(self, index: int, node: Node) -> tuple[dict[int, Form], Floats]:
+        """Return what a node makes of the deviations of what it reads: forms and rest."""
+        match node:
+            case Input():
+                return {}, np.zeros_like(self._hulls[0][0])
+            case Affine():
+                return self._through_affine(node)
+            case Activation():
+                return self._through_activation(node)
+            case Product():
+                return self._through_product(node)
+            case Maximum() | Minimum():
+                return self._through_maximum(node)
+            case Cast():
+                source = self._deviations[node.source]
+                return dict(source.symbols), source.rest
+
+    def _through_affine(self, node: Affine) -> tuple[dict[int, Form], Floats]:
+        symbols: dict[int, Form] = {}
+        rest = np.zeros((self._hulls[0][0].shape[0], node.size))
+        carried = rest
+        for source, weight, absolute in zip(node.sources, node.weights, node.absolute_weights, strict=True):
+            kept, spare = fold_symbols(self._deviations[source].symbols, self._deviations[source].rest)
+            rest = rest + spare @ absolute.T
+            for key, form in kept.items():
+                symbols[key] = join_forms(symbols.get(key), form.mapped(weight))
+            if kept:
+                carried = carried + self._deviations[source].bound @ absolute.T
+        terms = 2 + sum(weight.shape[1] for weight in node.weights)
+        return symbols, rest + gamma(terms, ENGINE_ROUNDOFF) * carried
+
+    def _through_activation(self, node: Activation) -> tuple[dict[int, Form], Floats]:
+        curve, source = curve_of(node.function), self._deviations[node.source]
+        symbols, rest = self._without_private(node.source)
+        lower, upper = self._program(node.source)
+        slope = curve.range(lower, upper, 1)
+        middle, half = slope.lower / 2 + slope.upper / 2, slope.upper / 2 - slope.lower / 2
+        unbounded = ~(np.isfinite(middle) & np.isfinite(half))
+        middle, half = np.where(unbounded, 0.0, middle), np.where(unbounded, np.inf, half)
+        varied = (half + 8 * ENGINE_ROUNDOFF * np.abs(middle)) * source.bound
+        varied = np.where(source.bound == 0, 0.0, varied)
+        value = curve.range(lower, upper)
+        span = value.upper - value.lower
+        jumps = span < np.abs(middle) * source.bound + varied  # over a jump only the range helps
+        middle, varied = np.where(jumps, 0.0, middle), np.where(jumps, span, varied)
+        return {key: form.scaled(middle) for key, form in symbols.items()}, np.abs(middle) * rest + varied
+
+    def _through_product(self, node: Product) -> tuple[dict[int, Form], Floats]:
+        symbols: dict[int, Form] = {}
+        left, right = self._deviations[node.left], self._deviations[node.right]
+        rest = left.bound * right.bound
+        for moved, factor in ((left, self._hulls[node.right]), (right, self._hulls[node.left])):
+            middle, half = factor[0] / 2 + factor[1] / 2, factor[1] / 2 - factor[0] / 2
+            rest = rest + np.abs(middle) * moved.rest
+            rest = rest + (half + 8 * ENGINE_ROUNDOFF * magnitude(factor)) * moved.bound
+            for key, form in moved.scaled(middle).items():
+                symbols[key] = join_forms(symbols.get(key), form)
+        return symbols, rest
+
+    def _through_maximum(self, node: Maximum | Minimum) -> tuple[dict[int, Form], Floats]:
+        """Pass on the deviation of the larger side, or one between those of both where either may be larger."""
+        left, right = self._deviations[node.left], self._deviations[node.right]
+        if not self._with_symbols:
+            return {}, np.maximum(left.bound, right.bound)
+        (left_lower, left_upper), (right_lower, right_upper) = (
+            self._program(node.left),
+            self._program(node.right),
+        )
+        if isinstance(node, Minimum):
+            left_lower, left_upper, right_lower, right_upper = (
+                -right_upper,
+                -right_lower,
+                -left_upper,
+                -left_lower,
+            )
+            left, right = right, left
+        share = np.where(left_lower >= right_upper, 1.0, np.where(right_lower >= left_upper, 0.0, 0.5))
+        symbols: dict[int, Form] = {}
+        for side, part in ((left, share), (right, 1 - share)):
+            for key, form in side.scaled(part).items():
+                symbols[key] = join_forms(symbols.get(key), form)
+        rest = share * left.rest + (1 - share) * right.rest
+        undecided = np.where(share == 0.5, (left.bound + right.bound) / 2, 0.0)
+        return symbols, rest + undecided
+
+    def _without_private(self, source: int) -> tuple[Mapping[int, Form], Floats]:
+        """Return a deviation with what arose at a node that nobody else reads taken for rest: one symbol fewer."""
+        deviation = self._deviations[source]
+        own = deviation.symbols.get(source)
+        if own is None or self._readers[source] > 1:
+            return deviation.symbols, deviation.rest
+        others = {key: form for key, form in deviation.symbols.items() if key != source}
+        return others, deviation.rest + own.norms()
+
+    def _own_error(self, index: int, node: Node) -> Floats:
+        precision = self._precision(node)
+        if isinstance(node, Input) and self._engine:  # on exact inputs
+            return np.zeros_like(self._hulls[0][0])
+        if isinstance(node, Cast) and (
+            UNIT_ROUNDOFF[precision] <= UNIT_ROUNDOFF[self._precision(self._network.nodes[node.source])]
+        ):
+            return np.zeros_like(self._hulls[index][0])
+        sources = [self._program(source) for source in node.sources]
+        value = self._exact_on_program(index, node, sources)
+        self._check_overflow(value, precision)
+        return own_error(node, precision, sources, value)
+
+    def _exact_on_program(self, index: int, node: Node, sources: Sequence[Hull]) -> Floats:
+        """Bound the absolute value of a node that is evaluated exactly on what the program has before it.
+
+        Of an affine node every partial sum is meant, which may be larger than the result.
+        """
+        match node:
+            case Input():
+                return magnitude(self._hulls[index])
+            case Affine():
+                return np.broadcast_to(affine_size(node, sources), self._hulls[index][0].shape)
+            case Activation():
+                value = curve_of(node.function).range(*sources[0])
+                return magnitude((value.lower, value.upper))
+            case Product():
+                return magnitude(sources[0]) * magnitude(sources[1])
+            case Maximum() | Minimum():
+                return np.maximum(magnitude(sources[0]), magnitude(sources[1]))
+            case Cast():
+                return magnitude(sources[0])
+
+    def _program(self, index: int) -> Hull:
+        """Bound what the program has at a node."""
+        (lower, upper), bound = self._hulls[index], self._deviations[index].bound
+        return lower - bound, upper + bound
+
+    def _check_overflow(self, size: Floats, precision: Precision) -> None:
+        fits = size < LARGEST[precision]
+        if fits.all():
+            return
+        self._overflows |= ~fits.all(axis=1)
+        if self._with_symbols:
+            raise EnclosureError(
+                f"an intermediate value may leave the range of {precision} (up to {float(np.max(size)):.3g})",
+                "make eps smaller, or check the weights and the units of the observation",
+            )
+
+
+def _one_for_each(error: Floats) -> Diagonal:
+    return Diagonal(np.broadcast_to(np.arange(error.shape[1]), error.shape), error, error.shape[1])
