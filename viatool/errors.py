@@ -31,6 +31,10 @@ class PolicyError(InputError):
     """A policy file or its specification is unreadable, unsupported or inconsistent."""
 
 
+class PolicyWarning(UserWarning):
+    """A policy can be verified, but not all that a verdict rests on was checked."""
+
+
 class MapError(InputError):
     """A map file is unreadable or describes an impossible world."""
 

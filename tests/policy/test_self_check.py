@@ -8,12 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from onnx import TensorProto
 
 from tests.policy.models import model_of, node, save, two_layers, weights
-from viatool.errors import SelfCheckError
+from viatool.cli import main
+from viatool.errors import PolicyWarning, SelfCheckError
 from viatool.policy import load_policy
 from viatool.policy.activations import activation
 from viatool.policy.network import Activation, Affine, Network, Node
@@ -191,3 +193,25 @@ def test_observations_on_which_a_partial_sum_overflows_are_left_out(tmp_path: Pa
     policy = load_policy(save(model_of([node("MatMul", ["x", "w"], ["y"])], {"w": weight}), tmp_path))
     for seed in range(10):
         check_network(policy.network, policy.runtime, None, seed=seed)
+
+
+def test_a_comparison_that_rounding_could_explain_whatever_it_says_counts_for_nothing(tmp_path: Path) -> None:
+    """``1.5 (relu(x) + 2^27) + tanh(x) - 1.5 2^27`` in float32 holds no digit of x: nearly any action would do."""
+    nodes = [
+        node("Relu", ["x"], ["r"]),
+        node("Add", ["r", "large"], ["a"]),
+        node("Tanh", ["x"], ["t"]),
+        node("Mul", ["a", "factor"], ["s"]),
+        node("Add", ["s", "t"], ["m"]),
+        node("Sub", ["m", "larger"], ["y"]),
+    ]
+    constants = {
+        name: np.float32(v) for name, v in (("large", 2**27), ("factor", 1.5), ("larger", 1.5 * 2**27))
+    }
+    path = save(model_of(nodes, constants), tmp_path)
+    with pytest.warns(PolicyWarning, match="could explain nearly any difference"):
+        check = load_policy(path).self_check
+    assert check is not None
+    assert check.points == 0
+    told = CliRunner().invoke(main, ["inspect", str(path)])
+    assert "could explain nearly any difference" in " ".join(told.output.split())

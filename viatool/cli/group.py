@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import io
 import sys
+import warnings
 from collections.abc import Sequence
 from importlib import import_module
 from typing import Any, NoReturn
 
 import click
 
-from viatool.cli.failures import explain
+from viatool.cli.failures import compose, explain
+from viatool.errors import PolicyWarning
 
 COMMANDS = (
     "verify",
@@ -58,6 +60,7 @@ class CommandGroup(click.Group):
         extra["standalone_mode"] = False
         extra.setdefault("prog_name", "viatool")
         _accept_any_text()
+        _warn_in_own_words()
         try:
             code = super().main(args, *rest, **extra)
         except SystemExit:  # shell completion leaves on its own
@@ -67,6 +70,18 @@ class CommandGroup(click.Group):
             if message:
                 click.echo(message, err=True)
         sys.exit(code if isinstance(code, int) else 0)
+
+
+def _warn_in_own_words() -> None:
+    """Show what viatool warns of as its other messages, and other warnings as Python does."""
+    as_python_does = warnings.formatwarning
+
+    def formatted(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> str:
+        if issubclass(category, PolicyWarning):
+            return compose(str(message)).replace("error: ", "warning: ", 1) + "\n"
+        return as_python_does(message, category, *where, **more)
+
+    warnings.formatwarning = formatted
 
 
 def _accept_any_text() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from viatool.arrays import Floats
-from viatool.errors import PolicyError
+from viatool.errors import PolicyError, PolicyWarning
 from viatool.policy.action_map import apply_action_map, with_action_map
 from viatool.policy.maps import Maps, maps_of
 from viatool.policy.model_file import ModelFile, Port, actor_graph, open_model
@@ -140,6 +141,11 @@ def load_policy(
         If the file cannot be read, is not supported, or contradicts its specification.
     SelfCheckError
         If the network and onnxruntime disagree.
+
+    Warns
+    -----
+    PolicyWarning
+        If rounding could explain nearly any difference, so that the comparison told nothing.
     """
     model = open_model(path)
     if isinstance(spec, (str, os.PathLike)):
@@ -154,6 +160,8 @@ def load_policy(
     if spec is not None:
         check_sizes(model.path, network, spec)
     found = check_network(network, runtime, spec) if self_check else None
+    if found is not None and not found.points:
+        warnings.warn(f"{path}: {found.words}", PolicyWarning, stacklevel=2)
     return Policy(
         Path(path),
         model.sha256,

@@ -70,6 +70,19 @@ class SelfCheck:
     largest_difference: float
     largest_tolerance: float
 
+    @property
+    def words(self) -> str:
+        """Return what the comparison tells, for a person."""
+        if not self.points:
+            return (
+                "the network as it was read is not checked against onnxruntime: "
+                "rounding could explain nearly any difference between them"
+            )
+        return (
+            f"agrees with the network as it was read: {self.points} observations, largest difference "
+            f"{self.largest_difference:.2g}, where rounding explains {self.largest_tolerance:.2g}"
+        )
+
 
 def check_network(
     network: Network, program: Runtime, spec: PolicySpecification | None, *, seed: int = 0
@@ -119,7 +132,7 @@ def check_network(
             "report this model: it was read wrongly",
         )
     difference = np.abs(actions - expected)
-    apart = ~(difference <= tolerance)
+    apart = ~(difference <= tolerance) & np.isfinite(tolerance)
     if apart.any():
         excess = np.where(apart, np.nan_to_num(difference - tolerance, nan=np.inf), -np.inf)
         worst = np.unravel_index(np.argmax(excess), excess.shape)
