@@ -148,6 +148,7 @@ def escape(graph: Graph, kind: str, folder: Path, centre: Floats, eps: float) ->
     return worst
 
 
+@pytest.mark.filterwarnings("ignore:.*could explain nearly any difference:viatool.errors.PolicyWarning")
 @pytest.mark.parametrize(
     ("name", "kind"), [(n, k) for n in GRAPHS for k in KINDS if k == "float32" or n not in WITHOUT_DOUBLE]
 )

@@ -33,11 +33,11 @@ from viatool.taylor.curve import curve_of
 from viatool.taylor.model import Diagonal, Form, fold_symbols, join_forms
 from viatool.taylor.rounding import affine_size, gamma, magnitude, own_error
 
-_WORTH = 2.0**-8
+_WORTH = 2.0**-5
 """Share of an action's width up to which a deviation is not worth symbols."""
 
 _ROUNDINGS_WORTH = 32.0
-"""Roundings of an action up to which a deviation is not worth symbols, where the action has no width."""
+"""Roundings of an action, or of 1, up to which a deviation is not worth symbols: two millionths in float32."""
 
 _FLOATS_TOGETHER = 2**22
 """Floats in the symbols of one node, over the states that are looked at together."""
@@ -113,7 +113,8 @@ def runtime_deviation(network: Network, hulls: Sequence[Hull], *, engine: bool =
 
 def _is_worth_symbols(network: Network, actions: Hull, deviation: Floats) -> Booleans:
     unit = UNIT_ROUNDOFF[network.nodes[-1].precision]
-    negligible = _WORTH * (actions[1] - actions[0]) + _ROUNDINGS_WORTH * unit * magnitude(actions)
+    roundings = _ROUNDINGS_WORTH * unit * np.maximum(1.0, magnitude(actions))
+    negligible = _WORTH * (actions[1] - actions[0]) + roundings
     return np.asarray(~(deviation <= negligible).all(axis=1))
 
 
