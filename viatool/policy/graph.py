@@ -212,7 +212,7 @@ def _expand(
             inner = f"{prefix}{proto.op_type}_{expansion.calls}/"
             _expand_call(expansion, call, expansion.functions[key], inner, (*open_calls, key))
         else:
-            expansion.nodes.append(_graph_node(expansion, call, domain, opsets))
+            expansion.nodes.append(graph_node(call, domain, opsets.get(domain, 0)))
 
 
 def _expand_call(
@@ -235,7 +235,7 @@ def _expand_call(
     _expand(expansion, function.node, opsets, names, prefix, open_calls, arguments)
     for name, outer in through.items():  # an output that is an input
         copy = onnx.helper.make_node("Identity", [names[name]], [outer])
-        expansion.nodes.append(_graph_node(expansion, copy, "", {"": max(opsets.get("", 13), 13)}))
+        expansion.nodes.append(graph_node(copy, "", max(opsets.get("", 13), 13)))
 
 
 def _fill_references(call: onnx.NodeProto, arguments: Mapping[str, onnx.AttributeProto] | None) -> None:
@@ -260,9 +260,14 @@ def _fill_references(call: onnx.NodeProto, arguments: Mapping[str, onnx.Attribut
     call.attribute.extend(kept)
 
 
-def _graph_node(
-    expansion: _Expansion, call: onnx.NodeProto, domain: str, opsets: Mapping[str, int]
-) -> GraphNode:
+def graph_node(call: onnx.NodeProto, domain: str, opset: int) -> GraphNode:
+    """Return one call, with the version of its domain that defines it.
+
+    Raises
+    ------
+    PolicyError
+        If it has two attributes of the same name.
+    """
     name = call.name or next(filter(None, call.output), call.op_type)
     attributes = {attribute.name: _attribute(attribute, name) for attribute in call.attribute}
     if len(attributes) != len(call.attribute):
@@ -271,7 +276,7 @@ def _graph_node(
         name,
         call.op_type,
         domain,
-        opsets.get(domain, 0),
+        opset,
         tuple(call.input),
         tuple(call.output),
         attributes,

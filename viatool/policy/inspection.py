@@ -13,6 +13,7 @@ import onnx
 
 from viatool.errors import PolicyError, SelfCheckError, ViatoolError
 from viatool.policy.action_map import with_action_map
+from viatool.policy.executed import executed_networks
 from viatool.policy.graph import Graph, live, read_graph
 from viatool.policy.maps import Maps, is_elementwise, maps_of
 from viatool.policy.model_file import ModelFile, Port, actor_graph, open_model
@@ -20,7 +21,7 @@ from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Min
 from viatool.policy.policy import check_sizes, unsupported
 from viatool.policy.reader import Finding, read_network
 from viatool.policy.runtime import runtime_of
-from viatool.policy.self_check import SelfCheck, check_network
+from viatool.policy.self_check import SelfCheck, check_executed
 from viatool.policy.specification import PolicySpecification
 from viatool.policy.specification_file import load_specification
 
@@ -235,7 +236,8 @@ def _look_inside(model: ModelFile, found: _Found, input_name: str | None, output
     if spec is not None:
         check_sizes(model.path, reading.network, spec)
     found.network = with_action_map(reading.network, spec)
-    found.self_check = check_network(reading.network, runtime_of(model, graph, port), spec)
+    runtime = runtime_of(model, graph, port)
+    found.self_check = check_executed(executed_networks(model, reading.network, runtime), runtime, spec)
 
 
 def _ports(model: ModelFile) -> tuple[tuple[Value, ...], tuple[Value, ...]]:

@@ -14,12 +14,13 @@ from numpy.typing import ArrayLike
 from viatool.arrays import Floats
 from viatool.errors import PolicyError, PolicyWarning
 from viatool.policy.action_map import apply_action_map, with_action_map
+from viatool.policy.executed import executed_networks, rewritten
 from viatool.policy.maps import Maps, maps_of
 from viatool.policy.model_file import ModelFile, Port, actor_graph, open_model
 from viatool.policy.network import Network
 from viatool.policy.reader import Finding, read_network
 from viatool.policy.runtime import Runtime, runtime_of
-from viatool.policy.self_check import SelfCheck, check_network
+from viatool.policy.self_check import SelfCheck, check_executed
 from viatool.policy.specification import PolicySpecification
 from viatool.policy.specification_file import load_specification
 
@@ -35,7 +36,7 @@ class Policy:
     sha256 : str
         Of the file.
     network : Network
-        The function that is verified, with the action map of the specification at its end.
+        What the file says, with the action map of the specification at its end.
     spec : PolicySpecification or None
         None for a foreign model without a sidecar.
     port : Port
@@ -44,6 +45,9 @@ class Policy:
         What the comparison with onnxruntime found; None where it was skipped.
     maps : Maps
         What is applied to the numbers before and after the network, in words.
+    rewritten : tuple of Network
+        What onnxruntime runs in the file's place at one of its levels of optimisation, where that is another network;
+        with the action map as well. Bounds of the deployed program hold for each of them.
     """
 
     path: Path
@@ -54,6 +58,7 @@ class Policy:
     runtime: Runtime = field(repr=False)
     self_check: SelfCheck | None = None
     maps: Maps = field(default_factory=Maps)
+    rewritten: tuple[Network, ...] = ()
 
     @property
     def input_size(self) -> int:
@@ -138,9 +143,10 @@ def load_policy(
     Raises
     ------
     PolicyError
-        If the file cannot be read, is not supported, or contradicts its specification.
+        If the file, or what onnxruntime runs in its place, cannot be read, is not supported, or contradicts its
+        specification.
     SelfCheckError
-        If the network and onnxruntime disagree.
+        If a network and onnxruntime disagree.
 
     Warns
     -----
@@ -159,7 +165,8 @@ def load_policy(
     )
     if spec is not None:
         check_sizes(model.path, network, spec)
-    found = check_network(network, runtime, spec) if self_check else None
+    executed = executed_networks(model, network, runtime)
+    found = check_executed(executed, runtime, spec) if self_check else None
     if found is not None and not found.points:
         warnings.warn(f"{path}: {found.words}", PolicyWarning, stacklevel=2)
     return Policy(
@@ -171,6 +178,7 @@ def load_policy(
         runtime,
         found,
         maps_of(network, spec),
+        tuple(with_action_map(other, spec) for other in rewritten(network, executed)),
     )
 
 

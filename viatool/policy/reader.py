@@ -13,6 +13,7 @@ import onnx
 from viatool.errors import PolicyError
 from viatool.policy.assembly import Assembly, Computed, Refusal
 from viatool.policy.folding import FOLDED, SHAPE_ONLY, fold, fold_shape
+from viatool.policy.fused import is_fused, parts_of
 from viatool.policy.graph import Graph, GraphNode
 from viatool.policy.network import Network, Precision
 from viatool.policy.operators import Call, Comparison, Result, entry_of
@@ -139,6 +140,8 @@ def _read_node(
     node: GraphNode, values: Mapping[str, Result | _Unreadable], assembly: Assembly
 ) -> list[Result]:
     """Return the values that a node makes; none where its inputs are unreadable and it says nothing new."""
+    if is_fused(node):
+        return _read_parts(node, values, assembly)
     version, schema = _schema(node)
     entry = entry_of(node.operator, version)
     if entry is None and node.operator not in FOLDED:
@@ -164,6 +167,26 @@ def _read_node(
         return list(entry.reader(Call(node, version, inputs, attributes, assembly)))
     except _MALFORMED as error:
         raise Refusal(f"is malformed: {_first_line(error)}", "export the policy again") from error
+
+
+def _read_parts(
+    node: GraphNode, values: Mapping[str, Result | _Unreadable], assembly: Assembly
+) -> list[Result]:
+    """Return the values of a node that stands for several of the standard's."""
+    inner = {name: values[name] for name in node.inputs if name}
+    if any(isinstance(value, _Unreadable) for value in inner.values()):
+        return []
+    ranks = [len(_shape_of(inner[name])) if name else 0 for name in node.inputs]
+    for part in parts_of(node, ranks):
+        inner.update(zip(part.outputs, _read_node(part, inner, assembly), strict=False))
+    results = [inner.get(name or node.key) for name in node.outputs]
+    if any(result is None for result in results):
+        raise Refusal("has an output that is not read", "export the actor alone")
+    return [result for result in results if result is not None and not isinstance(result, _Unreadable)]
+
+
+def _shape_of(value: Result | _Unreadable) -> tuple[int, ...]:
+    return value.shape if isinstance(value, Constant | Computed) else ()
 
 
 def _first_line(error: Exception) -> str:

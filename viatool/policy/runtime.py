@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 import os
-from typing import Any
+import tempfile
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 import onnx
@@ -21,6 +24,19 @@ _OLDEST_IR = 4
 """Before it, initialisers had to be listed as inputs."""
 _NUMPY_TYPES = {"float16": np.float16, "float32": np.float32, "float64": np.float64}
 
+Optimisation = Literal["none", "basic", "extended", "default"]
+"""How far onnxruntime rewrites a model before it runs it; what is not asked for otherwise runs as ``default``."""
+
+_LEVELS: dict[Optimisation, str] = {
+    "none": "ORT_DISABLE_ALL",
+    "basic": "ORT_ENABLE_BASIC",
+    "extended": "ORT_ENABLE_EXTENDED",
+    "default": "ORT_ENABLE_ALL",
+}
+
+_LAYOUT_STEP = "NchwcTransformer"
+"""The one step that writes for one kind of processor: it moves the blocks of convolutions about in memory."""
+
 
 class Runtime:
     """Runs a model on observations.
@@ -31,6 +47,8 @@ class Runtime:
         The model, complete, with one input and one output.
     port : Port
         Its input.
+    optimisation : str
+        How far onnxruntime may rewrite it.
 
     Notes
     -----
@@ -39,8 +57,11 @@ class Runtime:
     differently in the last place.
     """
 
-    def __init__(self, model: onnx.ModelProto, port: Port) -> None:
-        self._port = port
+    def __init__(
+        self, model: onnx.ModelProto, port: Port, optimisation: Optimisation = "default"
+    ) -> None:
+        self.port = port
+        self.optimisation = optimisation
         self._model = model.SerializeToString()
         has_batch_axis = len(port.shape) > 1 and port.shape[0] == 1
         self._batch_model = _with_free_batch(model, port) if has_batch_axis else None
@@ -50,6 +71,37 @@ class Runtime:
     def __getstate__(self) -> dict[str, Any]:
         """Drop the sessions, which cannot be pickled."""
         return {**self.__dict__, "_sessions": {}}
+
+    def at(self, optimisation: Optimisation) -> Runtime:
+        """Return the same model as onnxruntime runs it at another level of optimisation."""
+        other = copy.copy(self)
+        other.optimisation, other.batches, other._sessions = optimisation, False, {}
+        return other
+
+    def executed_model(self) -> onnx.ModelProto:
+        """Return the model that onnxruntime runs in place of the one it is given, as it writes it itself.
+
+        Raises
+        ------
+        PolicyError
+            If onnxruntime cannot load the model, or does not write what it runs.
+
+        Notes
+        -----
+        Without the step that gives the data of convolutions the layout of this processor. It moves numbers about,
+        sums in another order, and joins a normalisation or an activation to the convolution before it, with the
+        same operations on each number; rules for rounding hold in any order.
+        """
+        with tempfile.TemporaryDirectory(prefix="viatool-") as folder:
+            path = Path(folder) / "executed.onnx"
+            _open(self._model, self.optimisation, path)
+            try:
+                return onnx.load(path)
+            except Exception as error:  # a missing file, or whatever reading a damaged one raises
+                raise PolicyError(
+                    f"onnxruntime does not write the model that it runs: {_first_line(error)}",
+                    "update the onnxruntime package",
+                ) from error
 
     def __call__(self, observations: Floats) -> Floats:
         """Run the program: ``(B, n)`` float64, rounded to the model's input type, to ``(B, A)`` float64.
@@ -63,7 +115,7 @@ class Runtime:
 
     def rows(self, observations: Floats) -> Floats:
         """Run observations one by one."""
-        rows = self._typed(observations).reshape(-1, *self._port.shape)
+        rows = self._typed(observations).reshape(-1, *self.port.shape)
         return np.array([self._run(row, batch=False).ravel() for row in rows], dtype=np.float64)
 
     def batch(self, observations: Floats) -> Floats:
@@ -76,7 +128,7 @@ class Runtime:
         """
         if self._batch_model is None:
             raise PolicyError("the model has no batch axis", "run its observations one by one")
-        rows = self._typed(observations).reshape(-1, *self._port.shape[1:])
+        rows = self._typed(observations).reshape(-1, *self.port.shape[1:])
         parts = [rows[start : start + _ROWS] for start in range(0, len(rows), _ROWS)]
         results = [self._run(part, batch=True) for part in parts]
         if any(result.size % len(part) for result, part in zip(results, parts, strict=True)):
@@ -88,15 +140,15 @@ class Runtime:
 
     def _typed(self, observations: Floats) -> NDArray[Any]:
         with np.errstate(over="ignore"):
-            return observations.astype(_NUMPY_TYPES[self._port.precision])
+            return observations.astype(_NUMPY_TYPES[self.port.precision])
 
     def _run(self, feed: NDArray[Any], *, batch: bool) -> NDArray[Any]:
         if batch not in self._sessions:
             content = self._batch_model if batch else self._model
             assert content is not None
-            self._sessions[batch] = _open(content)
+            self._sessions[batch] = _open(content, self.optimisation)
         try:
-            return np.asarray(self._sessions[batch].run(None, {self._port.name: feed})[0])
+            return np.asarray(self._sessions[batch].run(None, {self.port.name: feed})[0])
         except Exception as error:  # onnxruntime raises its own, undocumented classes
             raise PolicyError(
                 f"onnxruntime cannot run the policy: {_first_line(error)}",
@@ -104,7 +156,8 @@ class Runtime:
             ) from error
 
 
-def _open(model: bytes) -> Any:
+def _open(model: bytes, optimisation: Optimisation, written: Path | None = None) -> Any:
+    """Return a session; with a path, onnxruntime writes there what it runs, apart from the layout of its data."""
     # Asked for before the import, onnxruntime tells its maker nothing of what is run here; ask otherwise with 0.
     os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
     import onnxruntime
@@ -112,8 +165,14 @@ def _open(model: bytes) -> Any:
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 4
+    options.graph_optimization_level = getattr(onnxruntime.GraphOptimizationLevel, _LEVELS[optimisation])
+    left_out = []
+    if written is not None:
+        options.optimized_model_filepath, left_out = str(written), [_LAYOUT_STEP]
     try:
-        return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+        return onnxruntime.InferenceSession(
+            model, options, providers=["CPUExecutionProvider"], disabled_optimizers=left_out
+        )
     except Exception as error:  # onnxruntime raises its own, undocumented classes
         raise PolicyError(
             f"onnxruntime cannot load the policy: {_first_line(error)}",

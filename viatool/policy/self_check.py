@@ -19,6 +19,7 @@ import numpy as np
 from viatool.arrays import Booleans, Floats
 from viatool.channels import Extent, Quantities
 from viatool.errors import PolicyError, SelfCheckError
+from viatool.policy.executed import Executed
 from viatool.policy.maps import Scaling, leading_steps
 from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Network, Node, Product
 from viatool.policy.runtime import Runtime
@@ -82,6 +83,37 @@ class SelfCheck:
             f"agrees with the network as it was read: {self.points} observations, largest difference "
             f"{self.largest_difference:.2g}, where rounding explains {self.largest_tolerance:.2g}"
         )
+
+
+def check_executed(executed: Executed, program: Runtime, spec: PolicySpecification | None) -> SelfCheck:
+    """Compare what onnxruntime is said to run with what it computes: as it is deployed, and with nothing rewritten.
+
+    Parameters
+    ----------
+    executed : dict
+        The network at each level of optimisation.
+    program : Runtime
+        The deployed program.
+    spec : PolicySpecification, optional
+        Gives sensible ranges of the observation.
+
+    Returns
+    -------
+    SelfCheck
+        Of both.
+
+    Raises
+    ------
+    SelfCheckError, PolicyError
+        As `check_network`.
+    """
+    plain = check_network(executed["none"], program.at("none"), spec)
+    deployed = check_network(executed[program.optimisation], program, spec)
+    return SelfCheck(
+        deployed.points,
+        max(plain.largest_difference, deployed.largest_difference),
+        max(plain.largest_tolerance, deployed.largest_tolerance),
+    )
 
 
 def check_network(
