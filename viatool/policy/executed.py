@@ -11,11 +11,11 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from typing import get_args
+from dataclasses import fields
+from typing import Any, get_args
 
 import numpy as np
 
-from viatool.arrays import Floats
 from viatool.errors import PolicyError
 from viatool.policy.graph import live, read_graph
 from viatool.policy.model_file import ModelFile
@@ -79,41 +79,54 @@ def is_same(first: Network, second: Network) -> bool:
     Returns
     -------
     bool
-        True only if both outputs come from the same kinds of nodes with equal parameters, weights, precisions and counts
-        of roundings, applied to the same sources. In what order nodes stand, and in what order a sum, product, minimum
-        or maximum names its sources, makes no difference: neither does it in the bounds.
+        True only if both outputs come from the same kinds of nodes with the same numbers in all fields (weights,
+        parameters, precisions, counts of roundings), applied to the same sources. In what order nodes stand, and in
+        what order a sum, product, minimum or maximum names its sources, makes no difference: neither does it in
+        the bounds.
     """
     numbers: dict[object, int] = {}
     return _number_of(first, numbers) == _number_of(second, numbers)
 
 
 def _number_of(network: Network, numbers: dict[object, int]) -> int:
-    """Number the nodes of a network so that equal ones, of whatever network, have one number; return the output's."""
+    """Return the number of the output, where equal nodes of whatever network have one number."""
     own: list[int] = []
     for node in network.nodes:
         own.append(numbers.setdefault(_identity(node, own), len(numbers)))
     return own[-1]
 
 
+_WIRING = frozenset(("source", "sources", "left", "right", "weights", "merged_weights"))
+"""Fields that name sources, or have an entry for each."""
+
+
 def _identity(node: Node, own: list[int]) -> object:
-    """Return all that makes a node what it is, given the numbers of those before it."""
-    kind, precision = type(node), node.precision
+    """Return all that makes a node what it is, given the numbers of those before it.
+
+    Every field counts that does not name sources, whatever fields a kind of node may be given one day.
+    """
+    parameters = tuple(
+        _plain(getattr(node, entry.name)) for entry in fields(node) if entry.name not in _WIRING
+    )
+    wiring: tuple[object, ...]
     match node:
-        case Input():
-            return kind, precision, node.size
         case Affine():
-            terms = sorted((own[s], _digest(w)) for s, w in zip(node.sources, node.weights, strict=True))
-            return kind, precision, node.roundings, _digest(node.bias), tuple(terms)
-        case Activation():
-            return kind, precision, node.function, own[node.source]
+            terms = zip(node.sources, node.weights, node.magnitudes, strict=True)
+            wiring = tuple(
+                sorted((own[source], _plain(weight), _plain(size)) for source, weight, size in terms)
+            )
         case Product() | Maximum() | Minimum():
-            return kind, precision, *sorted((own[node.left], own[node.right]))
-        case Cast():
-            return kind, precision, own[node.source]
+            wiring = tuple(sorted((own[node.left], own[node.right])))
+        case Input() | Activation() | Cast():
+            wiring = tuple(own[source] for source in node.sources)
+    return type(node), parameters, wiring
 
 
-def _digest(values: Floats) -> tuple[tuple[int, ...], bytes]:
-    return values.shape, hashlib.sha256(np.ascontiguousarray(values)).digest()
+def _plain(value: Any) -> Any:
+    """Return a value that compares equal to another if both are the same, bit for bit."""
+    if isinstance(value, np.ndarray):
+        return value.shape, hashlib.sha256(value.tobytes()).hexdigest()
+    return value
 
 
 def _unreadable(model: ModelFile, level: Optimisation, reading: Reading) -> PolicyError:

@@ -9,12 +9,13 @@ of it: what the engine counts for the parts covers the whole, which rounds no mo
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import onnx
 from onnx import helper
 
 from viatool.policy.assembly import Refusal
-from viatool.policy.graph import Attribute, GraphNode, graph_node
+from viatool.policy.graph import GraphNode, graph_node
 
 DOMAIN = "com.microsoft"
 
@@ -45,11 +46,11 @@ class _Body:
         """Whether a flag is set."""
         return bool(self.attributes.get(name, 0))
 
-    def kept(self, *names: str) -> dict[str, Attribute]:
+    def kept(self, *names: str) -> dict[str, Any]:
         """Return the attributes of these names that the call has."""
         return {name: self.attributes[name] for name in names if name in self.attributes}
 
-    def add(self, operator: str, *inputs: str, to: int | None = None, **attributes: object) -> str:
+    def add(self, operator: str, *inputs: str, to: int | None = None, **attributes: Any) -> str:
         """Add a node; its value is the output of that number of the call, or a new one."""
         made = f"{self.outputs[0]}/part {len(self.nodes)}" if to is None else self.outputs[to]
         self.nodes.append(helper.make_node(operator, list(inputs), [made], **attributes))
@@ -96,7 +97,9 @@ def _activated(body: _Body, value: str, parameters: Sequence[float] | None = Non
         body.add("Clip", value, *(body.constant(limit) for limit in parameters), to=0)
     elif operator in _PLAIN_ACTIVATIONS or (names and parameters is None):
         given = {name: body.attributes.get(f"activation_{name}") for name in names}
-        body.add(operator, value, to=0, **{name: number for name, number in given.items() if number is not None})
+        body.add(
+            operator, value, to=0, **{name: number for name, number in given.items() if number is not None}
+        )
     elif names and parameters is not None and len(parameters) == len(names):
         body.add(operator, value, to=0, **dict(zip(names, parameters, strict=True)))
     else:
@@ -111,8 +114,7 @@ def _fused_gemm(body: _Body) -> None:
 def _fused_conv(body: _Body) -> None:
     names = ("auto_pad", "dilations", "group", "kernel_shape", "pads", "strides")
     value = body.add("Conv", *filter(None, body.inputs[:3]), **body.kept(*names))
-    parameters = body.attributes.get("activation_params", ())
-    assert isinstance(parameters, Sequence)
+    parameters = body.kept("activation_params").get("activation_params", ())
     _activated(body, body.sum(value, body.given(3)), parameters)
 
 

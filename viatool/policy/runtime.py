@@ -57,9 +57,7 @@ class Runtime:
     differently in the last place.
     """
 
-    def __init__(
-        self, model: onnx.ModelProto, port: Port, optimisation: Optimisation = "default"
-    ) -> None:
+    def __init__(self, model: onnx.ModelProto, port: Port, optimisation: Optimisation = "default") -> None:
         self.port = port
         self.optimisation = optimisation
         self._model = model.SerializeToString()
