@@ -25,8 +25,8 @@ from viatool.sets.states import StateBoxes
 from viatool.setting.rules import Rules
 from viatool.setting.setting import Setting
 from viatool.sight.shapes import Shapes
-from viatool.taylor.correlated import input_model, reach_correlated
-from viatool.taylor.reach import Arithmetic
+from viatool.taylor.correlated import CorrelatedReach, input_model, reach_correlated
+from viatool.taylor.reach import Arithmetic, networks_of
 from viatool.world import Scenario
 
 _CHUNK = 256
@@ -190,7 +190,12 @@ class Question:
         columns = self.setting.columns
         seen = self.sensors.enclose(cells)
         inputs = input_model(seen.centre, seen.slope, seen.rest + self.setting.radii)
-        reached = reach_correlated(self.policy.network, inputs, arithmetic=self.arithmetic)
+        reached = CorrelatedReach.hull(
+            [
+                reach_correlated(network, inputs, arithmetic=self.arithmetic)
+                for network in networks_of(self.policy, self.arithmetic)
+            ]
+        )
         bounds = reached.lower[:, columns], reached.upper[:, columns]
         require_ordered("commands", *bounds)
         lower, upper = (self.rules.clip(end) for end in bounds)

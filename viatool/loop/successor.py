@@ -23,7 +23,8 @@ from viatool.rounding import SIGHT_ROUNDING, SLIGHTLY_MORE, SPARE
 from viatool.sets.bounds import require_ordered
 from viatool.sets.forms import Forms, PoseBoxes
 from viatool.sets.states import StateBoxes
-from viatool.taylor.correlated import input_model, reach_linear
+from viatool.taylor.correlated import LinearReach, input_model, reach_linear
+from viatool.taylor.reach import networks_of
 
 _POSE = slice(0, 3)
 _COMMAND = slice(3, None)
@@ -139,7 +140,13 @@ def _step(question: Question, states: Forms) -> Step:
     seen = question.sensors.enclose(start, states)
     inputs = input_model(seen.centre, seen.slope, seen.rest + question.setting.radii)
     common = states.slope.shape[1]
-    reached = reach_linear(question.policy.network, inputs, common, arithmetic=question.arithmetic)
+    arithmetic = question.arithmetic
+    reached = LinearReach.hull(
+        [
+            reach_linear(network, inputs, common, arithmetic=arithmetic)
+            for network in networks_of(question.policy, arithmetic)
+        ]
+    )
     columns, rules = question.setting.columns, question.rules
     bounds = reached.lower[:, columns], reached.upper[:, columns]
     require_ordered("commands", *bounds)

@@ -142,7 +142,7 @@ def describe(inspection: Inspection, scenario: Scenario) -> dict[str, Any]:
     world_map, meaning = setting.world_map, setting.spec.model_dump_json()
     return {
         "policy": policy.sha256,
-        "network": digest_of((policy.network, meaning)),
+        "network": digest_of((policy.network, policy.rewritten, meaning)),
         "map": digest_of((world_map.arena, world_map.obstacles, scenario.obstacles)),
         "goal": list(scenario.goal),
         "rules": setting.rules.to_json(),

@@ -110,7 +110,7 @@ def check_executed(executed: Executed, program: Runtime, spec: PolicySpecificati
     plain = check_network(executed["none"], program.at("none"), spec)
     deployed = check_network(executed[program.optimisation], program, spec)
     return SelfCheck(
-        deployed.points,
+        min(plain.points, deployed.points),
         max(plain.largest_difference, deployed.largest_difference),
         max(plain.largest_tolerance, deployed.largest_tolerance),
     )

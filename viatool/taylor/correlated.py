@@ -6,6 +6,7 @@ the input model, what the network subtracts cancels, as symbolic remainders do.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -38,6 +39,15 @@ class CorrelatedReach:
     upper: Floats
     influence: Floats
 
+    @classmethod
+    def hull(cls, sets: Sequence[CorrelatedReach]) -> CorrelatedReach:
+        """Return what holds for every one of several programs over the same B sets of inputs."""
+        return cls(
+            np.minimum.reduce([one.lower for one in sets]),
+            np.maximum.reduce([one.upper for one in sets]),
+            np.maximum.reduce([one.influence for one in sets]),
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class LinearReach:
@@ -58,6 +68,27 @@ class LinearReach:
     centre: Floats
     slope: Floats
     rest: Floats
+
+    @classmethod
+    def hull(cls, sets: Sequence[LinearReach]) -> LinearReach:
+        """Return what holds for every one of several programs over the same B sets of inputs.
+
+        Notes
+        -----
+        **Sound:** yes. The form is the first one's; by how much another differs from it is in the rest, rounded up.
+        """
+        first = sets[0]
+        rest = first.rest
+        for other in sets[1:]:
+            apart = np.abs(other.centre - first.centre) + np.abs(other.slope - first.slope).sum(axis=1)
+            rest = np.maximum(rest, (apart + other.rest) * SLIGHTLY_MORE)
+        return cls(
+            np.minimum.reduce([one.lower for one in sets]),
+            np.maximum.reduce([one.upper for one in sets]),
+            first.centre,
+            first.slope,
+            np.where(np.isnan(rest), np.inf, rest),
+        )
 
 
 def input_model(centre: Floats, shared: Floats, own: Floats) -> Enclosure:

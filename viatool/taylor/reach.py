@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol, get_args
 
@@ -61,7 +61,7 @@ class _Settings:
 
 
 class HasNetwork(Protocol):
-    """What `reach` needs of a policy."""
+    """What `reach` needs of a policy. One that is `rewritten` by its runtime names those networks too."""
 
     @property
     def network(self) -> Network:
@@ -72,6 +72,24 @@ class HasNetwork(Protocol):
     def spec(self) -> Any:
         """The specification, or None."""
         ...
+
+
+def networks_of(policy: HasNetwork, arithmetic: Arithmetic) -> tuple[Network, ...]:
+    """Return the networks for which a bound has to hold.
+
+    Parameters
+    ----------
+    policy : Policy
+        With its network, and in `rewritten` those that its runtime runs in that one's place.
+    arithmetic : str
+        ``real`` is about what the file says alone, ``float32`` about every program that may run.
+
+    Returns
+    -------
+    tuple of Network
+        The file's own first. **Sound:** bounds hold for the deployed program if they hold for each of them.
+    """
+    return (policy.network, *(getattr(policy, "rewritten", ()) if arithmetic == "float32" else ()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +122,17 @@ class ReachableSet:
     def attained_width(self) -> Floats:
         """Return the widths that are attained, (B, A)."""
         return self.attained_upper - self.attained_lower
+
+    @classmethod
+    def hull(cls, sets: Sequence[ReachableSet]) -> ReachableSet:
+        """Return what holds for every one of several programs over the same B boxes."""
+        return cls(
+            np.minimum.reduce([one.lower for one in sets]),
+            np.maximum.reduce([one.upper for one in sets]),
+            np.minimum.reduce([one.attained_lower for one in sets]),
+            np.maximum.reduce([one.attained_upper for one in sets]),
+            np.maximum.reduce([one.deviation for one in sets]),
+        )
 
 
 def reach(
@@ -164,8 +193,7 @@ def reach(
     -----
     **Sound:** yes. Memory does not depend on B beyond the result.
     """
-    network = policy.network
-    box = observation_box(policy, observations, eps)
+    network, box = policy.network, observation_box(policy, observations, eps)
     settings = _Settings(
         order,
         approximation,
@@ -173,10 +201,12 @@ def reach(
         arithmetic,
         Effort(tolerance, most_parts) if refine == "split" else _LIGHT_EFFORT,
     )
+    networks = networks_of(policy, arithmetic)
     parts = []
     for rows in _chunks(network, box.lower.shape[0], order):
         with np.errstate(divide="ignore", over="ignore", invalid="ignore"):  # unbounded slopes, overflows
-            parts.append(_reach_chunk(network, box.rows(rows), settings))
+            sets = [_reach_chunk(each, box.rows(rows), settings) for each in networks]
+        parts.append(ReachableSet.hull(sets))
         if progress is not None:
             progress(parts[-1].lower.shape[0])
     if not parts:

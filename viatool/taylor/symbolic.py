@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from viatool.arrays import Floats
 from viatool.errors import ConfigurationError, EnclosureError
+from viatool.policy.network import Network
 from viatool.rounding import SLIGHTLY_MORE
 from viatool.taylor.approximation import Approximation
 from viatool.taylor.deviation import runtime_deviation
 from viatool.taylor.model import TaylorModel
-from viatool.taylor.propagation import propagate
-from viatool.taylor.reach import Arithmetic, HasNetwork, observation_box
+from viatool.taylor.propagation import Enclosure, propagate
+from viatool.taylor.reach import Arithmetic, HasNetwork, networks_of, observation_box
 
 if TYPE_CHECKING:
     import sympy
@@ -90,9 +93,11 @@ def symbolic_actions(
     box = observation_box(policy, row, eps)
     passes = propagate(policy.network, box, order=order, rule=approximation)
     model = passes[-1].model
-    spread = sum((form.norms() for form in model.symbols.values()), model.remainder)[0] * SLIGHTLY_MORE
-    if arithmetic == "float32":
-        spread = spread + runtime_deviation(policy.network, [enclosure.hull for enclosure in passes])[0]
+    spread = _spread(policy.network, passes, arithmetic)
+    for other in networks_of(policy, arithmetic)[1:]:
+        rewritten = propagate(other, box, order=order, rule=approximation)
+        apart = _difference(model, rewritten[-1].model) + _spread(other, rewritten, arithmetic)
+        spread = np.maximum(spread, apart * SLIGHTLY_MORE)
     if not np.isfinite(spread).all():
         raise EnclosureError(
             "an action has no finite remainder", "make eps smaller, or check the weights of the policy"
@@ -107,6 +112,25 @@ def symbolic_actions(
         polynomial, effect = _polynomial(model, index, scaled, passes[0].model, entries)
         actions.append(SymbolicAction(name, unit, polynomial, float(spread[index]), effect))
     return actions
+
+
+def _spread(network: Network, passes: Sequence[Enclosure], arithmetic: Arithmetic) -> Floats:
+    """Return how far the actions of one observation may be from the polynomials of their models, (A,)."""
+    model = passes[-1].model
+    spread = sum((form.norms() for form in model.symbols.values()), model.remainder)[0] * SLIGHTLY_MORE
+    if arithmetic == "float32":
+        spread = spread + runtime_deviation(network, [enclosure.hull for enclosure in passes])[0]
+    return np.asarray(spread)
+
+
+def _difference(model: TaylorModel, other: TaylorModel) -> Floats:
+    """Bound how far the polynomials of two models over the same box are from each other, (A,)."""
+    apart = np.abs(model.constant - other.constant)[0]
+    apart = apart + np.abs(model.linear.dense() - other.linear.dense())[0].sum(axis=0)
+    higher = [one.higher[0] for one in (model, other) if one.higher is not None]
+    if len(higher) == 2:
+        return np.asarray(apart + np.abs(higher[0] - higher[1]).sum(axis=0))
+    return np.asarray(apart + sum(np.abs(one).sum(axis=0) for one in higher))
 
 
 def entry_names(policy: HasNetwork) -> list[str]:

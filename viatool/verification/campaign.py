@@ -92,7 +92,7 @@ def describe(examination: Examination, states: States, versions: Mapping[str, st
     rules = setting.rules.to_json()
     return {
         "policy": policy.sha256,
-        "network": digest_of((policy.network, meaning)),
+        "network": digest_of((policy.network, policy.rewritten, meaning)),
         "map": digest_of(surroundings),
         "states": digest_of(states),
         **rules,
