@@ -74,9 +74,9 @@ def monomial_basis(variables: int, order: int) -> Basis:
         exponents.append(power)
         starts.append(starts[-1] + chosen.shape[0])
     table = np.concatenate(exponents)
-    index = {tuple(row): position for position, row in enumerate(table.tolist())}
+    index = {tuple(row): position for position, row in enumerate(table.tolist())} if order > 2 else {}
     products = []
-    for low in range(1, order):
+    for low in range(1, order) if order > 2 else ():  # at order 2 the factors are all that a product needs
         partners = starts[order - low]  # monomials of degree 1 .. k - low
         rows = [
             np.array([index[tuple(row)] for row in (table[:partners] + table[m]).tolist()], dtype=np.intp)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -77,6 +78,10 @@ class Enclosure:
         """Return some of the states."""
         return Enclosure(self.model.rows(which), self.lower[which], self.upper[which])
 
+    def met(self, hull: Hull) -> Enclosure:
+        """Meet the hull with another one that holds as well; a bound that is not a number says nothing."""
+        return Enclosure(self.model, np.fmax(self.lower, hull[0]), np.fmin(self.upper, hull[1]))
+
 
 def propagate(
     network: Network,
@@ -86,6 +91,7 @@ def propagate(
     rule: Approximation = "chebyshev",
     limits: Mapping[int, Hull] | None = None,
     inputs: Enclosure | None = None,
+    known: Sequence[Hull] | None = None,
 ) -> list[Enclosure]:
     """Enclose every node of a network over input boxes.
 
@@ -103,6 +109,9 @@ def propagate(
         Activation node to bounds (B, N) of its argument: only points of the box that keep to them are enclosed.
     inputs : Enclosure, optional
         What is known of the inputs besides the box, if they move together; of the given order.
+    known : sequence of (lower, upper), optional
+        Bounds of every node over the boxes, from a pass of another order: each hull is met with them, so that none
+        comes out wider, and every activation is approximated where both passes allow its argument.
 
     Returns
     -------
@@ -128,14 +137,25 @@ def propagate(
             enclosures.append(_enclose_activation(argument, node.function, index, order, rule))
         else:
             enclosures.append(_enclose(node, index, enclosures, box, order, rule))
+        if known is not None:
+            enclosures[-1] = enclosures[-1].met(known[index])
     if order > 1:
         last = enclosures[-1]
-        lower, upper = model_range(last.model, thorough=True)
-        enclosures[-1] = Enclosure(last.model, np.maximum(last.lower, lower), np.minimum(last.upper, upper))
+        enclosures[-1] = last.met(model_range(last.model, thorough=True))
     if not limits:  # else crossed hulls are how a box without a point shows
         for enclosure in enclosures:
             _require_no_crossing(enclosure)
     return enclosures
+
+
+@lru_cache(maxsize=64)
+def is_curved(network: Network) -> bool:
+    """Tell whether a network is not piecewise linear, so that a model of order 2 sees more than one of order 1."""
+    return any(
+        isinstance(node, Product)
+        or (isinstance(node, Activation) and not curve_of(node.function).cells(1).is_stepwise)
+        for node in network.nodes
+    )
 
 
 def _require_no_crossing(enclosure: Enclosure) -> None:

@@ -16,19 +16,15 @@ from viatool.taylor.approximation import Approximation
 from viatool.taylor.attained import attained_values
 from viatool.taylor.deviation import runtime_deviation
 from viatool.taylor.head import hulls_through, split_head, values_through
+from viatool.taylor.higher_order import higher_hulls
+from viatool.taylor.memory import blocks_of_states
 from viatool.taylor.propagation import Box, propagate
-from viatool.taylor.refinement import extrema_of, refine_by_pieces, refine_monotone, unfold
+from viatool.taylor.refinement import extrema_of, refine_by_order, refine_by_pieces, refine_monotone, unfold
 from viatool.taylor.rounding import widen
 from viatool.taylor.splitting import Effort, refine_by_splitting
 
 Refinement = Literal["none", "monotone", "split"]
 Arithmetic = Literal["float32", "real"]
-
-_CHUNK_FLOATS = 400_000
-"""Floats in the largest array of a chunk: small enough to stay in the cache."""
-
-_LEAST_STATES = 8
-"""States of a chunk of a network so wide that nothing stays in the cache: enough to share the work of Python."""
 
 _WIDE = 128
 """Neurons of a layer from which on the dual bound costs little beside the pass itself, even without refinement."""
@@ -159,7 +155,9 @@ def reach(
     eps : array_like
         Half-widths: one number for every channel (those that the specification fixes keep 0), ``(n,)`` or ``(B, n)``.
     order : int
-        Order of the Taylor models, at least 1.
+        Highest order of the Taylor models, at least 1. Bounds are at least as tight as those of every lower order. A
+        piecewise linear network is done at order 1, which is all that it has; where the polynomials of a state with
+        many free inputs would take more than some hundred megabytes, the highest order that fits is the last.
     approximation : str
         ``chebyshev``, ``bernstein`` or ``taylor`` polynomials for the activations.
     refine : str
@@ -199,11 +197,11 @@ def reach(
         approximation,
         refine,
         arithmetic,
-        Effort(tolerance, most_parts) if refine == "split" else _LIGHT_EFFORT,
+        _LIGHT_EFFORT if refine != "split" else Effort(tolerance, most_parts).at_least(_LIGHT_EFFORT),
     )
     networks = networks_of(policy, arithmetic)
     parts = []
-    for rows in _chunks(network, box.lower.shape[0], order):
+    for rows in blocks_of_states(network, box.lower.shape[0]):
         with np.errstate(divide="ignore", over="ignore", invalid="ignore"):  # unbounded slopes, overflows
             sets = [_reach_chunk(each, box.rows(rows), settings) for each in networks]
         parts.append(ReachableSet.hull(sets))
@@ -248,27 +246,26 @@ def observation_box(policy: HasNetwork, observations: ArrayLike, eps: ArrayLike)
     )
 
 
-def _chunks(network: Network, count: int, order: int) -> list[slice]:
-    widest = max(node.size for node in network.nodes)
-    monomials = network.input_size**order
-    step = int(np.clip(_CHUNK_FLOATS // (widest * (monomials + widest // 2)), _LEAST_STATES, 256))
-    return [slice(start, min(start + step, count)) for start in range(0, count, step)]
-
-
 def _reach_chunk(network: Network, box: Box, settings: _Settings) -> ReachableSet:
     trunk, head = split_head(network)
-    passes = propagate(trunk, box, order=settings.order, rule=settings.rule)
+    passes = propagate(trunk, box, rule=settings.rule)
     hulls = [enclosure.hull for enclosure in passes]
     extrema = extrema_of(box, *hulls[-1])
-    if settings.refine == "none" and max(node.size for node in trunk.nodes) >= _WIDE:
+    if max(node.size for node in trunk.nodes) >= _WIDE:
         extrema = refine_by_pieces(trunk, extrema, passes)
-    elif settings.refine != "none":
-        extrema = refine_monotone(trunk, extrema, passes, order=settings.order, rule=settings.rule)
+    if settings.refine != "none":
+        extrema = refine_monotone(trunk, extrema, passes, rule=settings.rule)
     found = attained_values(trunk, box, extrema, steps=1 if settings.refine == "none" else 4)
     if settings.refine != "none":
         extrema, found = refine_by_splitting(
             trunk, extrema, found, rule=settings.rule, effort=settings.effort
         )
+    if settings.order > 1:
+        hulls = higher_hulls(trunk, box, hulls, order=settings.order, rule=settings.rule)
+        extrema = extrema.met(extrema_of(box, *hulls[-1]).bound)
+    if settings.order > 1 and settings.refine != "none":
+        loose = np.flatnonzero(extrema.bound > found)
+        extrema = refine_by_order(trunk, extrema, loose, order=settings.order, rule=settings.rule)
     actions = network.output_size
     lower, upper = hulls_through(head, [*hulls[:-1], unfold(extrema.bound, actions)])[-1]
     smallest, largest = (values_through(head, value) for value in unfold(found, actions))

@@ -18,11 +18,11 @@ from viatool.taylor.approximation import Approximation
 from viatool.taylor.derivatives import gradient_bounds
 from viatool.taylor.deviation import runtime_deviation
 from viatool.taylor.duality import DualEffort, DualProblem, SymbolLayout, descend, relaxation_conditions
-from viatool.taylor.propagation import Box, Enclosure, propagate
+from viatool.taylor.higher_order import higher_hulls
+from viatool.taylor.memory import LARGEST_FLOATS, blocks_of_questions
+from viatool.taylor.propagation import Box, Enclosure, is_curved, propagate
 
 _ROUNDS = 4
-_FREE_TOGETHER = 4
-_ROWS_TOGETHER = 64
 _NEURONS_OF_A_STATE = 96
 """Neurons of one layer that the dual bounds of one state look at, over all questions, when nothing else is refined."""
 
@@ -45,9 +45,13 @@ class Extrema:
     seed: Floats
     bound: Floats
 
-    def rows(self, which: Indices) -> Extrema:
+    def rows(self, which: Indices | slice) -> Extrema:
         """Return some of the questions."""
         return Extrema(self.box.rows(which), self.seed[which], self.bound[which])
+
+    def met(self, bound: Floats) -> Extrema:
+        """Return the same questions with bounds (P,) that hold as well; one that is not a number says nothing."""
+        return Extrema(self.box, self.seed, np.fmin(self.bound, bound))
 
 
 def extrema_of(box: Box, lower: Floats, upper: Floats) -> Extrema:
@@ -62,6 +66,14 @@ def extrema_of(box: Box, lower: Floats, upper: Floats) -> Extrema:
     seed = np.repeat(np.concatenate([np.eye(actions), -np.eye(actions)]), batch, axis=0)
     copies = Box(np.tile(box.lower, (2 * actions, 1)), np.tile(box.upper, (2 * actions, 1)))
     return Extrema(copies, seed, np.concatenate([upper.T.ravel(), -lower.T.ravel()]))
+
+
+def joined(parts: Sequence[Extrema]) -> Extrema:
+    """Put questions one after the other."""
+    box = Box(*(np.concatenate([getattr(part.box, side) for part in parts]) for side in ("lower", "upper")))
+    return Extrema(
+        box, *(np.concatenate([getattr(part, name) for part in parts]) for name in ("seed", "bound"))
+    )
 
 
 def unfold(values: Floats, actions: int) -> Hull:
@@ -100,7 +112,7 @@ def collapse_monotone(network: Network, box: Box, hulls: Sequence[Hull], seed: F
 
 
 def refine_monotone(
-    network: Network, extrema: Extrema, passes: Sequence[Enclosure], *, order: int, rule: Approximation
+    network: Network, extrema: Extrema, passes: Sequence[Enclosure], *, rule: Approximation
 ) -> Extrema:
     """Tighten one-sided bounds by repeated monotone collapse, and by duality where it ends short of a point.
 
@@ -112,8 +124,8 @@ def refine_monotone(
         ``2 A B`` questions, as `extrema_of` asks them, with the bounds known so far.
     passes : sequence of Enclosure
         The forward pass over the B boxes.
-    order, rule
-        Of the Taylor models in the passes over the shrunken boxes.
+    rule : str
+        How activations are approximated in the passes over the shrunken boxes.
 
     Returns
     -------
@@ -124,9 +136,20 @@ def refine_monotone(
     -----
     **Sound:** yes. A box without free inputs is a point, bounded by the value of the network and its float64 rounding.
     """
+    batch = passes[0].lower.shape[0]
+    refined = [
+        _refined(network, extrema.rows(block), passes, np.arange(block.start, block.stop) % batch, rule)
+        for block in blocks_of_questions(network, extrema.bound.size)
+    ]
+    return joined(refined) if refined else extrema
+
+
+def _refined(
+    network: Network, extrema: Extrema, passes: Sequence[Enclosure], places: Indices, rule: Approximation
+) -> Extrema:
+    """Refine P questions together, given passes and where in them the box of each stands, (P,)."""
     lower, upper, bound = extrema.box.lower.copy(), extrema.box.upper.copy(), extrema.bound.copy()
     rows: Indices = np.arange(bound.size)
-    places = rows % passes[0].lower.shape[0] if rows.size else rows  # where the pass of each question stands
     for turn in range(_ROUNDS):
         seed = extrema.seed[rows]
         hulls = [(enclosure.lower[places], enclosure.upper[places]) for enclosure in passes]
@@ -145,7 +168,7 @@ def refine_monotone(
         )
         if not rows.size or turn + 1 == _ROUNDS:
             break
-        passes = propagate(network, Box(lower[rows], upper[rows]), order=order, rule=rule)
+        passes = propagate(network, Box(lower[rows], upper[rows]), rule=rule)
         bound[rows] = np.minimum(bound[rows], seeded_upper(passes[-1].hull, extrema.seed[rows]))
         places = np.arange(rows.size)
     return Extrema(Box(lower, upper), extrema.seed, bound)
@@ -168,24 +191,27 @@ def refine_by_pieces(network: Network, extrema: Extrema, passes: Sequence[Enclos
 
 
 def refine_by_order(
-    network: Network, extrema: Extrema, rows: Indices, *, order: int, rule: Approximation
+    network: Network,
+    extrema: Extrema,
+    rows: Indices,
+    *,
+    order: int,
+    rule: Approximation,
+    largest: int = LARGEST_FLOATS,
 ) -> Extrema:
-    """Tighten some one-sided bounds by one pass of a higher order over the shrunken boxes.
+    """Tighten some one-sided bounds by passes up to a higher order over the shrunken boxes, see `higher_hulls`.
 
-    Boxes with about as many free inputs go together, since the number of monomials grows with the freest of them.
-
-    Notes
-    -----
     **Sound:** yes.
     """
+    if not is_curved(network):
+        return extrema
     bound = extrema.bound.copy()
-    free = (extrema.box.upper > extrema.box.lower).sum(axis=1)
-    rows = rows[np.argsort(free[rows], kind="stable")]
-    for some in np.split(rows, np.flatnonzero(np.diff(free[rows] // _FREE_TOGETHER)) + 1):
-        for start in range(0, some.size, _ROWS_TOGETHER):
-            part = some[start : start + _ROWS_TOGETHER]
-            passes = propagate(network, extrema.box.rows(part), order=order, rule=rule)
-            bound[part] = np.minimum(bound[part], seeded_upper(passes[-1].hull, extrema.seed[part]))
+    for block in blocks_of_questions(network, rows.size):
+        some = rows[block]
+        box = extrema.box.rows(some)
+        hulls = [enclosure.hull for enclosure in propagate(network, box, rule=rule)]
+        hulls = higher_hulls(network, box, hulls, order=order, rule=rule, largest=largest)
+        bound[some] = np.fmin(bound[some], seeded_upper(hulls[-1], extrema.seed[some]))
     return Extrema(extrema.box, extrema.seed, bound)
 
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from viatool.arrays import Booleans, Floats
-from viatool.policy.network import Activation, Network
+from viatool.policy.network import Network
 from viatool.taylor.approximation import Approximation
-from viatool.taylor.curve import curve_of
+from viatool.taylor.memory import CACHED_FLOATS
 from viatool.taylor.parts import Parts, examine, whole_boxes
 from viatool.taylor.refinement import Extrema, refine_by_order, unfold
 
@@ -40,6 +40,12 @@ class Effort:
     tolerance: float
     parts: int
     exact: bool = True
+
+    def at_least(self, other: Effort) -> Effort:
+        """Return an effort that stops no earlier than either."""
+        return Effort(
+            min(self.tolerance, other.tolerance), max(self.parts, other.parts), self.exact or other.exact
+        )
 
 
 def refine_by_splitting(
@@ -81,8 +87,8 @@ def refine_by_splitting(
     closed = np.full(found.shape, -np.inf)  # largest bound among the parts that are done with
     spent = np.zeros(found.shape, dtype=np.intp)
     questions = np.flatnonzero(extrema.bound > found + margin)
-    if questions.size and _is_curved(network):
-        extrema = refine_by_order(network, extrema, questions, order=2, rule=rule)
+    if questions.size:
+        extrema = refine_by_order(network, extrema, questions, order=2, rule=rule, largest=CACHED_FLOATS)
         questions = np.flatnonzero(extrema.bound > found + margin)
     fresh, waiting = whole_boxes(extrema, questions), whole_boxes(extrema, questions[:0])
     while fresh.owner.size:
@@ -101,12 +107,6 @@ def refine_by_splitting(
     bound = extrema.bound.copy()
     bound[questions] = np.minimum(bound[questions], np.maximum(closed, found)[questions])
     return Extrema(extrema.box, extrema.seed, bound), found
-
-
-def _is_curved(network: Network) -> bool:
-    """Tell whether some activation is not piecewise linear, so that order 2 sees more than order 1."""
-    functions = {node.function for node in network.nodes if isinstance(node, Activation)}
-    return any(not curve_of(function).cells(1).is_stepwise for function in functions)
 
 
 def _attained_widths(found: Floats, actions: int) -> Floats:
