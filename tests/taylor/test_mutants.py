@@ -459,7 +459,7 @@ MUTANTS = [
     Mutant(
         ranges("Selu", 1), "curve.Curve.enclose", "(x >= left) & (x <= right)", "(x >= left) & (x < right)"
     ),
-    Mutant(ranges("Abs", 1), "curve.Cells.locate", "last += upper >= edge", "last += upper > edge"),
+    Mutant(ranges("Abs", 1), "curve.CurveCells.locate", "last += upper >= edge", "last += upper > edge"),
     Mutant(
         ranges("Abs", 0),
         "curve._hull_table",

@@ -83,8 +83,8 @@ def test_it_stops_at_its_effort_with_a_bound_that_holds() -> None:
     assert escape(few, network) <= 1e-6
 
 
-def _lower_halves_only(original: Callable[..., parts.Parts]) -> Callable[..., parts.Parts]:
-    def halves(self: parts.Parts) -> parts.Parts:
+def _lower_halves_only(original: Callable[..., parts.BoxParts]) -> Callable[..., parts.BoxParts]:
+    def halves(self: parts.BoxParts) -> parts.BoxParts:
         both = original(self)
         return both.rows(np.arange(both.owner.size // 2))
 
@@ -109,7 +109,7 @@ def _any_sign(original: Callable[..., Floats]) -> Callable[..., Floats]:
 @pytest.mark.parametrize(
     ("place", "name", "mutant"),
     [
-        (parts.Parts, "halves", _lower_halves_only),
+        (parts.BoxParts, "halves", _lower_halves_only),
         (duality.DualProblem, "of", _without_slack),
         (duality, "_weighted_median", _any_sign),
         (splitting, "_largest_of_each", lambda original: lambda parts, count: original(parts, 1) & False),

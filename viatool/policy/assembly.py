@@ -77,7 +77,7 @@ class Computed:
 
 
 @dataclass(frozen=True)
-class Scaling:
+class UniformScaling:
     """``factor * source + offset``, the same numbers for every element."""
 
     source: Computed
@@ -288,7 +288,7 @@ class Assembly:
             return Computed(node.source, x.shape, x.precision)
         return None
 
-    def scaling_of(self, x: Computed) -> Scaling | None:
+    def scaling_of(self, x: Computed) -> UniformScaling | None:
         """Return how x is ``factor * source + offset`` with one number each, None when it is not or was merged."""
         node = self.nodes[x.node]
         if not isinstance(node, Affine) or len(node.sources) != 1:
@@ -301,7 +301,7 @@ class Assembly:
             return None
         if not np.array_equal(weight, factor * np.eye(len(weight))):
             return None
-        return Scaling(Computed(source, x.shape, x.precision), factor, offset, node.roundings)
+        return UniformScaling(Computed(source, x.shape, x.precision), factor, offset, node.roundings)
 
     def expect_folding(self, x: Computed, roundings: int) -> None:
         """Let a matrix product that made x carry the roundings of a scaling after it.

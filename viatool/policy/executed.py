@@ -20,7 +20,7 @@ from viatool.errors import PolicyError
 from viatool.policy.graph import live, read_graph
 from viatool.policy.model_file import ModelFile
 from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Network, Node, Product
-from viatool.policy.reader import Finding, Reading, read_network
+from viatool.policy.reader import Reading, UnreadableNode, read_network
 from viatool.policy.runtime import Optimisation, Runtime
 
 Executed = Mapping[Optimisation, Network]
@@ -138,5 +138,5 @@ def _unreadable(model: ModelFile, level: Optimisation, reading: Reading) -> Poli
     )
 
 
-def _hint(findings: tuple[Finding, ...]) -> str:
+def _hint(findings: tuple[UnreadableNode, ...]) -> str:
     return "; ".join(dict.fromkeys(finding.hint for finding in findings if finding.hint))

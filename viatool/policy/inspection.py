@@ -19,7 +19,7 @@ from viatool.policy.maps import Maps, is_elementwise, maps_of
 from viatool.policy.model_file import ModelFile, Port, actor_graph, open_model
 from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Network, Node, Product
 from viatool.policy.policy import check_sizes, unsupported
-from viatool.policy.reader import Finding, read_network
+from viatool.policy.reader import UnreadableNode, read_network
 from viatool.policy.runtime import runtime_of
 from viatool.policy.self_check import SelfCheck, check_executed
 from viatool.policy.specification import PolicySpecification
@@ -99,7 +99,7 @@ class Inspection:
         From the file or the sidecar.
     self_check : SelfCheck or None
         None where it was not reached.
-    findings : tuple of Finding
+    findings : tuple of UnreadableNode
         Every node that is not supported.
     problems : tuple of ViatoolError
         Whatever else prevents verification; a `SelfCheckError` where the network was read wrongly.
@@ -121,7 +121,7 @@ class Inspection:
     activations: dict[str, int]
     specification: PolicySpecification | None
     self_check: SelfCheck | None
-    findings: tuple[Finding, ...]
+    findings: tuple[UnreadableNode, ...]
     problems: tuple[ViatoolError, ...]
     maps: Maps | None
 
@@ -219,7 +219,7 @@ class _Found:
     network: Network | None = None
     maps: Maps | None = None
     self_check: SelfCheck | None = None
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[UnreadableNode, ...] = ()
 
 
 def _look_inside(model: ModelFile, found: _Found, input_name: str | None, output_name: str | None) -> None:

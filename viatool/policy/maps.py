@@ -35,14 +35,14 @@ class Maps:
 
 
 @dataclass(frozen=True, eq=False)
-class Scaling:
+class ScalingStep:
     """``factor * x + offset``, element by element."""
 
     factor: Floats
     offset: Floats
 
 
-Step = Scaling | Activation
+Step = ScalingStep | Activation
 
 
 def maps_of(network: Network, spec: PolicySpecification | None) -> Maps:
@@ -97,9 +97,9 @@ def _step(node: Node, functions: Sequence[str]) -> Step | None:
         case Activation():
             return node if node.function.name in functions else None
         case Cast():
-            return Scaling(np.ones(node.size), np.zeros(node.size))
+            return ScalingStep(np.ones(node.size), np.zeros(node.size))
         case Affine():
-            return Scaling(np.diag(node.weights[0]).copy(), node.bias) if is_elementwise(node) else None
+            return ScalingStep(np.diag(node.weights[0]).copy(), node.bias) if is_elementwise(node) else None
         case Input() | Product() | Maximum() | Minimum():
             return None
 
@@ -114,11 +114,11 @@ def is_elementwise(node: Affine) -> bool:
 
 def _joined(steps: list[Step], step: Step) -> list[Step]:
     """Append a step; two scalings in a row are one, and one that changes nothing is none."""
-    if isinstance(step, Scaling):
-        if steps and isinstance(steps[-1], Scaling):
+    if isinstance(step, ScalingStep):
+        if steps and isinstance(steps[-1], ScalingStep):
             first = steps.pop()
-            assert isinstance(first, Scaling)
-            step = Scaling(step.factor * first.factor, step.factor * first.offset + step.offset)
+            assert isinstance(first, ScalingStep)
+            step = ScalingStep(step.factor * first.factor, step.factor * first.offset + step.offset)
         if (step.factor == 1).all() and not step.offset.any():
             return steps
     return [*steps, step]
@@ -129,7 +129,7 @@ def _in_words(steps: Sequence[Step]) -> str:
 
 
 def _one_in_words(step: Step) -> str:
-    if isinstance(step, Scaling):
+    if isinstance(step, ScalingStep):
         return _scaled_in_words("value", step.factor, step.offset)
     parameters = dict(step.function.parameters)
     if step.function.name == "Clip":

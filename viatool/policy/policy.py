@@ -18,7 +18,7 @@ from viatool.policy.executed import executed_networks, rewritten
 from viatool.policy.maps import Maps, maps_of
 from viatool.policy.model_file import ModelFile, Port, actor_graph, open_model
 from viatool.policy.network import Network
-from viatool.policy.reader import Finding, read_network
+from viatool.policy.reader import UnreadableNode, read_network
 from viatool.policy.runtime import Runtime, runtime_of
 from viatool.policy.self_check import SelfCheck, check_executed
 from viatool.policy.specification import PolicySpecification
@@ -199,7 +199,7 @@ def load_actor(
     return reading.network, runtime_of(model, graph, port), port
 
 
-def unsupported(path: str | os.PathLike[str], findings: Sequence[Finding]) -> PolicyError:
+def unsupported(path: str | os.PathLike[str], findings: Sequence[UnreadableNode]) -> PolicyError:
     """Return the error that names every node that cannot be read, with each hint once."""
     count = len(findings)
     lines = "".join(f"\n  - {finding}" for finding in findings)

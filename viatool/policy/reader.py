@@ -34,7 +34,7 @@ _MALFORMED = (
 
 
 @dataclass(frozen=True)
-class Finding:
+class UnreadableNode:
     """One node that cannot be read.
 
     Parameters
@@ -61,7 +61,7 @@ class Reading:
     """What came of reading a graph: the network, or the findings that prevent it."""
 
     network: Network | None
-    findings: tuple[Finding, ...]
+    findings: tuple[UnreadableNode, ...]
 
 
 @dataclass(frozen=True)
@@ -101,13 +101,13 @@ def read_network(
     values: dict[str, Result | _Unreadable] = {input_name: Computed(0, shape, precision)}
     for name, tensor in graph.initializers.items():
         values[name] = read_tensor(tensor, folder)
-    findings: list[Finding] = []
+    findings: list[UnreadableNode] = []
     for node in graph.nodes:
         try:
             with np.errstate(all="ignore"):  # what is not finite is refused by name
                 results = _read_node(node, values, assembly)
         except Refusal as refusal:
-            findings.append(Finding(node.name, _operator(node), refusal.reason, refusal.hint))
+            findings.append(UnreadableNode(node.name, _operator(node), refusal.reason, refusal.hint))
             results = []
         missing = _Unreadable(_is_computed(node, values))
         values.update((name, missing) for name in node.outputs if name)

@@ -33,7 +33,7 @@ _FEW = 8  # comparing with a few edges beats a binary search
 
 
 @dataclass(frozen=True, eq=False)
-class Cells:
+class CurveCells:
     """The real line cut where a derivative turns.
 
     Parameters
@@ -86,7 +86,7 @@ class Curve:
         self._derivatives: list[list[sympy.Expr]] = [expressions]
         self._enclosed: dict[int, list[Callable[[Interval], Interval]]] = {}
         self._floats: dict[int, list[Callable[[Floats], Floats]]] = {}
-        self._cells: dict[int, Cells] = {}
+        self._cells: dict[int, CurveCells] = {}
 
     @property
     def is_increasing(self) -> bool:
@@ -184,7 +184,7 @@ class Curve:
                     bends[first, last] = 1 if (steps >= 0).all() else -1 if (steps <= 0).all() else 0
         return slopes, bends
 
-    def cells(self, derivative: int) -> Cells:
+    def cells(self, derivative: int) -> CurveCells:
         """Return the cells on which ``f^(derivative)`` rises, falls, is constant or is enclosed as a whole."""
         if derivative not in self._cells:
             self._cells[derivative] = self._find_cells(derivative)
@@ -204,7 +204,7 @@ class Curve:
             self._derivatives.append([e.diff(X, simplify=False) for e in self._derivatives[-1]])
         return self._derivatives[derivative]
 
-    def _find_cells(self, derivative: int) -> Cells:
+    def _find_cells(self, derivative: int) -> CurveCells:
         borders = [-REACH, *self.breaks.tolist(), REACH]
         found: list[tuple[float, float, int, float, float]] = []
         for value, slope, left, right in zip(
@@ -218,7 +218,7 @@ class Curve:
         if derivative:
             jumps = self._jumps(edges[1:-1], derivative)
             nodes = Interval(np.where(jumps, -np.inf, nodes.lower), np.where(jumps, np.inf, nodes.upper))
-        return Cells(edges, kinds, hulls, _hull_table(kinds, hulls, nodes))
+        return CurveCells(edges, kinds, hulls, _hull_table(kinds, hulls, nodes))
 
     def _jumps(self, nodes: Floats, derivative: int) -> Booleans:
         """Find the nodes at which a lower derivative is discontinuous, so that this one is unbounded."""

@@ -33,7 +33,7 @@ _RESERVE, _LAST_RESERVE = 1e-3, 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Parts:
+class BoxParts:
     """K parts of the boxes of some questions.
 
     Parameters
@@ -60,21 +60,21 @@ class Parts:
     next_neuron: Indices
     next_threshold: Floats
 
-    def rows(self, which: Indices) -> Parts:
+    def rows(self, which: Indices) -> BoxParts:
         """Return some of the parts."""
-        return Parts(*(getattr(self, field.name)[which] for field in fields(self)))
+        return BoxParts(*(getattr(self, field.name)[which] for field in fields(self)))
 
-    def joined(self, other: Parts) -> Parts:
+    def joined(self, other: BoxParts) -> BoxParts:
         """Return these parts and some others, unused conditions padded."""
         depth = max(self.node.shape[1], other.node.shape[1])
-        return Parts(
+        return BoxParts(
             *(
                 np.concatenate([_padded(getattr(part, field.name), depth) for part in (self, other)])
                 for field in fields(self)
             )
         )
 
-    def halves(self) -> Parts:
+    def halves(self) -> BoxParts:
         """Split every part at its next neuron: first all lower halves and then all upper ones."""
         count = self.owner.size
         twice = {field.name: np.concatenate([getattr(self, field.name)] * 2) for field in fields(self)}
@@ -86,17 +86,17 @@ class Parts:
             ("threshold", twice["next_threshold"]),
         ):
             twice[name] = np.concatenate([twice[name], column[:, None]], axis=1)
-        return Parts(**twice)
+        return BoxParts(**twice)
 
 
 def _padded(values: NDArray[Any], depth: int) -> NDArray[Any]:
     return np.pad(values, ((0, 0), (0, depth - values.shape[1]))) if values.ndim == 2 else values
 
 
-def whole_boxes(extrema: Extrema, questions: Indices) -> Parts:
+def whole_boxes(extrema: Extrema, questions: Indices) -> BoxParts:
     """Return the boxes of some questions as parts without conditions, not yet examined."""
     none, zeros = np.zeros((questions.size, 0), dtype=np.intp), np.zeros(questions.size, dtype=np.intp)
-    return Parts(
+    return BoxParts(
         questions,
         none,
         none,
@@ -110,8 +110,8 @@ def whole_boxes(extrema: Extrema, questions: Indices) -> Parts:
 
 
 def examine(
-    network: Network, extrema: Extrema, parts: Parts, target: Floats | None, rule: Approximation
-) -> tuple[Parts, Floats]:
+    network: Network, extrema: Extrema, parts: BoxParts, target: Floats | None, rule: Approximation
+) -> tuple[BoxParts, Floats]:
     """Bound parts, and find where to split each next.
 
     Parameters
@@ -120,7 +120,7 @@ def examine(
         n inputs, A outputs.
     extrema : Extrema
         P questions.
-    parts : Parts
+    parts : BoxParts
         K parts of their boxes.
     target : ndarray or None
         ``(P,)``: where nothing is left to split and the bound is above this, linear programming settles the part.
@@ -129,7 +129,7 @@ def examine(
 
     Returns
     -------
-    Parts
+    BoxParts
         The same parts, with bounds at most as large (minus infinity where no point of the box meets the conditions).
     ndarray
         ``(K, n)``: for each part a point of the box where its relaxation is largest.
@@ -170,7 +170,7 @@ def _points(box: Box, inputs: Form, symbols: Floats) -> Floats:
     return np.clip(points, box.lower, box.upper)
 
 
-def _limits(network: Network, parts: Parts) -> dict[int, Hull]:
+def _limits(network: Network, parts: BoxParts) -> dict[int, Hull]:
     """Turn conditions into bounds of the arguments of each activation node."""
     limits: dict[int, Hull] = {}
     rows = np.arange(parts.owner.size)
@@ -186,7 +186,7 @@ def _limits(network: Network, parts: Parts) -> dict[int, Hull]:
 
 
 def _conditions(
-    network: Network, passes: list[Enclosure], parts: Parts, layout: SymbolLayout
+    network: Network, passes: list[Enclosure], parts: BoxParts, layout: SymbolLayout
 ) -> tuple[Floats, Floats]:
     """Write each condition as a form (K, D, S) plus its largest constant (K, D); rows without a condition are 0."""
     depth = parts.node.shape[1]
@@ -203,7 +203,7 @@ def _conditions(
     return forms, slack
 
 
-def _is_empty(network: Network, passes: list[Enclosure], parts: Parts) -> Booleans:
+def _is_empty(network: Network, passes: list[Enclosure], parts: BoxParts) -> Booleans:
     empty = np.zeros(parts.owner.size, dtype=bool)
     for node, (lower, upper) in _limits(network, parts).items():
         argument = passes[source_of(network, node)]

@@ -21,7 +21,7 @@ from viatool.taylor.memory import blocks_of_states
 from viatool.taylor.propagation import Box, propagate
 from viatool.taylor.refinement import extrema_of, refine_by_order, refine_by_pieces, refine_monotone, unfold
 from viatool.taylor.rounding import widen
-from viatool.taylor.splitting import Effort, refine_by_splitting
+from viatool.taylor.splitting import SplittingEffort, refine_by_splitting
 
 Refinement = Literal["none", "monotone", "split"]
 Arithmetic = Literal["float32", "real"]
@@ -30,7 +30,7 @@ _WIDE = 128
 """Neurons of a layer from which on the dual bound costs little beside the pass itself, even without refinement."""
 
 
-_LIGHT_EFFORT = Effort(tolerance=0.03, parts=3, exact=False)
+_LIGHT_EFFORT = SplittingEffort(tolerance=0.03, parts=3, exact=False)
 """After a monotone collapse the few bounds that stay loose are split once."""
 
 
@@ -40,7 +40,7 @@ class _Settings:
     rule: Approximation
     refine: Refinement
     arithmetic: Arithmetic
-    effort: Effort
+    effort: SplittingEffort
 
     def __post_init__(self) -> None:
         if self.order < 1:
@@ -197,7 +197,9 @@ def reach(
         approximation,
         refine,
         arithmetic,
-        _LIGHT_EFFORT if refine != "split" else Effort(tolerance, most_parts).at_least(_LIGHT_EFFORT),
+        _LIGHT_EFFORT
+        if refine != "split"
+        else SplittingEffort(tolerance, most_parts).at_least(_LIGHT_EFFORT),
     )
     networks = networks_of(policy, arithmetic)
     parts = []

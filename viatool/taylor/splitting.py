@@ -15,7 +15,7 @@ from viatool.arrays import Booleans, Floats
 from viatool.policy.network import Network
 from viatool.taylor.approximation import Approximation
 from viatool.taylor.memory import CACHED_FLOATS
-from viatool.taylor.parts import Parts, examine, whole_boxes
+from viatool.taylor.parts import BoxParts, examine, whole_boxes
 from viatool.taylor.refinement import Extrema, refine_by_order, unfold
 
 _AT_ONCE = 8
@@ -24,7 +24,7 @@ _NEGLIGIBLE = 1e-12
 
 
 @dataclass(frozen=True)
-class Effort:
+class SplittingEffort:
     """When to stop splitting.
 
     Parameters
@@ -41,9 +41,9 @@ class Effort:
     parts: int
     exact: bool = True
 
-    def at_least(self, other: Effort) -> Effort:
+    def at_least(self, other: SplittingEffort) -> SplittingEffort:
         """Return an effort that stops no earlier than either."""
-        return Effort(
+        return SplittingEffort(
             min(self.tolerance, other.tolerance), max(self.parts, other.parts), self.exact or other.exact
         )
 
@@ -54,7 +54,7 @@ def refine_by_splitting(
     found: Floats,
     *,
     rule: Approximation,
-    effort: Effort,
+    effort: SplittingEffort,
 ) -> tuple[Extrema, Floats]:
     """Tighten one-sided bounds by branch and bound.
 
@@ -68,7 +68,7 @@ def refine_by_splitting(
         ``(P,)``: values that are attained.
     rule : str
         How activations are approximated.
-    effort : Effort
+    effort : SplittingEffort
         When to stop.
 
     Returns
@@ -115,7 +115,7 @@ def _attained_widths(found: Floats, actions: int) -> Floats:
     return np.tile((largest - smallest).T.ravel(), 2)
 
 
-def _largest_of_each(parts: Parts, count: int) -> Booleans:
+def _largest_of_each(parts: BoxParts, count: int) -> Booleans:
     """Mark the parts with the `count` largest bounds of each question."""
     order = np.lexsort((-parts.bound, parts.owner))
     owner = parts.owner[order]
