@@ -18,7 +18,7 @@ import pytest
 from tests.policy.models import model_of, node, save
 from viatool.policy import load_policy
 from viatool.policy.assembly import Refusal
-from viatool.policy.folded_rounding import cast_roundings
+from viatool.policy.folded_rounding import cast_constant
 from viatool.policy.folding import fold
 from viatool.policy.graph import live, read_graph
 from viatool.policy.network import Affine
@@ -56,6 +56,12 @@ def exactly(value: Constant) -> Fraction:
     return Fraction(float(value.array.ravel()[0]))
 
 
+def allowed(found: Constant) -> float:
+    """Return how many roundings of itself the first element may be off."""
+    magnitude = np.abs(found.array) if found.magnitude is None else found.magnitude
+    return float(found.roundings * magnitude.ravel()[0] / abs(found.array.ravel()[0]))
+
+
 def strayed(value: Fraction, roundings: int, sign: int) -> Fraction:
     """Return what so many roundings make of a number, all in one direction."""
     return value * (1 + sign * UNIT) ** roundings
@@ -83,7 +89,7 @@ def test_the_roundings_of_both_sides_and_one_more_are_counted(
     needed = worst(BINARY[operator], constants, exactly(found))
     if operator == "PRelu" and a > 0:  # the slope is not used
         needed = min(needed, Fraction(roundings[0] + 1))
-    assert found.roundings >= needed * Fraction(1 - 2**-12), (found.roundings, float(needed))
+    assert allowed(found) >= needed * Fraction(1 - 2**-12), (allowed(found), float(needed))
 
 
 @pytest.mark.parametrize("operator", ["LeakyRelu", "Sqrt"])
@@ -104,18 +110,75 @@ def test_what_moves_values_keeps_the_larger_of_their_roundings(
     assert folded(operator, *pair, **attributes).roundings == 9
 
 
-@pytest.mark.parametrize("operator", ["Exp", "Tanh", "ReduceSum", "MatMul", "Clip", "Softmax", "CumSum"])
+@pytest.mark.parametrize("operator", ["Log", "Tan", "Acos", "Celu", "Hardmax", "Mod"])
 def test_what_cannot_count_the_roundings_of_its_inputs_refuses_them(operator: str) -> None:
     given = Constant(np.full((2, 2), 0.5, dtype=np.float32), "float32", 1)
-    others = {
-        "MatMul": [Constant(np.eye(2, dtype=np.float32), "float32")],
-        "CumSum": [Constant(np.array(0, dtype=np.int64), "int64")],
-    }
+    others = [constant(0.3)] if operator == "Mod" else []
+    attributes = {"fmod": 1} if operator == "Mod" else {}
     with pytest.raises(Refusal, match="no bound"):
-        folded(operator, given, *others.get(operator, []))
+        folded(operator, given, *others, **attributes)
 
 
-def test_what_makes_integers_of_inexact_constants_refuses_them() -> None:
+SEVERAL: dict[str, Exact] = {
+    "ReduceSum": lambda *a: sum(a, Fraction(0)),
+    "ReduceMean": lambda *a: sum(a, Fraction(0)) / len(a),
+    "ReduceL1": lambda *a: sum(map(abs, a), Fraction(0)),
+    "ReduceSumSquare": lambda *a: sum((x * x for x in a), Fraction(0)),
+    "ReduceProd": lambda *a: a[0] * a[1] * a[2],
+    "ReduceMax": max,
+    "ReduceMin": min,
+}
+
+
+@pytest.mark.parametrize("roundings", [1, 7, 300])
+@pytest.mark.parametrize("operator", SEVERAL)
+def test_a_reduction_counts_the_roundings_of_what_it_adds(operator: str, roundings: int) -> None:
+    numbers = [1.5, -0.75, 1.4375]
+    found = folded(operator, Constant(np.array(numbers, dtype=np.float32), "float32", roundings), keepdims=0)
+    needed = worst(SEVERAL[operator], [constant(number, roundings) for number in numbers], exactly(found))
+    assert allowed(found) >= (needed - 1) * Fraction(1 - 2**-12)
+
+
+def test_a_matrix_product_counts_the_roundings_of_both_matrices() -> None:
+    left = Constant(np.array([[1.0, 1.0]], dtype=np.float32), "float32", 5)
+    right = Constant(np.array([[1.0], [-0.875]], dtype=np.float32), "float32", 9)
+    assert allowed(folded("MatMul", left, right)) >= (5 + 9) * 1.875 / 0.125
+
+
+@pytest.mark.parametrize("value", [-3.0, -0.2, 0.6, 4.0])
+@pytest.mark.parametrize(
+    ("operator", "exact"),
+    [
+        ("Exp", np.exp),
+        ("Tanh", np.tanh),
+        ("Sigmoid", lambda x: 1 / (1 + np.exp(-x))),
+        ("Cos", np.cos),
+        ("Reciprocal", lambda x: 1 / x),
+    ],
+)
+def test_a_function_counts_how_far_it_moves_with_its_argument(
+    operator: str, exact: Callable[[Any], Any], value: float
+) -> None:
+    roundings = 2**16
+    moved = [exact(value * (1 + sign * roundings * 2.0**-24)) - exact(value) for sign in (-1, 1)]
+    found = folded(operator, constant(value, roundings))
+    assert allowed(found) * (1 + 2**-6) >= max(map(abs, moved)) / abs(exact(value)) * 2**24
+
+
+@pytest.mark.parametrize(("value", "step"), [(2.5, True), (3.0, False)])
+def test_steps_of_inexact_constants_are_taken_where_they_are_the_same(value: float, step: bool) -> None:
+    given = constant(value, 4)
+    if step:
+        assert exactly(folded("Floor", given)) == 2
+        assert cast_constant(given, "int64").array == 2
+        assert not folded("Floor", given).roundings
+    else:
+        for make in (lambda: folded("Floor", given), lambda: cast_constant(given, "int64")):
+            with pytest.raises(Refusal, match="no bound"):
+                make()
+
+
+def test_what_makes_truths_of_inexact_constants_refuses_them() -> None:
     with pytest.raises(Refusal, match="no bound"):
         folded("Greater", constant(1.0, 1), constant(2.0))
 
@@ -139,7 +202,7 @@ def test_a_function_may_err_by_64_units_of_its_argument_and_its_value(
 ) -> None:
     result = abs(float(exact(np.float64(np.float32(value)))))
     size = max(1.0, abs(value)) * result if operator == "Exp" else max(1.0, abs(value), result)
-    assert folded(operator, constant(value)).roundings >= 63.9 * size / result
+    assert allowed(folded(operator, constant(value))) >= 63.9 * size / result
 
 
 def test_an_element_that_is_not_finite_does_not_hide_the_errors_of_the_others() -> None:
@@ -189,7 +252,7 @@ def test_a_matrix_product_in_any_order_is_covered(inner: int) -> None:
 
 def test_cancellation_in_a_sum_is_counted() -> None:
     given = Constant(np.array([1.0, 1.0, -1.9375], dtype=np.float32), "float32")
-    assert folded("ReduceSum", given, keepdims=0).roundings >= 3 * 3.9375 / 0.0625
+    assert allowed(folded("ReduceSum", given, keepdims=0)) >= 3 * 3.9375 / 0.0625
 
 
 def test_a_softmax_counts_its_sum_as_well() -> None:
@@ -200,14 +263,15 @@ def test_a_softmax_counts_its_sum_as_well() -> None:
     assert folded("Softmax", single, axis=-1).roundings >= 64 + 1
 
 
-def test_a_cast_of_an_inexact_constant_rounds_once_more_and_never_to_a_finer_type() -> None:
+def test_a_cast_counts_in_the_roundings_of_its_type() -> None:
     given = constant(1.5, 4)
-    assert cast_roundings(given, "float16") == 5
-    assert cast_roundings(given, "float32") == 5
-    assert cast_roundings(constant(1.5), "float64") == 0
-    for finer in ("float64", "int64", "bool"):
-        with pytest.raises(Refusal, match="no bound"):
-            cast_roundings(given, finer)
+    assert 1 <= cast_constant(given, "float16").roundings <= 2
+    assert cast_constant(given, "float32").roundings == 4
+    assert cast_constant(given, "float64").roundings == 4 * 2**29
+    assert cast_constant(constant(1.5), "float64").roundings == 0
+    third = cast_constant(Constant(np.array([1 / 3]), "float64"), "float16")
+    assert third.roundings == 1
+    assert exactly(third) == Fraction(1 / 3), "a program may leave the cast out"
 
 
 def test_a_sum_over_several_axes_has_as_many_terms_as_elements() -> None:
@@ -217,7 +281,7 @@ def test_a_sum_over_several_axes_has_as_many_terms_as_elements() -> None:
 
 @pytest.mark.parametrize(("operator", "value"), [("Cos", 1.0), ("Sigmoid", 0.5), ("Exp", 1.0)])
 def test_a_function_may_err_at_zero_unless_its_value_is_zero(operator: str, value: float) -> None:
-    assert folded(operator, constant(0.0)).roundings >= 64 / value
+    assert allowed(folded(operator, constant(0.0))) >= 64 / value
     assert folded("Tanh", constant(0.0)).roundings == 0
 
 

@@ -63,8 +63,9 @@ def test_the_roundings_of_a_folded_constant_cover_what_onnxruntime_makes_of_it(o
     (found,) = fold(graph_node, inputs, attributes)
 
     difference = np.abs(found.array.astype(np.float64) - expected)
-    assert (difference <= found.roundings * 2.0**-24 * np.abs(expected)).all()
-    assert (found.roundings == 0) == (operator in ("Abs", "Neg", "Sqrt", *BINARY))
+    magnitude = np.abs(expected) if found.magnitude is None else found.magnitude
+    assert (difference <= found.roundings * 2.0**-24 * magnitude).all()
+    assert (found.roundings == 0) == (operator in ("Abs", "Neg"))
 
 
 @pytest.mark.parametrize("operator", ["Softmax", "LogSoftmax", "Hardmax"])

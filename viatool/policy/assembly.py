@@ -235,6 +235,13 @@ class Assembly:
         """Add a node without sources."""
         return self.affine([], np.broadcast_to(values, shape).astype(np.float64).ravel(), shape, precision)
 
+    def inexact(self, numbers: Counted, precision: Precision) -> Computed:
+        """Add a node without sources whose numbers a program may have otherwise."""
+        shape, magnitude = numbers.values.shape, numbers.magnitudes.ravel()
+        return self.affine(
+            [], numbers.values.ravel(), shape, precision, numbers.roundings, bias_magnitude=magnitude
+        )
+
     def scaled(self, x: Computed, factor: float, offset: float = 0.0, roundings: int = 0) -> Computed:
         """Add ``factor * x + offset`` with one number each."""
         self.reserve(x.size, x.size)

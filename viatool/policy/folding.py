@@ -13,7 +13,7 @@ import numpy as np
 import onnx
 
 from viatool.policy.assembly import Computed, Refusal
-from viatool.policy.folded_rounding import cast_roundings, folded_roundings
+from viatool.policy.folded_rounding import cast_constant, with_roundings
 from viatool.policy.graph import GraphNode
 from viatool.policy.tensors import Array, Constant, convert, dtype_name
 
@@ -77,13 +77,10 @@ def fold(node: GraphNode, inputs: Sequence[Constant | None], attributes: Mapping
         return [special(node, inputs, attributes)]
     if not any(value is not None for value in inputs):
         raise Refusal("has no inputs")
-    results = evaluate(node, [None if value is None else value.array for value in inputs], attributes)
+    results = evaluate(node, [None if value is None else _stored(value) for value in inputs], attributes)
     narrow = any(value is not None and value.dtype == "bfloat16" for value in inputs)
     held = [_held(result, narrow) for result in results]
-    roundings = folded_roundings(
-        node.operator, inputs, results, lambda arrays: evaluate(node, arrays, attributes)
-    )
-    return [replace(constant, roundings=roundings) for constant in held]
+    return with_roundings(node.operator, inputs, held, lambda arrays: evaluate(node, arrays, attributes))
 
 
 def evaluate(node: GraphNode, arrays: Arrays, attributes: Mapping[str, Any]) -> list[Array]:
@@ -133,6 +130,11 @@ def _evaluate_as_matrix(node: GraphNode, array: Array | None, axis: int) -> list
     return [result.reshape(array.shape)]
 
 
+def _stored(constant: Constant) -> Array:
+    """Return the numbers that a program with the element types of the model has."""
+    return convert(constant.array, constant.dtype) if constant.roundings else constant.array
+
+
 def _held(result: Array, narrow: bool) -> Constant:
     dtype = str(result.dtype)
     if dtype == "bfloat16":
@@ -179,7 +181,7 @@ def _cast(node: GraphNode, inputs: Values, attributes: Mapping[str, Any]) -> Con
     dtype = dtype_name(attributes["to"])
     if dtype is None:
         raise Refusal("casts to a type that is neither a number nor a boolean")
-    return Constant(convert(inputs[0].array, dtype), dtype, cast_roundings(inputs[0], dtype))
+    return cast_constant(inputs[0], dtype)
 
 
 def _identity(node: GraphNode, inputs: Values, attributes: Mapping[str, Any]) -> Constant:

@@ -50,17 +50,21 @@ class Constant:
     Parameters
     ----------
     array : ndarray
-        Its numbers; bfloat16 ones are held as float32.
+        Its numbers; bfloat16 ones are held as float32. Those of a folded constant are the real numbers that the graph
+        means, in float64, unless every program has them.
     dtype : str
         The element type in the model.
     roundings : int
-        How many roundings of its element type another runtime's value may be off, relative to each element;
-        0 for what is stored, and for what every runtime folds to the same numbers.
+        How many roundings of its element type a program's value may be off, relative to the magnitude of each element;
+        0 for what is stored, and for what every program folds to the same numbers.
+    magnitude : ndarray, optional
+        What was added up before it cancelled; None for the absolute values of the elements.
     """
 
     array: Array
     dtype: str
     roundings: int = 0
+    magnitude: Array | None = None
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from viatool.policy.activations import ActivationFunction, activation
 from viatool.policy.assembly import Computed, Refusal, Term
-from viatool.policy.operators.registry import Call, Value, reads
+from viatool.policy.operators.registry import Call, Value, counted, reads
 
 _WITHOUT_PARAMETERS: dict[str, tuple[int, ...]] = {
     "Abs": (6, 13),
@@ -80,10 +80,19 @@ def read_swish(call: Call) -> Sequence[Value]:
 def read_clip(call: Call) -> Sequence[Value]:
     """Read bounds from attributes (opset 6) or inputs."""
     if call.version == 6:  # whose defaults, the largest float32 numbers, do limit a double
-        lower, upper = call.number("min"), call.number("max")
-    else:
-        lower, upper = call.scalar(1, "lower bound", -np.inf), call.scalar(2, "upper bound", np.inf)
-    return [clipped(call, call.computed(0), lower, upper)]
+        return [clipped(call, call.computed(0), call.number("min"), call.number("max"))]
+    x, limits = call.computed(0), [-np.inf, np.inf]
+    for index, (meaning, combine) in enumerate(
+        (("lower bound", call.assembly.maximum), ("upper bound", call.assembly.minimum))
+    ):
+        if call.has(index + 1) and call.constant(index + 1, meaning).roundings:
+            limit = counted(call.constant(index + 1, meaning), meaning)
+            if limit.values.size != 1:
+                raise Refusal(f"has a {meaning} that is not a single number")
+            x = combine(x, call.assembly.inexact(limit, x.precision).reshaped(()))
+        else:
+            limits[index] = call.scalar(index + 1, meaning, limits[index])
+    return [clipped(call, x, *limits)]
 
 
 def clipped(call: Call, x: Computed, lower: float, upper: float) -> Computed:
@@ -101,24 +110,27 @@ def clipped(call: Call, x: Computed, lower: float, upper: float) -> Computed:
 @reads("PRelu", 6, 7, 9, 16, treatment="enclosed")
 def read_prelu(call: Call) -> Sequence[Value]:
     """Read a leaky rectifier whose slope may differ from element to element."""
-    x, slope = call.computed(0), call.weights(1, "slope")
+    x, constant = call.computed(0), call.constant(1, "slope")
+    slope = counted(constant, "slope").values
     if call.version == 6 and slope.size > 1 and len(x.shape) > 2:
         raise Refusal(
             "has a slope for each channel, which onnxruntime takes as one for each last element",
             "use opset 7",
         )
     slopes = np.broadcast_to(slope, x.shape).ravel()
-    if (slopes == slopes[0]).all():
+    if (slopes == slopes[0]).all() and not constant.roundings:
         return [call.assembly.activation(x, activation("LeakyRelu", alpha=float(slopes[0])))]
     assembly = call.assembly
     assembly.reserve(x.size, x.size)
     positive = assembly.activation(x, "Relu")
     rest = 1.0 - slopes
-    if (rest + slopes == 1.0).all() and (
-        (1.0 - rest) == slopes
-    ).all():  # 1 - s is exact: one bent term is tighter
+    if (
+        (rest + slopes == 1.0).all() and ((1.0 - rest) == slopes).all() and not constant.roundings
+    ):  # 1 - s is exact: one bent term is tighter
         terms = [Term(positive, np.diag(rest)), Term(x, np.diag(slopes))]
     else:
         negative = assembly.activation(assembly.scaled(x, -1.0), "Relu")
-        terms = [Term(positive, np.eye(x.size)), Term(negative, np.diag(-slopes))]
-    return [assembly.affine(terms, np.zeros(x.size), x.shape, x.precision)]
+        magnitudes = np.broadcast_to(counted(constant, "slope").magnitudes, x.shape)
+        steep = Term(negative, np.diag(-slopes), np.diag(magnitudes.ravel()))
+        terms = [Term(positive, np.eye(x.size)), steep]
+    return [assembly.affine(terms, np.zeros(x.size), x.shape, x.precision, constant.roundings)]

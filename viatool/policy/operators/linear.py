@@ -229,11 +229,11 @@ def _extreme(
         result = combine(result, other)
     for value in values:
         if isinstance(value, Constant):  # bounds come last, so that equal ones become a clip
-            bounds = finite(value, "constant")
-            if bounds.size and (bounds == bounds.flat[0]).all():
-                result = limit(result, float(bounds.flat[0]))
+            bounds = counted(value, "constant")
+            if bounds.values.size and not bounds.roundings and (bounds.values == bounds.values.flat[0]).all():
+                result = limit(result, float(bounds.values.flat[0]))
             else:
-                result = combine(result, call.assembly.constant(bounds, bounds.shape, result.precision))
+                result = combine(result, call.assembly.inexact(bounds, result.precision))
     return call.assembly.broadcast(result, shape)
 
 

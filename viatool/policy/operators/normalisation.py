@@ -33,10 +33,12 @@ def read_batch_normalization(call: Call) -> Sequence[Value]:
     if call.attributes.get("spatial", 1) != 1:
         raise Refusal("has spatial = 0, which no exporter writes any more")
     x = call.computed(0)
-    scale, shift, mean, variance = (
-        call.weights(index, name)
+    statistics = [
+        counted(call.constant(index, name), name)
         for index, name in enumerate(("scale", "shift", "mean", "variance"), start=1)
-    )
+    ]
+    scale, shift, mean, variance = (numbers.values for numbers in statistics)
+    roundings = _BATCH_ROUNDINGS + sum(numbers.relative_roundings() for numbers in statistics)
     spread = np.sqrt(variance + call.number("epsilon"))
     if not (np.isfinite(spread).all() and (spread > 0).all()):
         raise Refusal("has a variance that is not positive", "train and export the policy again")
@@ -44,11 +46,12 @@ def read_batch_normalization(call: Call) -> Sequence[Value]:
     trailing = (-1, *(1 for _ in x.shape[2:])) if len(x.shape) > 1 else (-1,)
     if np.broadcast_shapes(x.shape, factor.reshape(trailing).shape) != x.shape:
         raise Refusal(f"has {factor.size} channels for the shape {list(x.shape)}")
-    call.assembly.expect_folding(x, _BATCH_ROUNDINGS)
+    call.assembly.expect_folding(x, roundings)
     offset = np.broadcast_to((-mean * factor).reshape(trailing), x.shape)
     matrix = scattered(call, x, x.shape, np.broadcast_to(factor.reshape(trailing), x.shape).ravel())
-    centred = call.assembly.affine([Term(x, matrix)], offset, x.shape, x.precision, _BATCH_ROUNDINGS)
-    return [weighted_sum(call, [centred, Constant(shift.reshape(trailing), x.precision)], (1.0, 1.0))]
+    centred = call.assembly.affine([Term(x, matrix)], offset, x.shape, x.precision, roundings)
+    addend = Constant(shift.reshape(trailing), x.precision, statistics[1].relative_roundings())
+    return [weighted_sum(call, [centred, addend], (1.0, 1.0))]
 
 
 def standardised(

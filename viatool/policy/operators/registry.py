@@ -230,4 +230,5 @@ def counted(constant: Constant, meaning: str) -> Counted:
     array = np.asarray(constant.array, dtype=np.float64)
     if not np.isfinite(array).all():
         raise Refusal(f"has a {meaning} with NaN or infinite numbers", "train and export the policy again")
-    return Counted(array, np.abs(array), constant.roundings)
+    magnitudes = np.abs(array) if constant.magnitude is None else constant.magnitude
+    return Counted(array, magnitudes, constant.roundings)

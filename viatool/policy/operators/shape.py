@@ -19,7 +19,7 @@ from viatool.policy.assembly import Computed, Refusal
 from viatool.policy.folding import evaluate
 from viatool.policy.graph import GraphNode
 from viatool.policy.operators.linear import precision_of
-from viatool.policy.operators.registry import Call, Value, finite, reads
+from viatool.policy.operators.registry import Call, Value, counted, finite, reads
 from viatool.policy.tensors import Constant
 
 _EVERY = 10**6
@@ -94,19 +94,21 @@ def _filling_zeros(node: GraphNode) -> GraphNode:
 def _copied(call: Call, result: Indices, moved: Sequence[tuple[int, Value]]) -> Computed:
     """Turn moved numbers into copies of computed elements, and constants into the bias."""
     flat = result.ravel()
+    precision = precision_of([value for _, value in moved])
     fill = call.number("value") if call.node.operator == "Pad" and call.version == 2 else 0.0
     bias = np.where(flat == 0, fill, 0.0)
     terms = []
     for first, value in moved:
         size = int(np.prod(value.shape, dtype=np.int64))
         here = (flat >= first) & (flat < first + size)
+        if isinstance(value, Constant) and value.roundings:
+            value = call.assembly.inexact(counted(value, "constant"), precision)
         if isinstance(value, Constant):
             bias[here] = finite(value, "constant").ravel()[flat[here] - first]
         else:
             terms.append((value, np.where(here, flat - first, -1)))
     if not terms:
         raise Refusal("has no computed data", "export the policy with fixed shapes and weights")
-    precision = precision_of([value for _, value in moved])
     return call.assembly.copies(terms, bias, tuple(result.shape), precision)
 
 
