@@ -9,9 +9,9 @@ from itertools import product
 import numpy as np
 
 from viatool.arrays import Floats, Indices
-from viatool.policy.assembly import Computed, Refusal, Term
+from viatool.policy.assembly import Computed, Counted, Refusal, Term
 from viatool.policy.operators.reduction import tournament
-from viatool.policy.operators.registry import Call, Value, reads
+from viatool.policy.operators.registry import Call, Value, counted, reads
 
 Shape = tuple[int, ...]
 
@@ -92,29 +92,34 @@ def _split_shape(x: Computed) -> tuple[int, Shape]:
 @reads("Conv", 1, 11, 22, treatment="exact")
 def read_conv(call: Call) -> Sequence[Value]:
     """Read a convolution of any rank, stride, dilation, padding and number of groups."""
-    x, weight = call.computed(0), call.weights(1, "kernel")
+    x, kernel = call.computed(0), counted(call.constant(1, "kernel"), "kernel")
     channels, spatial = _split_shape(x)
     groups = call.integer("group")
-    outputs, inputs = weight.shape[:2]
+    outputs, inputs = kernel.values.shape[:2]
     if groups < 1 or outputs % groups or inputs * groups != channels:
-        raise Refusal(f"has a kernel {list(weight.shape)} in {groups} groups for {channels} channels")
-    positions, lengths = windows(call, spatial, weight.shape[2:])
+        raise Refusal(f"has a kernel {list(kernel.values.shape)} in {groups} groups for {channels} channels")
+    positions, lengths = windows(call, spatial, kernel.values.shape[2:])
     places, area = math.prod(lengths), math.prod(spatial)
     call.assembly.reserve(outputs * places, x.size)
-    matrix = np.zeros((outputs, places, channels, area))
-    per_group = outputs // groups
-    taps = weight.reshape(outputs, inputs, -1)  # (M, C, K)
-    for part, row in enumerate(positions):
-        (read,) = np.nonzero(row >= 0)
-        for group in range(groups):
-            own = slice(group * per_group, (group + 1) * per_group)
-            from_channels = slice(group * inputs, (group + 1) * inputs)
-            matrix[own, read, from_channels, row[read]] += taps[own, :, part]  # (R, M, C)
-    bias = np.repeat(call.weights(2, "bias"), places) if call.has(2) else np.zeros(outputs * places)
-    shape = (1, outputs, *lengths)
-    return [
-        call.assembly.affine([Term(x, matrix.reshape(outputs * places, x.size))], bias, shape, x.precision)
-    ]
+
+    def unrolled(taps: Floats) -> Floats:
+        matrix = np.zeros((outputs, places, channels, area))
+        per_group = outputs // groups
+        taps = taps.reshape(outputs, inputs, -1)  # (M, C, K)
+        for part, row in enumerate(positions):
+            (read,) = np.nonzero(row >= 0)
+            for group in range(groups):
+                own = slice(group * per_group, (group + 1) * per_group)
+                from_channels = slice(group * inputs, (group + 1) * inputs)
+                matrix[own, read, from_channels, row[read]] += taps[own, :, part]  # (R, M, C)
+        return matrix.reshape(outputs * places, x.size)
+
+    term = Term(x, unrolled(kernel.values), unrolled(kernel.magnitudes) if kernel.roundings else None)
+    none = np.zeros(outputs)
+    bias = counted(call.constant(2, "bias"), "bias") if call.has(2) else Counted(none, none)
+    offset, magnitude = (np.repeat(numbers, places) for numbers in (bias.values, bias.magnitudes))
+    shape, roundings = (1, outputs, *lengths), kernel.roundings + bias.roundings
+    return [call.assembly.affine([term], offset, shape, x.precision, roundings, bias_magnitude=magnitude)]
 
 
 @reads("AveragePool", 7, 10, 11, 19, 22, treatment="exact")
