@@ -27,6 +27,7 @@ from viatool.policy.network import (
     Precision,
     Product,
 )
+from viatool.rounding import UNIT_ROUNDOFF
 
 Shape = tuple[int, ...]
 
@@ -37,8 +38,8 @@ MAX_TOTAL_ENTRIES = 2**26
 """Most entries of all weight matrices of a network together."""
 
 
-MOST_ROUNDINGS = 2.0**21
-"""More roundings of a number than this say nothing any more."""
+LARGEST_SHARE = 0.25
+"""A number that may be off by more than this share of itself has no useful bound."""
 
 
 class Refusal(Exception):  # noqa: N818  # not an error of the program: what the reader collects and reports
@@ -97,11 +98,14 @@ class Counted(NamedTuple):
         What their roundings are relative to: their absolute values, or more where they are what is left of a sum.
     roundings : int
         How many roundings, of its magnitude, each number may be off.
+    unit : float
+        What one rounding of a program is.
     """
 
     values: Floats
     magnitudes: Floats
     roundings: int = 0
+    unit: float = UNIT_ROUNDOFF["float32"]
 
     def relative_roundings(self) -> int:
         """Return how many roundings of itself each number may be off.
@@ -114,7 +118,7 @@ class Counted(NamedTuple):
         with np.errstate(divide="ignore", invalid="ignore"):
             share = np.where(self.magnitudes == 0, 0.0, self.magnitudes / np.abs(self.values))
         most = self.roundings * float(share.max(initial=0.0)) if self.roundings else 0.0
-        if not most <= MOST_ROUNDINGS:
+        if not most * self.unit <= LARGEST_SHARE:
             raise Refusal(
                 "uses a constant that runtimes compute differently, in a way that has no bound",
                 "let the exporter fold constants, or simplify the model (onnxsim) before it is verified",

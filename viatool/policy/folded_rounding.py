@@ -17,7 +17,7 @@ from fractions import Fraction
 import numpy as np
 
 from viatool.arrays import Floats
-from viatool.policy.assembly import MOST_ROUNDINGS, Counted, Refusal
+from viatool.policy.assembly import LARGEST_SHARE, Counted, Refusal
 from viatool.policy.tensors import PRECISIONS, Array, Constant, convert
 from viatool.rounding import SMALLEST_NORMAL, UNIT_ROUNDOFF
 
@@ -114,11 +114,10 @@ class _Folding:
 
 
 def numbers_of(constant: Constant) -> Counted:
-    """Return a floating-point constant with its magnitudes."""
+    """Return a constant with its magnitudes."""
     values = np.asarray(constant.array, dtype=np.float64)
-    return Counted(
-        values, np.abs(values) if constant.magnitude is None else constant.magnitude, constant.roundings
-    )
+    magnitudes = np.abs(values) if constant.magnitude is None else constant.magnitude
+    return Counted(values, magnitudes, constant.roundings, UNIT_ROUNDOFF.get(constant.dtype, 0.0))
 
 
 def with_roundings(
@@ -163,7 +162,7 @@ def _inexact(result: Constant, own: Counted) -> Constant:
     )  # below the normal numbers an error is as large as the smallest of them
     magnitude = np.where(lost, np.maximum(own.magnitudes, tiny / unit), own.magnitudes)
     finite = np.isfinite(result.array)
-    if own.roundings * unit > MOST_ROUNDINGS * UNIT_ROUNDOFF["float32"]:
+    if own.roundings * unit > LARGEST_SHARE:
         raise no_bound()
     return Constant(
         np.where(finite, own.values, result.array),

@@ -14,6 +14,7 @@ import numpy as np
 
 from viatool.arrays import Floats
 from viatool.policy.assembly import Assembly, Computed, Counted, Refusal
+from viatool.policy.folded_rounding import numbers_of
 from viatool.policy.graph import GraphNode
 from viatool.policy.tensors import Constant
 
@@ -230,5 +231,4 @@ def counted(constant: Constant, meaning: str) -> Counted:
     array = np.asarray(constant.array, dtype=np.float64)
     if not np.isfinite(array).all():
         raise Refusal(f"has a {meaning} with NaN or infinite numbers", "train and export the policy again")
-    magnitudes = np.abs(array) if constant.magnitude is None else constant.magnitude
-    return Counted(array, magnitudes, constant.roundings)
+    return numbers_of(constant)
