@@ -1,6 +1,6 @@
-"""Constants that a graph computes from others, as programs have them: exact, rounded at each step, or in between.
+"""Constants that a graph computes from others, as programs have them: exact, rounded at each step, in between.
 
-A chain of constants goes into every place that takes one. The exact value is written down in fractions; of the programs,
+A chain of constants goes into every place that takes one. The exact value is written down in fractions; of programs,
 onnxruntime runs the graph itself (without half arithmetic it keeps float32 numbers between the steps) and numpy rounds
 each step to the type of the model.
 """
@@ -62,53 +62,53 @@ class Use:
     """Nodes that make y of x and c, and what the first action is."""
 
     nodes: list[onnx.NodeProto]
-    action: Callable[[Any, Any, Any, Any], Any]
+    action: Callable[[Any, Any, Any], Any]
     kinds: tuple[str, ...] = ("float16", "float32", "float64")
 
 
 USES = {
-    "Add": Use([node("Add", ["x", "c"], ["y"])], lambda x, z, c, a: x + c),
-    "Sub": Use([node("Sub", ["c", "x"], ["y"])], lambda x, z, c, a: c - x),
-    "Mul": Use([node("Mul", ["x", "c"], ["y"])], lambda x, z, c, a: x * c),
-    "Div": Use([node("Div", ["x", "c"], ["y"])], lambda x, z, c, a: x / c),
-    "Div of a constant": Use([node("Div", ["c", "x"], ["y"])], lambda x, z, c, a: c / x),
-    "Max": Use([node("Max", ["x", "c"], ["y"])], lambda x, z, c, a: max(x, c)),
-    "Min": Use([node("Min", ["x", "c"], ["y"])], lambda x, z, c, a: min(x, c)),
+    "Add": Use([node("Add", ["x", "c"], ["y"])], lambda x, z, c: x + c),
+    "Sub": Use([node("Sub", ["c", "x"], ["y"])], lambda x, z, c: c - x),
+    "Mul": Use([node("Mul", ["x", "c"], ["y"])], lambda x, z, c: x * c),
+    "Div": Use([node("Div", ["x", "c"], ["y"])], lambda x, z, c: x / c),
+    "Div of a constant": Use([node("Div", ["c", "x"], ["y"])], lambda x, z, c: c / x),
+    "Max": Use([node("Max", ["x", "c"], ["y"])], lambda x, z, c: max(x, c)),
+    "Min": Use([node("Min", ["x", "c"], ["y"])], lambda x, z, c: min(x, c)),
     "Clip from below": Use(
-        [node("Squeeze", ["c"], ["l"]), node("Clip", ["x", "l"], ["y"])], lambda x, z, c, a: max(x, c)
+        [node("Squeeze", ["c"], ["l"]), node("Clip", ["x", "l"], ["y"])], lambda x, z, c: max(x, c)
     ),
     "Clip from above": Use(
-        [node("Squeeze", ["c"], ["l"]), node("Clip", ["x", "", "l"], ["y"])], lambda x, z, c, a: min(x, c)
+        [node("Squeeze", ["c"], ["l"]), node("Clip", ["x", "", "l"], ["y"])], lambda x, z, c: min(x, c)
     ),
     "Concat": Use(
         [node("Unsqueeze", ["c", "none"], ["r"]), node("Concat", ["r", "x"], ["y"], axis=1)],
-        lambda x, z, c, a: c + 0 * x,
+        lambda x, z, c: c + 0 * x,
     ),
     "MatMul": Use(
-        [node("Concat", ["c", "a"], ["p"], axis=0), node("Unsqueeze", ["p", "last"], ["w"]),
+        [node("Concat", ["c", "c"], ["p"], axis=0), node("Unsqueeze", ["p", "last"], ["w"]),
          node("MatMul", ["x", "w"], ["y"])],
-        lambda x, z, c, a: x * c + z * a,
+        lambda x, z, c: x * c + z * c,
     ),
     "Gemm": Use(
         [node("Concat", ["c", "c"], ["p"], axis=0), node("Unsqueeze", ["p", "last"], ["w"]),
          node("Gemm", ["x", "w", "c"], ["y"])],
-        lambda x, z, c, a: x * c + z * c + c,
+        lambda x, z, c: x * c + z * c + c,
     ),
     "PRelu": Use(
         [node("Neg", ["x"], ["m"]), node("PRelu", ["m", "c"], ["y"])],
-        lambda x, z, c, a: -x * c if x > 0 else -x,
+        lambda x, z, c: -x * c if x > 0 else -x,
         ("float32",),
     ),
     "Conv": Use(
         [node("Unsqueeze", ["x", "none"], ["i"]), node("Reshape", ["c", "cube"], ["k"]),
          node("Conv", ["i", "k", "c"], ["o"]), node("Squeeze", ["o", "none"], ["y"])],
-        lambda x, z, c, a: x * c + c,
+        lambda x, z, c: x * c + c,
         ("float32",),
     ),
     "BatchNormalization": Use(
         [node("Concat", ["c", "c"], ["p"], axis=0),
          node("BatchNormalization", ["x", "one", "p", "p", "one"], ["y"], epsilon=0.0)],
-        lambda x, z, c, a: (x - c) + c,
+        lambda x, z, c: (x - c) + c,
         ("float32",),
     ),
 }  # fmt: skip
@@ -146,11 +146,11 @@ def largest_escape(chain: Chain, use: Use, kind: str, folder: Path) -> float:
         )
         value = chain.value(exactly(a[0]), exactly(b[0]))
         for x, z in points:
-            action = use.action(exactly(x), exactly(z), value, exactly(a[0]))
+            action = use.action(exactly(x), exactly(z), value)
             excess = max(action - exactly(real.upper[0, 0]), exactly(real.lower[0, 0]) - action)
             worst = max(worst, float(excess))
         rounded = chain.value(a, b)[0]
-        strict = [float(use.action(x, z, rounded, a[0])) for x, z in points]
+        strict = [float(use.action(x, z, rounded)) for x, z in points]
         values = np.concatenate([programs(path, points, kind).ravel(), strict])
         values = values[np.isfinite(values)]  # a strict program divides by a constant that vanished
         worst = max(worst, (values - deployed.upper[0, 0]).max(), (deployed.lower[0, 0] - values).max())
