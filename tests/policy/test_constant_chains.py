@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 
 from tests.policy.models import model_of, node, save
 from tests.policy.test_merged_terms import programs
+from tests.taylor.containment import Bare
 from viatool.errors import PolicyError
-from viatool.policy import load_policy, policy
+from viatool.policy import load_policy
 from viatool.policy.assembly import Counted
 from viatool.policy.operators import convolution, elementwise, linear, matrix, normalisation, registry, shape
 from viatool.taylor import reach
@@ -136,7 +137,7 @@ def largest_escape(chain: Chain, use: Use, kind: str, folder: Path) -> float:
     read = {name for call in nodes for name in call.input}
     arrays = {name: array for name, array in constants.items() if name in read}
     path = save(model_of(nodes, arrays, shape=(1, 2), dtype=TYPES[kind], opset=15), folder)
-    loaded = load_policy(path)
+    loaded = Bare(load_policy(path, self_check=False).network)  # without what onnxruntime folded itself
     worst = 0.0
     for centre in (np.array([[0.75, 0.25]]), np.array([[0.0625, -2.0]])):
         points = (centre + 0.01 * np.linspace(-0.99, 0.99, 9)[:, None]).astype(kind)
@@ -180,7 +181,6 @@ def test_a_use_that_does_not_count_the_roundings_of_its_constant_is_found_out(
 
     for module in (convolution, elementwise, linear, matrix, normalisation, shape):
         monkeypatch.setattr(module, "counted", uncounted)
-    monkeypatch.setattr(policy, "check_network", lambda *given, **options: None)
     kind = USES[use].kinds[0]
     assert largest_escape(CHAINS["what is left of a sum"], USES[use], kind, tmp_path) > 0
 
@@ -193,5 +193,4 @@ def test_a_constant_counts_what_it_was_before_it_cancelled(
         return Counted(numbers.values, np.abs(numbers.values), numbers.roundings)
 
     monkeypatch.setattr(linear, "counted", cancelled)
-    monkeypatch.setattr(policy, "check_network", lambda *given, **options: None)
     assert largest_escape(CHAINS["what is left of a sum"], USES["Add"], "float32", tmp_path) > 0

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tests.oracles import MP, activate, derivative, kinks
 from tests.strategies import ACTIVATIONS
-from viatool.policy.activations import ActivationFunction, declared_activations
+from viatool.policy.activations import ActivationFunction, activation, declared_activations
 from viatool.taylor.approximation import approximate
 from viatool.taylor.curve import curve_of
 
@@ -193,3 +193,14 @@ def test_approximation_errors_are_near_the_best_possible(name: str, degree: int)
         fit = np.polynomial.Chebyshev.fit(nodes, function(nodes), degree)
         least = np.abs(function(nodes) - fit(nodes)).max() / 2.2  # a least-squares fit is near the best one
         assert found.error[k] <= 10 * least + 1e-12
+
+
+@pytest.mark.parametrize("limit", [1e17, 1e30, float(np.finfo(np.float32).max), 1.7e308])
+@pytest.mark.parametrize("sides", [("max",), ("min",), ("min", "max")])
+def test_limits_far_away_limit_nothing_near(sides: tuple[str, ...], limit: float) -> None:
+    lower, upper = np.array([-3.0, -1e16, 2.0]), np.array([5.0, -1e15, 1e15])
+    limits = {"min": -limit, "max": limit}
+    curve = curve_of(activation("Clip", **{side: limits[side] for side in sides}))
+    found, slopes = curve.range(lower, upper), curve.range(lower, upper, 1)
+    np.testing.assert_array_equal([found.lower, found.upper], [lower, upper])
+    np.testing.assert_array_equal([slopes.lower, slopes.upper], np.ones((2, 3)))

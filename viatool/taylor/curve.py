@@ -240,16 +240,16 @@ def curve_of(function: ActivationFunction) -> Curve:
 
 
 def _smooth_pieces(function: ActivationFunction) -> tuple[Floats, list[sympy.Expr]]:
-    """Cut a (possibly nested) Piecewise into breakpoints ``(P-1,)`` and P smooth expressions, left to right."""
+    """Cut a (possibly nested) Piecewise into breakpoints ``(P-1,)`` and P smooth expressions, left to right.
+
+    What lies beyond `REACH` is left out.
+    """
     expression = sympy.piecewise_fold(sympy.sympify(function.expression))
     if not expression.is_Piecewise:
         return np.empty(0), [expression]
-    breaks = sorted({float(bound) for _, condition in expression.args for bound in _thresholds(condition)})
-    probes = [
-        breaks[0] - 1,
-        *((a + b) / 2 for a, b in pairwise(breaks)),
-        breaks[-1] + 1,
-    ]
+    bounds = {float(bound) for _, condition in expression.args for bound in _thresholds(condition)}
+    breaks = sorted(bound for bound in bounds if abs(bound) < REACH)
+    probes = [a / 2 + b / 2 for a, b in pairwise([-REACH, *breaks, REACH])]
     return np.array(breaks), [_branch(expression, probe) for probe in probes]
 
 
