@@ -147,6 +147,9 @@ class Assembly:
 
     def __init__(self, input_size: int, precision: Precision) -> None:
         self.nodes: list[Node] = [Input(input_size, precision)]
+        self.call = ""
+        """What is being read, as messages name it: the call that the next nodes come from."""
+        self._calls = [""]
         self._entries = 0
 
     def affine(
@@ -340,7 +343,7 @@ class Assembly:
 
     def network(self, output: Computed) -> Network:
         """Return the network that ends in a value; nodes that it does not need are dropped."""
-        return pruned(self.nodes, output.node)
+        return pruned(self.nodes, output.node, self._calls)
 
     def _together(self, left: Computed, right: Computed) -> tuple[Computed, Computed]:
         shape = np.broadcast_shapes(left.shape, right.shape)
@@ -356,6 +359,7 @@ class Assembly:
             if self._entries > MAX_TOTAL_ENTRIES:
                 raise Refusal("makes the network larger than viatool keeps", "export the actor alone")
         self.nodes.append(node)
+        self._calls.append(self.call)
         return Computed(len(self.nodes) - 1, shape, precision)
 
 
@@ -380,14 +384,15 @@ def broadcast_index(x: Computed, shape: Shape) -> Indices:
     return np.broadcast_to(np.arange(x.size).reshape(x.shape), shape).ravel()
 
 
-def pruned(nodes: Sequence[Node], output: int) -> Network:
+def pruned(nodes: Sequence[Node], output: int, calls: Sequence[str]) -> Network:
     """Return the network of the nodes that one of them depends on, renumbered; the input always stays."""
     needed = {0, output}
     for index in range(output, 0, -1):
         if index in needed:
             needed.update(nodes[index].sources)
     number = {old: new for new, old in enumerate(sorted(needed))}
-    return Network(tuple(_renumbered(nodes[old], number) for old in sorted(needed)))
+    kept = sorted(needed)
+    return Network(tuple(_renumbered(nodes[old], number) for old in kept), tuple(calls[old] for old in kept))
 
 
 def _renumbered(node: Node, number: dict[int, int]) -> Node:

@@ -178,6 +178,8 @@ class Network:
     ----------
     nodes : tuple of Node
         In topological order; ``nodes[0]`` is the only `Input`, the last node is the output.
+    calls : tuple of str
+        For each node the call of the model that it was read from, as messages name it; empty where none is known.
 
     Raises
     ------
@@ -186,6 +188,7 @@ class Network:
     """
 
     nodes: tuple[Node, ...]
+    calls: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.nodes or not isinstance(self.nodes[0], Input):
@@ -198,6 +201,11 @@ class Network:
                     raise ValueError(f"node {index} reads node {source}, which does not stand before it")
             if problem := _problem_of_sizes(node, [self.nodes[source].size for source in node.sources]):
                 raise ValueError(f"node {index}: {problem}")
+
+    def label(self, index: int) -> str:
+        """Return how a node is called in messages: as the call that it was read from, else by its number."""
+        call = self.calls[index] if index < len(self.calls) else ""
+        return f"node {call}" if call else f"node {index} of the network"
 
     @property
     def input_size(self) -> int:

@@ -103,6 +103,7 @@ def read_network(
         values[name] = read_tensor(tensor, folder)
     findings: list[UnreadableNode] = []
     for node in graph.nodes:
+        assembly.call = node.label
         try:
             with np.errstate(all="ignore"):  # what is not finite is refused by name
                 results = _read_node(node, values, assembly)

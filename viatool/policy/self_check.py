@@ -206,8 +206,9 @@ def _batches(program: Runtime, points: Floats, expected: Floats, tolerance: Floa
         actions = program.batch(points[order])
     except PolicyError:
         return False
+    allowed = tolerance[order]
     return actions.shape == expected.shape and bool(
-        (np.abs(actions - expected[order]) <= tolerance[order]).all()
+        ((np.abs(actions - expected[order]) <= allowed) | np.isposinf(allowed)).all()
     )
 
 
@@ -288,13 +289,15 @@ def simulate_rounding(
         # a rare error may jump far, which no few simulations show: only the analysis counts
         return np.full(values[-1].shape, np.inf)
     generator = np.random.default_rng(seed)
-    squares = np.zeros_like(values[-1])
+    squares = [np.zeros_like(value) for value in values]
     with np.errstate(all="ignore"):
         own = _own_errors(network, values)
         for _ in range(_SIMULATIONS):
             noise = [np.where(generator.random(error.shape) < 0.5, error, -error) for error in own]
-            squares += (network.values(points, noise)[-1] - values[-1]) ** 2
-        deviation = _SIMULATED * np.sqrt(squares / _SIMULATIONS)
+            for total, noisy, value in zip(squares, network.values(points, noise), values, strict=True):
+                total += (noisy - value) ** 2
+        spreads = [_SIMULATED * np.sqrt(total / _SIMULATIONS) for total in squares]
+        deviation = np.where(_stay_defined(network, values, spreads)[:, None], spreads[-1], np.inf)
         known = np.isfinite(largest)
         share = np.nan_to_num(np.where(largest > 0.0, deviation / largest, 0.0), nan=1.0, posinf=1.0)
         mean_share = np.square(share).sum(axis=0, where=known) / np.maximum(known.sum(axis=0), 1)
@@ -303,6 +306,17 @@ def simulate_rounding(
     simulated = np.maximum(deviation, common)
     least = _SMALLEST * UNIT_ROUNDOFF[network.nodes[-1].precision] * np.maximum(1.0, np.abs(values[-1]))
     return np.where(np.isfinite(simulated), np.maximum(simulated, least), np.inf)
+
+
+def _stay_defined(network: Network, values: list[Floats], spreads: list[Floats]) -> Booleans:
+    """Return at which points (B,) rounding, of whatever sign, leaves every argument in the domain of its function."""
+    defined = np.ones(len(values[0]), dtype=bool)
+    for node in network.nodes:
+        if isinstance(node, Activation):
+            for side in (-1.0, 1.0):
+                moved = node.function(values[node.source] + side * spreads[node.source])
+                defined &= np.isfinite(moved).all(axis=1)
+    return defined
 
 
 def _own_errors(network: Network, values: list[Floats]) -> list[Floats]:
@@ -355,7 +369,8 @@ def _activation_error(node: Activation, x: Floats, value: Floats, inherited: Flo
     moved = np.zeros_like(value)
     for step in (-1.0, -0.5, 0.5, 1.0):
         moved = np.maximum(moved, np.abs(node.function(x + step * inherited) - value))
-    moved = np.where(np.isnan(moved), np.inf, moved)  # rounding may leave the domain, as that of a logarithm
+    undefined = np.isnan(moved) | ~np.isfinite(inherited)  # rounding may leave the domain, as that of a logarithm
+    moved = np.where(undefined, np.inf, moved)
     units = 0.0 if node.function.name in _EXACT_ACTIVATIONS else _ACTIVATION_UNITS
     size = node.function.amplitude * np.maximum(1.0, np.maximum(np.abs(x), np.abs(value)))
     return moved + units * unit * size

@@ -16,6 +16,7 @@ import numpy as np
 
 from viatool.arrays import Booleans, Floats, Hull, Indices
 from viatool.errors import EnclosureError
+from viatool.policy.activations import ActivationFunction
 from viatool.policy.network import (
     Activation,
     Affine,
@@ -153,7 +154,7 @@ class _Carried:
         if self._with_symbols and rest.any():
             symbols, rest = {**symbols, index: _one_for_each(rest)}, np.zeros_like(rest)
         deviation = Deviation(symbols, rest)
-        self._check_overflow(magnitude(self._hulls[index]) + deviation.bound, self._precision(node))
+        self._check_overflow(index, magnitude(self._hulls[index]) + deviation.bound)
         return deviation
 
     def _precision(self, node: Node) -> Precision:
@@ -167,7 +168,7 @@ class _Carried:
             case Affine():
                 return self._through_affine(node)
             case Activation():
-                return self._through_activation(node)
+                return self._through_activation(index, node)
             case Product():
                 return self._through_product(node)
             case Maximum() | Minimum():
@@ -190,7 +191,7 @@ class _Carried:
         terms = 2 + sum(weight.shape[1] for weight in node.weights)
         return symbols, rest + gamma(terms, ENGINE_ROUNDOFF) * carried
 
-    def _through_activation(self, node: Activation) -> tuple[dict[int, Form], Floats]:
+    def _through_activation(self, index: int, node: Activation) -> tuple[dict[int, Form], Floats]:
         curve, source = curve_of(node.function), self._deviations[node.source]
         symbols, rest = self._without_private(node.source)
         lower, upper = self._program(node.source)
@@ -202,6 +203,7 @@ class _Carried:
         varied = np.where(source.bound == 0, 0.0, varied)
         value = curve.range(lower, upper)
         span = value.upper - value.lower
+        self._check_defined(index, node.function, (lower, upper), span)
         jumps = span < np.abs(middle) * source.bound + varied  # over a jump only the range helps
         middle, varied = np.where(jumps, 0.0, middle), np.where(jumps, span, varied)
         return {key: form.scaled(middle) for key, form in symbols.items()}, np.abs(middle) * rest + varied
@@ -263,7 +265,7 @@ class _Carried:
             return np.zeros_like(self._hulls[index][0])
         sources = [self._program(source) for source in node.sources]
         value = self._exact_on_program(index, node, sources)
-        self._check_overflow(value, precision)
+        self._check_overflow(index, value)
         return own_error(node, precision, sources, value)
 
     def _exact_on_program(self, index: int, node: Node, sources: Sequence[Hull]) -> Floats:
@@ -291,15 +293,33 @@ class _Carried:
         (lower, upper), bound = self._hulls[index], self._deviations[index].bound
         return lower - bound, upper + bound
 
-    def _check_overflow(self, size: Floats, precision: Precision) -> None:
+    def _check_overflow(self, index: int, size: Floats) -> None:
+        precision = self._precision(self._network.nodes[index])
         fits = size < LARGEST[precision]
         if fits.all():
             return
         self._overflows |= ~fits.all(axis=1)
         if self._with_symbols:
             raise EnclosureError(
-                f"an intermediate value may leave the range of {precision} (up to {float(np.max(size)):.3g})",
+                f"{self._network.label(index)}: an intermediate value may leave the range of {precision} "
+                f"(up to {float(np.max(size)):.3g})",
                 "make eps smaller, or check the weights and the units of the observation",
+            )
+
+    def _check_defined(self, index: int, function: ActivationFunction, argument: Hull, span: Floats) -> None:
+        """Refuse where rounding takes an argument out of the domain that the exact one keeps to."""
+        left = ~np.isfinite(span) & np.isfinite(argument[0]) & np.isfinite(argument[1])
+        if not left.any():
+            return
+        self._overflows |= left.any(axis=1)
+        if self._with_symbols:
+            row, neuron = np.argwhere(left)[0]
+            lower, upper = (float(end[row, neuron]) for end in argument)
+            raise EnclosureError(
+                f"{self._network.label(index)}: with the program's rounding the argument of {function.name} may be "
+                f"anything in [{lower:.3g}, {upper:.3g}], where it is not defined or not finite",
+                "make eps smaller; if it is a normalisation, let the model subtract a constant near the mean from what "
+                "is normalised, which changes nothing but its rounding",
             )
 
 

@@ -44,7 +44,7 @@ def split_head(network: Network) -> tuple[Network, tuple[HeadNode, ...]]:
     while (node := _increasing(network.nodes[cut - 1])) and node.sources == (cut - 2,):
         cut -= 1
         head.insert(0, node)
-    return Network(network.nodes[:cut]), tuple(head)
+    return Network(network.nodes[:cut], network.calls[:cut]), tuple(head)
 
 
 def values_through(head: Sequence[HeadNode], values: Floats) -> Floats:

@@ -14,6 +14,7 @@ from viatool.policy.network import Precision
 from viatool.policy.operators.elementwise import clipped
 from viatool.policy.operators.gates import gated, softsign
 from viatool.policy.operators.registry import Call, Comparison, Result, Value, counted, finite, reads
+from viatool.policy.operators.variance import difference_of_means
 from viatool.policy.tensors import Constant, as_precision, dtype_name
 
 Shape = tuple[int, ...]
@@ -83,8 +84,13 @@ def read_add(call: Call) -> Sequence[Value]:
 
 @reads("Sub", 6, 7, 13, 14, treatment="exact")
 def read_sub(call: Call) -> Sequence[Value]:
-    """Read a difference of two values."""
-    return [weighted_sum(call, operands(call), (1.0, -1.0))]
+    """Read a difference of two values; that of a mean of squares and a squared mean is a variance."""
+    left, right = operands(call)
+    if isinstance(left, Computed) and isinstance(right, Computed):
+        squares = difference_of_means(call.assembly, left, right)
+        if squares is not None:
+            return [squares]
+    return [weighted_sum(call, (left, right), (1.0, -1.0))]
 
 
 @reads("Sum", 6, 8, 13, treatment="exact")

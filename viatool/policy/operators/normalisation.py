@@ -2,8 +2,8 @@
 
 The float32 contract covers the program's own order of operations. A batch normalisation may be computed as
 ``(x - mean) / spread * scale + shift`` or with the constants joined beforehand, so its factor carries the
-roundings of both. A layer normalisation is taken to compute its variance from deviations, as onnxruntime
-does.
+roundings of both. A variance may be computed from deviations, as a mean of squares less a squared mean, or by
+updates (see `variance`), and what is normalised as a deviation, or with the mean joined to the shift.
 """
 
 from __future__ import annotations
@@ -13,12 +13,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from viatool.policy.activations import activation
 from viatool.policy.assembly import Computed, Refusal, Term
+from viatool.policy.network import Precision
 from viatool.policy.operators.linear import scaled_by, scattered, weighted_sum
-from viatool.policy.operators.reduction import normalised_axes, summed
+from viatool.policy.operators.reduction import means, normalised_axes, summed
 from viatool.policy.operators.registry import Call, Value, counted, reads
-from viatool.policy.tensors import Constant
+from viatool.policy.operators.variance import variance
+from viatool.policy.tensors import Constant, as_precision, dtype_name
+from viatool.rounding import UNIT_ROUNDOFF
 
 _BATCH_ROUNDINGS = 6
 """var + eps, its root, the reciprocal, times scale, times mean, and that of the stored float64 factor."""
@@ -65,11 +67,23 @@ def standardised(
     assembly = call.assembly
     mean = summed(call, x, axes, keep=True, mean=True)
     deviation = weighted_sum(call, [x, mean], (1.0, -1.0)) if centre else x
-    square = assembly.activation(deviation, activation("Pow", exponent=2.0))
-    variance = summed(call, square, axes, keep=True, mean=True)
-    spread = assembly.activation(assembly.scaled(variance, 1.0, epsilon), "Sqrt")
+    squares = variance(assembly, deviation, means(call, x, axes), mean.shape, uncentred=x if centre else None)
+    spread = assembly.activation(assembly.scaled(squares, 1.0, epsilon), "Sqrt")
     reciprocal = assembly.activation(spread, "Reciprocal")
     return assembly.product(deviation, reciprocal), mean, reciprocal
+
+
+def _first_stage(call: Call, x: Computed) -> Computed:
+    """Return x in the precision in which an operator with a `stash_type` computes statistics.
+
+    It is that of the attribute, float32 by default, also for a narrower x. Onnxruntime's kernel takes no double for a
+    float32 x, and where there is no kernel for doubles they are computed in float32 indeed.
+    """
+    stash = as_precision(dtype_name(call.integer("stash_type")) or "")
+    if stash is None:
+        raise Refusal("has a stash_type that is no floating-point type", "export the policy anew")
+    widest: Precision = "float64" if x.precision == "float64" else "float32"
+    return call.assembly.cast(x, max(stash, widest, key=UNIT_ROUNDOFF.__getitem__))
 
 
 def _scaled_and_shifted(call: Call, x: Computed, scale: Value, shift: Value | None) -> Computed:
@@ -84,7 +98,9 @@ def read_layer_normalization(call: Call) -> Sequence[Value]:
     """Read a normalisation over the last axes, with its optional mean and reciprocal spread."""
     x = call.computed(0)
     (axis,) = normalised_axes([call.integer("axis")], x)
-    result, mean, reciprocal = standardised(call, x, range(axis, len(x.shape)), call.number("epsilon"))
+    axes, inner = range(axis, len(x.shape)), _first_stage(call, x)
+    result, mean, reciprocal = standardised(call, inner, axes, call.number("epsilon"))
+    result = call.assembly.cast(result, x.precision)
     shift = call.value(2) if call.has(2) else None
     return [_scaled_and_shifted(call, result, call.value(1), shift), mean, reciprocal]
 
@@ -94,7 +110,9 @@ def read_rms_normalization(call: Call) -> Sequence[Value]:
     """Read a division by the root mean square over the last axes."""
     x = call.computed(0)
     (axis,) = normalised_axes([call.integer("axis")], x)
-    result, _, _ = standardised(call, x, range(axis, len(x.shape)), call.number("epsilon"), centre=False)
+    axes, inner = range(axis, len(x.shape)), _first_stage(call, x)
+    result, _, _ = standardised(call, inner, axes, call.number("epsilon"), centre=False)
+    result = call.assembly.cast(result, x.precision)
     return [_scaled_and_shifted(call, result, call.value(1), None)]
 
 
@@ -112,9 +130,9 @@ def read_group_normalization(call: Call) -> Sequence[Value]:
     x, groups = call.computed(0), call.integer("num_groups")
     if len(x.shape) < 2 or groups < 1 or x.shape[1] % groups:
         raise Refusal(f"has {groups} groups for the shape {list(x.shape)}")
-    grouped = x.reshaped((x.shape[0], groups, x.size // (x.shape[0] * groups)))
+    grouped = _first_stage(call, x).reshaped((x.shape[0], groups, x.size // (x.shape[0] * groups)))
     result, _, _ = standardised(call, grouped, [2], call.number("epsilon"))
-    return [_by_channel(call, result.reshaped(x.shape))]
+    return [_by_channel(call, call.assembly.cast(result, x.precision).reshaped(x.shape))]
 
 
 def _by_channel(call: Call, x: Computed) -> Computed:

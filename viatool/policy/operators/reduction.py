@@ -11,6 +11,7 @@ from viatool.arrays import Floats, Indices
 from viatool.policy.activations import activation
 from viatool.policy.assembly import Computed, Refusal, Term
 from viatool.policy.operators.registry import Call, Value, reads
+from viatool.policy.operators.variance import mean_of_squares
 
 Shape = tuple[int, ...]
 
@@ -44,15 +45,26 @@ def normalised_axes(axes: Sequence[int], x: Computed) -> tuple[int, ...]:
 
 def summed(call: Call, x: Computed, axes: Sequence[int], *, keep: bool, mean: bool = False) -> Computed:
     """Add the sum or the mean of x along axes."""
-    count = math.prod(x.shape[axis] for axis in axes)
+    weights = means(call, x, axes) if mean else _sums(call, x, axes)
     shape = _reduced_shape(x, axes, keep)
+    return call.assembly.affine(
+        [Term(x, weights)], np.zeros(len(weights)), shape, x.precision, roundings=int(mean)
+    )
+
+
+def means(call: Call, x: Computed, axes: Sequence[int]) -> Floats:
+    """Return the matrix ``(G, x.size)`` of the means along axes; rounded once where they are divided."""
+    count = math.prod(x.shape[axis] for axis in axes)
+    return _sums(call, x, axes) / count
+
+
+def _sums(call: Call, x: Computed, axes: Sequence[int]) -> Floats:
     after_basis = tuple(axis + 1 for axis in axes)
 
     def total(basis: Floats) -> Floats:
-        result: Floats = basis.sum(axis=after_basis)
-        return result / count if mean else result
+        return np.asarray(basis.sum(axis=after_basis))
 
-    return call.assembly.linear(x, total, shape, roundings=int(mean))
+    return call.assembly.matrix(x, total, _reduced_shape(x, axes, keep=True))
 
 
 def _reduced_shape(x: Computed, axes: Sequence[int], keep: bool) -> Shape:
@@ -77,7 +89,9 @@ def read_reduce_sum(call: Call) -> Sequence[Value]:
 def read_reduce_mean(call: Call) -> Sequence[Value]:
     """Read a mean along axes."""
     x, axes, keep = _arguments(call)
-    return [summed(call, x, axes, keep=keep, mean=True)]
+    shape = _reduced_shape(x, axes, keep)
+    squares = mean_of_squares(call.assembly, x, means(call, x, axes), shape)
+    return [squares or summed(call, x, axes, keep=keep, mean=True)]
 
 
 @reads("ReduceSumSquare", 1, 11, 13, 18, treatment="enclosed")
