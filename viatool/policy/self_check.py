@@ -369,7 +369,9 @@ def _activation_error(node: Activation, x: Floats, value: Floats, inherited: Flo
     moved = np.zeros_like(value)
     for step in (-1.0, -0.5, 0.5, 1.0):
         moved = np.maximum(moved, np.abs(node.function(x + step * inherited) - value))
-    undefined = np.isnan(moved) | ~np.isfinite(inherited)  # rounding may leave the domain, as that of a logarithm
+    undefined = np.isnan(moved) | ~np.isfinite(
+        inherited
+    )  # rounding may leave the domain, as that of a logarithm
     moved = np.where(undefined, np.inf, moved)
     units = 0.0 if node.function.name in _EXACT_ACTIVATIONS else _ACTIVATION_UNITS
     size = node.function.amplitude * np.maximum(1.0, np.maximum(np.abs(x), np.abs(value)))

@@ -40,7 +40,9 @@ _NOTES = """\
 - Each operator of the graph is one step of the network, so its rounding is counted where the program rounds.
   Moving elements about is exact.
 - Division by a constant, batch normalisation and means carry the extra roundings of the program on each term.
-- Layer normalisation is taken to compute its variance from deviations, as onnxruntime does.
+- A variance may be computed in two passes, in one (the mean of squares less the squared mean, which cancels) or by
+  updates, in any order; also where a graph spells it out, as runtimes join its operators. Statistics are taken in the
+  precision that `stash_type` names.
 - Activations that exporters write as several operators (`x * Sigmoid(x)`, `x * (1 + Erf(x / 1.4142135))`,
   `Where(x > 20, x, Softplus(x))`, ...) are recognised where they are equal to one function in real arithmetic.
 - Constants are folded in the element types of the model. What IEEE 754 fixes (sums, products, quotients, roots) is the
