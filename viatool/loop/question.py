@@ -25,8 +25,9 @@ from viatool.sets.states import StateBoxes
 from viatool.setting.rules import Rules
 from viatool.setting.setting import Setting
 from viatool.sight.shapes import Shapes
-from viatool.taylor.correlated import CorrelatedReach, input_model, reach_correlated
+from viatool.taylor.correlated import CorrelatedReach, LinearReach, input_model, reach_correlated
 from viatool.taylor.reach import Arithmetic, networks_of
+from viatool.taylor.watch import require_program_within
 from viatool.world import Scenario
 
 _CHUNK = 256
@@ -180,6 +181,17 @@ class Question:
             )
         )
 
+    def watch(self, observations: Floats, reached: CorrelatedReach | LinearReach) -> None:
+        """Run the deployed program on an observation (C, n) of each set.
+
+        Raises
+        ------
+        SelfCheckError
+            If it leaves the bounds of its set.
+        """
+        if self.arithmetic == "float32":
+            require_program_within(self.policy, observations[None], reached.lower, reached.upper)
+
     def _chunks(self, count: int, most: int) -> list[slice]:
         """Cut cells so that the arrays over cells and shapes stay small, however many shapes there are."""
         step = int(np.clip(_CHUNK_PAIRS // len(self.sensors.shapes), 8, most))
@@ -196,6 +208,7 @@ class Question:
                 for network in networks_of(self.policy, self.arithmetic)
             ]
         )
+        self.watch(seen.centre, reached)
         bounds = reached.lower[:, columns], reached.upper[:, columns]
         require_ordered("commands", *bounds)
         lower, upper = (self.rules.clip(end) for end in bounds)

@@ -147,6 +147,7 @@ def _step(question: Question, states: Forms) -> Step:
             for network in networks_of(question.policy, arithmetic)
         ]
     )
+    question.watch(seen.centre, reached)
     columns, rules = question.setting.columns, question.rules
     bounds = reached.lower[:, columns], reached.upper[:, columns]
     require_ordered("commands", *bounds)

@@ -54,7 +54,9 @@ def climb(
     return best, np.asarray(value)
 
 
-def attained_values(network: Network, box: Box, extrema: Extrema, *, steps: int = 4) -> Floats:
+def attained_actions(
+    network: Network, box: Box, extrema: Extrema, *, steps: int = 4
+) -> tuple[Floats, Floats]:
     """Search B boxes for extreme actions.
 
     Parameters
@@ -71,8 +73,10 @@ def attained_values(network: Network, box: Box, extrema: Extrema, *, steps: int 
     Returns
     -------
     ndarray
-        ``(2 A B,)``: values of ``seed . actions`` in float64, each attained at a point of its box.
+        ``(2 A B, n)``: points of the boxes.
+    ndarray
+        ``(2 A B,)``: values of ``seed . actions`` there, in float64.
     """
     copies = extrema.bound.size // box.lower.shape[0] if extrema.bound.size else 0
     boxes = Box(np.tile(box.lower, (copies, 1)), np.tile(box.upper, (copies, 1)))
-    return climb(network, boxes, extrema.seed, extrema.box.centre, steps=steps)[1]
+    return climb(network, boxes, extrema.seed, extrema.box.centre, steps=steps)

@@ -9,7 +9,7 @@ them and shrink as it contracts.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -39,6 +39,11 @@ _WORTH = 2.0**-5
 
 _ROUNDINGS_WORTH = 32.0
 """Roundings of an action, or of 1, up to which a deviation is not worth symbols: two millionths in float32."""
+
+_UNKNOWN = (
+    "nothing is known of what the program's rounding does to an action",
+    "make eps smaller, or check the weights and the units of the observation",
+)
 
 _FLOATS_TOGETHER = 2**22
 """Floats in the symbols of one node, over the states that are looked at together."""
@@ -75,7 +80,13 @@ class Deviation:
         return {key: form.scaled(factor) for key, form in self.symbols.items()}
 
 
-def runtime_deviation(network: Network, hulls: Sequence[Hull], *, engine: bool = False) -> Floats:
+Finer = Callable[[Indices], Sequence[Hull]]
+"""Gives tighter hulls of every node for some of the states."""
+
+
+def runtime_deviation(
+    network: Network, hulls: Sequence[Hull], *, engine: bool = False, finer: Finer | None = None
+) -> Floats:
     """Bound how far a floating-point evaluation strays from the exact network, anywhere in a box.
 
     Parameters
@@ -86,6 +97,9 @@ def runtime_deviation(network: Network, hulls: Sequence[Hull], *, engine: bool =
         For each node, bounds ``(B, size)`` of its exact value over the box.
     engine : bool
         Account for `Network.__call__` in float64 on exact inputs, in place of the deployed program.
+    finer : callable, optional
+        Is asked for tighter hulls of the states whose deviation still is large, since errors grow with what the slopes
+        vary over the hulls.
 
     Returns
     -------
@@ -104,15 +118,21 @@ def runtime_deviation(network: Network, hulls: Sequence[Hull], *, engine: bool =
     slope s between x and x + d passes on ``s d``, s within the slopes of the box widened by the bound of d (mean value
     theorem); its middle scales the forms of d, its half-width times the bound of d joins the node's own error.
     """
-    carried = _Carried(network, hulls, engine=engine, with_symbols=False).to_actions()
-    for rows in _blocks(network, np.flatnonzero(_is_worth_symbols(network, hulls[-1], carried))):
-        some = [(lower[rows], upper[rows]) for lower, upper in hulls]
-        finer = _Carried(network, some, engine=engine, with_symbols=True).to_actions()
-        carried[rows] = np.fmin(carried[rows], finer)
-    return carried
+    by_norms = _Carried(network, hulls, engine=engine, with_symbols=False)
+    deviation, problem = by_norms.to_actions(), by_norms.problem
+    for given in (lambda rows: [(lower[rows], upper[rows]) for lower, upper in hulls], finer):
+        if given is None:
+            continue
+        for rows in _blocks(network, np.flatnonzero(_is_worth_more(network, hulls[-1], deviation))):
+            by_symbols = _Carried(network, given(rows), engine=engine, with_symbols=True)
+            deviation[rows] = np.fmin(deviation[rows], by_symbols.to_actions())
+            problem = by_symbols.problem or problem
+    if not np.isfinite(deviation).all():
+        raise EnclosureError(*(problem or _UNKNOWN))
+    return deviation
 
 
-def _is_worth_symbols(network: Network, actions: Hull, deviation: Floats) -> Booleans:
+def _is_worth_more(network: Network, actions: Hull, deviation: Floats) -> Booleans:
     unit = UNIT_ROUNDOFF[network.nodes[-1].precision]
     roundings = _ROUNDINGS_WORTH * unit * np.maximum(1.0, magnitude(actions))
     negligible = _WORTH * (actions[1] - actions[0]) + roundings
@@ -136,6 +156,7 @@ class _Carried:
         self._with_symbols = with_symbols
         self._deviations: list[Deviation] = []
         self._overflows = np.zeros(hulls[0][0].shape[0], dtype=bool)
+        self.problem: tuple[str, str] | None = None
         self._readers = np.zeros(len(network.nodes), dtype=int)
         for node in network.nodes:
             np.add.at(self._readers, list(node.sources), 1)
@@ -299,28 +320,31 @@ class _Carried:
         if fits.all():
             return
         self._overflows |= ~fits.all(axis=1)
-        if self._with_symbols:
-            raise EnclosureError(
-                f"{self._network.label(index)}: an intermediate value may leave the range of {precision} "
-                f"(up to {float(np.max(size)):.3g})",
-                "make eps smaller, or check the weights and the units of the observation",
-            )
+        self._note(
+            index,
+            f"an intermediate value may leave the range of {precision} (up to {float(np.max(size)):.3g})",
+            "make eps smaller, or check the weights and the units of the observation",
+        )
 
     def _check_defined(self, index: int, function: ActivationFunction, argument: Hull, span: Floats) -> None:
-        """Refuse where rounding takes an argument out of the domain that the exact one keeps to."""
+        """Note where rounding takes an argument out of the domain that the exact one keeps to."""
         left = ~np.isfinite(span) & np.isfinite(argument[0]) & np.isfinite(argument[1])
         if not left.any():
             return
         self._overflows |= left.any(axis=1)
-        if self._with_symbols:
-            row, neuron = np.argwhere(left)[0]
-            lower, upper = (float(end[row, neuron]) for end in argument)
-            raise EnclosureError(
-                f"{self._network.label(index)}: with the program's rounding the argument of {function.name} may be "
-                f"anything in [{lower:.3g}, {upper:.3g}], where it is not defined or not finite",
-                "make eps smaller; if it is a normalisation, let the model subtract a constant near the mean from what "
-                "is normalised, which changes nothing but its rounding",
-            )
+        row, neuron = np.argwhere(left)[0]
+        lower, upper = (float(end[row, neuron]) for end in argument)
+        self._note(
+            index,
+            f"with the program's rounding the argument of {function.name} may be "
+            f"anything in [{lower:.3g}, {upper:.3g}], where it is not defined or not finite",
+            "make eps smaller; if it is a normalisation, let the model subtract a constant near the mean from what "
+            "is normalised, which changes nothing but its rounding",
+        )
+
+    def _note(self, index: int, problem: str, hint: str) -> None:
+        """Keep the first reason why nothing is known of some states."""
+        self.problem = self.problem or (f"{self._network.label(index)}: {problem}", hint)
 
 
 def _one_for_each(error: Floats) -> Diagonal:

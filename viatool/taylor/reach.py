@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal, Protocol, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from viatool.arrays import Floats
+from viatool.arrays import Floats, Hull, Indices
 from viatool.errors import ConfigurationError, EnclosureError
 from viatool.policy.network import Network
 from viatool.taylor.approximation import Approximation
-from viatool.taylor.attained import attained_values
+from viatool.taylor.attained import attained_actions
 from viatool.taylor.deviation import runtime_deviation
 from viatool.taylor.head import hulls_through, split_head, values_through
 from viatool.taylor.higher_order import higher_hulls
@@ -22,6 +23,7 @@ from viatool.taylor.propagation import Box, propagate
 from viatool.taylor.refinement import extrema_of, refine_by_order, refine_by_pieces, refine_monotone, unfold
 from viatool.taylor.rounding import widen
 from viatool.taylor.splitting import SplittingEffort, refine_by_splitting
+from viatool.taylor.watch import require_program_within
 
 Refinement = Literal["none", "monotone", "split"]
 Arithmetic = Literal["float32", "real"]
@@ -186,6 +188,9 @@ def reach(
         If no finite enclosure exists.
     BoundsError
         If bounds come out the wrong way round, which is a fault of viatool.
+    SelfCheckError
+        If the deployed program leaves the bounds in the middle of a box or at a corner where extreme actions were
+        found.
 
     Notes
     -----
@@ -205,8 +210,11 @@ def reach(
     parts = []
     for rows in blocks_of_states(network, box.lower.shape[0]):
         with np.errstate(divide="ignore", over="ignore", invalid="ignore"):  # unbounded slopes, overflows
-            sets = [_reach_chunk(each, box.rows(rows), settings) for each in networks]
-        parts.append(ReachableSet.hull(sets))
+            found = [_reach_chunk(each, box.rows(rows), settings) for each in networks]
+        parts.append(ReachableSet.hull([each for each, _ in found]))
+        if arithmetic == "float32":
+            for _, points in found:
+                require_program_within(policy, points, parts[-1].lower, parts[-1].upper)
         if progress is not None:
             progress(parts[-1].lower.shape[0])
     if not parts:
@@ -248,7 +256,8 @@ def observation_box(policy: HasNetwork, observations: ArrayLike, eps: ArrayLike)
     )
 
 
-def _reach_chunk(network: Network, box: Box, settings: _Settings) -> ReachableSet:
+def _reach_chunk(network: Network, box: Box, settings: _Settings) -> tuple[ReachableSet, Floats]:
+    """Return the reachable sets of some boxes, and observations (K, B, n) in them: the middle, and extreme ones."""
     trunk, head = split_head(network)
     passes = propagate(trunk, box, rule=settings.rule)
     hulls = [enclosure.hull for enclosure in passes]
@@ -257,7 +266,7 @@ def _reach_chunk(network: Network, box: Box, settings: _Settings) -> ReachableSe
         extrema = refine_by_pieces(trunk, extrema, passes)
     if settings.refine != "none":
         extrema = refine_monotone(trunk, extrema, passes, rule=settings.rule)
-    found = attained_values(trunk, box, extrema, steps=1 if settings.refine == "none" else 4)
+    points, found = attained_actions(trunk, box, extrema, steps=1 if settings.refine == "none" else 4)
     if settings.refine != "none":
         extrema, found = refine_by_splitting(
             trunk, extrema, found, rule=settings.rule, effort=settings.effort
@@ -273,10 +282,22 @@ def _reach_chunk(network: Network, box: Box, settings: _Settings) -> ReachableSe
     smallest, largest = (values_through(head, value) for value in unfold(found, actions))
     deviation = np.zeros_like(lower)
     if settings.arithmetic == "float32":
-        deviation = runtime_deviation(network, hulls_through(head, hulls))
+        finer = None if settings.refine == "none" else partial(_finer_hulls, network, box, hulls, settings)
+        deviation = runtime_deviation(network, hulls_through(head, hulls), finer=finer)
     if not np.isfinite(upper - lower).all():
         raise EnclosureError(
             "an action has no finite bounds on some box",
             "make eps smaller, or check the weights and the units of the observation",
         )
-    return ReachableSet(*widen(lower, upper, deviation), smallest, largest, deviation)
+    reached = ReachableSet(*widen(lower, upper, deviation), smallest, largest, deviation)
+    return reached, np.concatenate([box.centre[None], points.reshape(-1, *box.lower.shape)])
+
+
+def _finer_hulls(
+    network: Network, box: Box, hulls: Sequence[Hull], settings: _Settings, rows: Indices
+) -> list[Hull]:
+    """Return hulls of every node over some boxes with those of a pass of the next order met."""
+    trunk, head = split_head(network)
+    known = [(lower[rows], upper[rows]) for lower, upper in hulls]
+    order = settings.order + 1
+    return hulls_through(head, higher_hulls(trunk, box.rows(rows), known, order=order, rule=settings.rule))
