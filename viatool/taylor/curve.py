@@ -9,7 +9,7 @@ the two ends and of one precomputed table entry.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise
@@ -22,7 +22,10 @@ from viatool.policy.activations import FLOAT_MODULES, ActivationFunction, X
 from viatool.taylor.interval import ENCLOSED_FUNCTIONS, Interval, interval_of
 
 REACH = 1e30
-"""Pre-activations beyond this magnitude are not enclosed."""
+"""Pre-activations beyond this magnitude are not enclosed where a function is curved."""
+
+_EVERYWHERE = float(np.finfo(np.float64).max)
+"""What is piecewise linear is known wherever a number is."""
 
 RISING, FALLING, CONSTANT, UNKNOWN = 1, -1, 0, 2
 
@@ -39,7 +42,7 @@ class CurveCells:
     Parameters
     ----------
     edges : ndarray
-        ``(K+1,)``, from -`REACH` to `REACH`.
+        ``(K+1,)``, from one end of the curve's reach to the other.
     kinds : ndarray
         ``(K,)``: `RISING`, `FALLING`, `CONSTANT` or `UNKNOWN` on each cell.
     hulls : tuple of ndarray
@@ -83,6 +86,7 @@ class Curve:
     def __init__(self, function: ActivationFunction) -> None:
         self.function = function
         self.breaks, expressions = _smooth_pieces(function)
+        self.reach = _EVERYWHERE if _are_straight(expressions) else REACH
         self._derivatives: list[list[sympy.Expr]] = [expressions]
         self._enclosed: dict[int, list[Callable[[Interval], Interval]]] = {}
         self._floats: dict[int, list[Callable[[Floats], Floats]]] = {}
@@ -136,7 +140,7 @@ class Curve:
         """
         cells = self.cells(derivative)
         first, last = cells.locate(lower, upper)
-        beyond = ~((lower >= -REACH) & (upper <= REACH))
+        beyond = ~((lower >= -self.reach) & (upper <= self.reach))
         if cells.is_stepwise:
             return Interval(
                 np.where(beyond, -np.inf, cells.table[0][first, last]),
@@ -205,13 +209,13 @@ class Curve:
         return self._derivatives[derivative]
 
     def _find_cells(self, derivative: int) -> CurveCells:
-        borders = [-REACH, *self.breaks.tolist(), REACH]
+        borders = [-self.reach, *self.breaks.tolist(), self.reach]
         found: list[tuple[float, float, int, float, float]] = []
         for value, slope, left, right in zip(
             self._pieces(derivative), self._pieces(derivative + 1), borders[:-1], borders[1:], strict=True
         ):
             found += _sign_cells(value, slope, left, right)
-        edges = np.array([cell[0] for cell in found] + [REACH])
+        edges = np.array([cell[0] for cell in found] + [self.reach])
         kinds = np.array([cell[2] for cell in found], dtype=np.intp)
         hulls = (np.array([cell[3] for cell in found]), np.array([cell[4] for cell in found]))
         nodes = self.enclose(edges[1:-1], derivative)
@@ -242,15 +246,22 @@ def curve_of(function: ActivationFunction) -> Curve:
 def _smooth_pieces(function: ActivationFunction) -> tuple[Floats, list[sympy.Expr]]:
     """Cut a (possibly nested) Piecewise into breakpoints ``(P-1,)`` and P smooth expressions, left to right.
 
-    What lies beyond `REACH` is left out.
+    Kinks of a function that is curved somewhere are left out where they are farther away than it is enclosed.
     """
     expression = sympy.piecewise_fold(sympy.sympify(function.expression))
     if not expression.is_Piecewise:
         return np.empty(0), [expression]
+    straight = _are_straight([branch for branch, _ in expression.args])
+    reach = _EVERYWHERE if straight else REACH
     bounds = {float(bound) for _, condition in expression.args for bound in _thresholds(condition)}
-    breaks = sorted(bound for bound in bounds if abs(bound) < REACH)
-    probes = [a / 2 + b / 2 for a, b in pairwise([-REACH, *breaks, REACH])]
+    breaks = sorted(bound for bound in bounds if abs(bound) < reach)
+    probes = [a / 2 + b / 2 for a, b in pairwise([-reach, *breaks, reach])]
     return np.array(breaks), [_branch(expression, probe) for probe in probes]
+
+
+def _are_straight(expressions: Iterable[sympy.Expr]) -> bool:
+    """Whether all are linear functions."""
+    return all(expression.diff(X, 2) == 0 for expression in expressions)
 
 
 def _thresholds(condition: sympy.Basic) -> list[sympy.Expr]:

@@ -89,7 +89,9 @@ def interval_of(value: Interval | float) -> Interval:
     if isinstance(value, Interval):
         return value
     point = np.asarray(value, dtype=np.float64)
-    if float(np.float32(point)) == float(point):  # 0.5, 2, ...: exact
+    with np.errstate(over="ignore"):
+        single = np.float32(point)
+    if float(single) == float(point):  # 0.5, 2, ...: exact
         return Interval(point, point)
     return Interval(step_down(point), step_up(point))  # 1/3, pi, ...: the nearest float
 
