@@ -251,7 +251,9 @@ class Builder:
     def axis(self, x: Value) -> int:
         """Pick an axis that is not the batch; sometimes counted from the end."""
         rank = len(x.shape)
-        axis = self.between(1 if self.batched and rank > 1 else 0, rank - 1)
+        if self.batched and rank == 1:
+            raise Unfit("the batch is the only axis")
+        axis = self.between(1 if self.batched else 0, rank - 1)
         return axis - rank if self.chance(0.3) else axis
 
     # --- files ---
