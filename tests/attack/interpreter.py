@@ -89,7 +89,7 @@ def _sigmoid(m: Any, x: Any) -> Any:
 
 def _gelu(m: Any, x: Any, approximate: Any = "none") -> Any:
     if approximate in ("tanh", b"tanh"):
-        return x * _sigmoid(m, 2 * m.sqrt(2 / m.pi) * (x + m.mpf(Fraction(44715, 1000000)) * x * x * x))
+        return x * _sigmoid(m, 2 * m.sqrt(2 / m.pi) * (x + m.mpf(44715) / 1000000 * x * x * x))
     return x * m.erfc(-x / m.sqrt(m.mpf(2))) / 2
 
 
