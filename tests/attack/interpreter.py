@@ -1,9 +1,8 @@
 """What the graph in an ONNX file computes, exactly or in 240 bits: an interpreter of the file itself.
 
-Nothing here imports `viatool`, so that a wrong reader, a wrong bound and a wrong answer have no common cause.
-Constant parts are evaluated by the reference implementation of ONNX in the element types of the model, since that is
-what their values mean; whatever depends on the observation is a real number. Moving elements about is left to
-onnxruntime, which moves their numbers.
+Nothing here imports `viatool`, so that a wrong reader, a wrong bound and a wrong answer have no common cause. Steps
+between constants, such as rounding to integers, are taken by the reference implementation of ONNX in the element types
+of the model; moving elements about is left to onnxruntime, which moves their numbers.
 """
 
 from __future__ import annotations
@@ -38,14 +37,25 @@ MOVING = frozenset(
 
 RATIONAL = MOVING | frozenset(
     (
-        "Abs", "Add", "And", "AveragePool", "Cast", "Clip", "Conv", "Div", "Dropout", "Gemm", "GlobalAveragePool",
+        "Abs", "Add", "And", "AveragePool", "Cast", "Clip", "Conv", "CumProd", "CumSum", "DequantizeLinear", "Div",
+        "Dropout", "Gemm", "GlobalAveragePool",
         "GlobalMaxPool", "Greater", "GreaterOrEqual", "HardSigmoid", "HardSwish", "Identity", "LeakyRelu", "Less",
         "LessOrEqual", "MatMul", "Max", "MaxPool", "Mean", "Min", "Mul", "Neg", "Not", "Or", "PRelu", "Reciprocal",
-        "ReduceL1", "ReduceMax", "ReduceMean", "ReduceMin", "ReduceSum", "ReduceSumSquare", "Relu", "Shape", "Sign",
+        "ReduceL1", "ReduceMax", "ReduceMean", "ReduceMin", "ReduceProd", "ReduceSum", "ReduceSumSquare", "Relu", "Shape", "Sign",
         "Size", "Softsign", "Sub", "Sum", "ThresholdedRelu", "Where",
     )
 )  # fmt: skip
 """Operators that make rationals of rationals."""
+
+
+STEPS = frozenset(
+    (
+        "ArgMax", "ArgMin", "BitShift", "BitwiseAnd", "BitwiseNot", "BitwiseOr", "BitwiseXor", "CastLike", "Ceil",
+        "Constant", "ConstantOfShape", "Equal", "EyeLike", "Floor", "Hardmax", "IsInf", "IsNaN", "Mod", "NonZero",
+        "OneHot", "QuantizeLinear", "Range", "Round", "TopK", "Xor",
+    )
+)  # fmt: skip
+"""Operators on constants that are evaluated in the element types of the model."""
 
 
 class Floating:
@@ -273,6 +283,30 @@ def _not(call: Application) -> Array:
     return ~call.array(0)
 
 
+@_computes("Sin", "Cos", "Tan", "Atan", "Asin", "Acos", "Sinh", "Cosh", "Asinh", "Acosh", "Atanh")
+def _trigonometric(call: Application) -> Array:
+    """Evaluate functions that only constants may have; never in float64."""
+    return call.arithmetic.map(getattr(MP, call.node.op_type.lower()), call.array(0))
+
+
+@_computes("CumSum", "CumProd")
+def _cumulated(call: Application) -> Array:
+    assert not call.attributes
+    accumulate = np.cumsum if call.node.op_type == "CumSum" else np.cumprod
+    return np.asarray(accumulate(call.array(0), axis=int(call.array(1))))
+
+
+@_computes("DequantizeLinear")
+def _dequantised(call: Application) -> Array:
+    stored, scale = call.array(0).astype(np.int64), call.array(1)
+    zero = call.array(2).astype(np.int64) if call.has(2) else np.zeros(scale.shape, dtype=np.int64)
+    if scale.ndim:  # along one axis
+        shape = [1] * stored.ndim
+        shape[call.attributes.get("axis", 1)] = -1
+        scale, zero = scale.reshape(shape), zero.reshape(shape)
+    return (stored - zero) * scale
+
+
 @_computes("Where")
 def _where(call: Application) -> Array:
     return np.where(call.array(0), call.array(1), call.array(2))
@@ -312,6 +346,8 @@ def _prelu(call: Application) -> Array:
 def _pow(call: Application) -> Array:
     (exponent,) = {float(e) for e in np.asarray(call.array(1)).ravel().tolist()}
     x, whole = call.array(0), int(exponent)
+    if (2 * exponent) % 1:  # of constants
+        return call.arithmetic.map(lambda base: base ** MP.mpf(exponent), x)
     if whole == exponent:
         return 1 / x**-whole if whole < 0 else x**whole
     root = call.sqrt(x) ** int(2 * abs(exponent))
@@ -332,7 +368,7 @@ def _gemm(call: Application) -> Array:
     return result + call.number("beta", 1.0) * call.array(2) if call.has(2) else result
 
 
-@_computes("ReduceSum", "ReduceMean", "ReduceSumSquare", "ReduceL1", "ReduceL2", "ReduceMax", "ReduceMin")
+@_computes("ReduceSum", "ReduceMean", "ReduceSumSquare", "ReduceL1", "ReduceL2", "ReduceMax", "ReduceMin", "ReduceProd")
 def _reduce(call: Application) -> Array:
     x = call.array(0)
     axes = call.attributes.get("axes")
@@ -348,6 +384,8 @@ def _reduce(call: Application) -> Array:
             return np.asarray(np.max(x, axis=axes, keepdims=keep))
         case "ReduceMin":
             return np.asarray(np.min(x, axis=axes, keepdims=keep))
+        case "ReduceProd":
+            return np.asarray(np.prod(x, axis=axes, keepdims=keep))
         case "ReduceL1":
             return np.asarray(np.sum(abs(x), axis=axes, keepdims=keep))
         case "ReduceSumSquare":
@@ -601,44 +639,70 @@ def apply(
 
 @dataclass(eq=False)
 class Interpreter:
-    """A model with one input and one output, its constants evaluated once."""
+    """A model with one input and one output, its constants evaluated once.
+
+    Notes
+    -----
+    A constant that is computed from stored ones is the real number that the graph means: types round only where a step
+    is taken, as by QuantizeLinear.
+    """
 
     model: onnx.ModelProto
-    constants: Mapping[str, Array] = field(init=False)
     nodes: Sequence[onnx.NodeProto] = field(init=False)
+    """Those that depend on the observation."""
 
     def __post_init__(self) -> None:
-        graph = self.model.graph
-        constants = {tensor.name: numpy_helper.to_array(tensor) for tensor in graph.initializer}
+        known = {tensor.name for tensor in self.model.graph.initializer}
         nodes = []
-        for node in graph.node:
-            if all(name in constants for name in node.input if name):
-                given = [constants[name] if name else None for name in node.input]
-                constants.update(zip(node.output, fold(node, self.opset, given), strict=False))
+        for node in self.model.graph.node:
+            if all(name in known for name in node.input if name):
+                known.update(node.output)
             else:
                 nodes.append(node)
-        self.constants, self.nodes = constants, nodes
+        self.nodes = nodes
+        self._constants: dict[int, Mapping[str, Array]] = {}
 
     @property
     def opset(self) -> int:
         """Return the version of the default operator set."""
         return int(next(o.version for o in self.model.opset_import if o.domain in ("", "ai.onnx")))
 
-    @property
+    @cached_property
     def is_rational(self) -> bool:
         """Whether fractions are enough."""
+        stored = {tensor.name: numpy_helper.to_array(tensor) for tensor in self.model.graph.initializer}
         return all(
-            node.op_type in RATIONAL or (node.op_type == "Pow" and self._whole(node.input[1]))
-            for node in self.nodes
+            node.op_type in RATIONAL
+            or node.op_type in STEPS
+            or (node.op_type == "Pow" and bool((stored.get(node.input[1], np.array(0.5)) % 1 == 0).all()))
+            for node in self.model.graph.node
         )
 
-    def _whole(self, name: str) -> bool:
-        return name in self.constants and bool((self.constants[name] % 1 == 0).all())
+    def constants(self, arithmetic: Arithmetic) -> Mapping[str, Array]:
+        """Return all constants by name."""
+        if id(arithmetic) not in self._constants:
+            self._constants[id(arithmetic)] = self._evaluated_constants(arithmetic)
+        return self._constants[id(arithmetic)]
+
+    def _evaluated_constants(self, arithmetic: Arithmetic) -> Mapping[str, Array]:
+        stored = {tensor.name: numpy_helper.to_array(tensor) for tensor in self.model.graph.initializer}
+        real = {name: arithmetic.lift(array) for name, array in stored.items()}
+        for node in self.model.graph.node:
+            if not all(name in stored for name in node.input if name):
+                continue
+            typed = fold(node, self.opset, [stored[name] if name else None for name in node.input])
+            stored.update(zip(node.output, typed, strict=False))
+            results = [arithmetic.lift(array) for array in typed]
+            if typed[0].dtype.kind not in "biu" and node.op_type in OPERATORS and node.op_type not in STEPS:
+                inputs = [real[name] if name else None for name in node.input]
+                results = list(apply(node, self.opset, inputs, arithmetic))
+            real.update(zip(node.output, results, strict=False))
+        return real
 
     def __call__(self, point: Array, arithmetic: Arithmetic = PRECISE) -> list[Any]:
         """Return the flat output at one observation of the input's shape at batch size 1."""
         graph = self.model.graph
-        values: dict[str, Array] = {**self.constants, graph.input[0].name: arithmetic.lift(point)}
+        values = {**self.constants(arithmetic), graph.input[0].name: arithmetic.lift(point)}
         for node in self.nodes:
             inputs = [values[name] if name else None for name in node.input]
             outputs = apply(node, self.opset, inputs, arithmetic)
