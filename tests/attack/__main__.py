@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import argparse
 import datetime
-import json
 import platform
 import sys
 import time
@@ -52,9 +51,15 @@ def main() -> int:
 
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m tests.attack", description=__doc__.splitlines()[0])
-    parser.add_argument("--graphs", type=int, default=5000, help="how many are attacked, refused ones not counted")
-    parser.add_argument("--points", type=float, default=1e7, help="run by onnxruntime, in all graphs together")
-    parser.add_argument("--exact", type=float, default=1e5, help="evaluated exactly or in 240 bits, in all graphs")
+    parser.add_argument(
+        "--graphs", type=int, default=5000, help="how many are attacked, refused ones not counted"
+    )
+    parser.add_argument(
+        "--points", type=float, default=1e7, help="run by onnxruntime, in all graphs together"
+    )
+    parser.add_argument(
+        "--exact", type=float, default=1e5, help="evaluated exactly or in 240 bits, in all graphs"
+    )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--journal", type=Path, default=Path("attack.jsonl"))
@@ -100,7 +105,9 @@ def summary(outcomes: list[dict[str, Any]], seed: int, seconds: float) -> str:
         f"{sum(o['unchecked'] for o in attacked)} in which the self-check tells nothing; "
         + ", ".join(f"{count} {kind}" for kind, count in Counter(o["kind"] for o in attacked).most_common()),
         f"operators: {len({name for o in attacked for name in o['operators']})}; "
-        f"opsets {min(o['opset'] for o in attacked)} to {max(o['opset'] for o in attacked)}" if attacked else "",
+        f"opsets {min(o['opset'] for o in attacked)} to {max(o['opset'] for o in attacked)}"
+        if attacked
+        else "",
         f"findings: {dict(kinds) or 0}",
         "not attacked, by reason:",
     ]

@@ -45,7 +45,9 @@ def _widths(centre: Array, kind: str, rng: np.random.Generator) -> Array:
         case 1:
             widths = widths * 10.0 ** rng.uniform(-3, 0, size)
         case 2:  # a few places of the last digit
-            widths = np.spacing(np.abs(centre).astype(np.dtype(kind))).astype(np.float64) * rng.integers(0, 5, size)
+            widths = np.spacing(np.abs(centre).astype(np.dtype(kind))).astype(np.float64) * rng.integers(
+                0, 5, size
+            )
     return widths
 
 

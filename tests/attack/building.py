@@ -93,7 +93,11 @@ class Builder:
     _count: int = 0
 
     def __post_init__(self) -> None:
-        numbers = [np.zeros(self.shape), self.rng.normal(size=self.shape), 10 * self.rng.normal(size=self.shape)]
+        numbers = [
+            np.zeros(self.shape),
+            self.rng.normal(size=self.shape),
+            10 * self.rng.normal(size=self.shape),
+        ]
         self.probes = [self.typed(x).astype(np.float64) for x in numbers]
 
     # --- draws ---
@@ -195,7 +199,8 @@ class Builder:
                 self._check(operator, sample)
         self.nodes.append(node)
         values = [
-            Value(name, samples, constant=not computed) for name, samples in zip(outputs, results, strict=False)
+            Value(name, samples, constant=not computed)
+            for name, samples in zip(outputs, results, strict=False)
         ]
         return values[0] if count == 1 else values
 

@@ -38,7 +38,9 @@ def attacked(number: int, seed: int, effort: Effort, seconds: float = SECONDS) -
     try:
         outcome = strike_in_memory(graph, effort)
     except TooSlow:
-        outcome = Outcome(number, "slow", findings=[Finding("slow", f"more than {seconds:g} s of processor time")])
+        outcome = Outcome(
+            number, "slow", findings=[Finding("slow", f"more than {seconds:g} s of processor time")]
+        )
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0.0)
         signal.signal(signal.SIGPROF, previous)

@@ -81,7 +81,9 @@ def _function(g: Builder, wanted: Array) -> Value:
 
 @_folds("Sin", "Cos", "Tan", "Atan", "Asin", "Acos", "Sinh", "Cosh", "Asinh", "Acosh", "Atanh")
 def _trigonometric(g: Builder, wanted: Array) -> Value:
-    operator = g.pick(["Sin", "Cos", "Tan", "Atan", "Asin", "Acos", "Sinh", "Cosh", "Asinh", "Acosh", "Atanh"])
+    operator = g.pick(
+        ["Sin", "Cos", "Tan", "Atan", "Asin", "Acos", "Sinh", "Cosh", "Asinh", "Acosh", "Atanh"]
+    )
     inside = np.tanh(wanted.astype(np.float64)) * 0.9
     argument = inside + 2.0 if operator == "Acosh" else inside
     return g.call(operator, g.stored(g.typed(argument)))
@@ -116,8 +118,12 @@ def _quantised(g: Builder, wanted: Array) -> Value:
     zero = np.full(scale.shape, 128 if kind is np.uint8 else 0, dtype=kind)
     axes = {"axis": axis} if by_channel else {}
     if g.chance(0.5):
-        stored = np.clip(np.round(wanted / scale) + zero.astype(int), *((0, 255) if kind is np.uint8 else (-128, 127)))
-        return g.call("DequantizeLinear", g.stored(stored.astype(kind)), g.stored(scale), g.stored(zero), **axes)
+        stored = np.clip(
+            np.round(wanted / scale) + zero.astype(int), *((0, 255) if kind is np.uint8 else (-128, 127))
+        )
+        return g.call(
+            "DequantizeLinear", g.stored(stored.astype(kind)), g.stored(scale), g.stored(zero), **axes
+        )
     step, offset = g.stored(scale), g.stored(zero)
     quantised = g.call("QuantizeLinear", g.stored(wanted), step, offset, **axes)
     return g.call("DequantizeLinear", quantised, step, offset, **axes)
@@ -136,7 +142,9 @@ def _moved(g: Builder, wanted: Array) -> Value:
             return g.call("Concat", g.stored(wanted[:1]), g.stored(wanted[1:]), axis=0)
         case 2:
             wide = np.concatenate([wanted, wanted])
-            return g.call("Slice", g.stored(wide), integers(g, 0), integers(g, wanted.shape[0]), integers(g, 0))
+            return g.call(
+                "Slice", g.stored(wide), integers(g, 0), integers(g, wanted.shape[0]), integers(g, 0)
+            )
         case _:
             return g.call("Reshape", g.stored(wanted.ravel()), integers(g, *wanted.shape))
 
@@ -199,7 +207,9 @@ def _gathered(g: Builder, wanted: Array) -> Value:
             found = g.call("NonZero", g.stored(g.typed([0.0, 2.0])))
             index = g.call("Squeeze", found, integers(g, 0, 1))
         case _:
-            chosen = g.call("OneHot", g.stored(np.int64(1)), integers(g, 2), g.stored(np.array([0, 1])), axis=0)
+            chosen = g.call(
+                "OneHot", g.stored(np.int64(1)), integers(g, 2), g.stored(np.array([0, 1])), axis=0
+            )
             index = g.call("ArgMax", chosen, axis=0, keepdims=0)
     return g.call("Gather", g.stored(table), index, axis=0)
 
@@ -234,5 +244,7 @@ def condition(g: Builder, *shape: int) -> Value:
         case 3:
             return g.call("Not", stored)
         case 4:
-            return g.call("Not", g.call(g.pick(["IsNaN", "IsInf"]) if g.kind == "float32" else "IsNaN", scores))
+            return g.call(
+                "Not", g.call(g.pick(["IsNaN", "IsInf"]) if g.kind == "float32" else "IsNaN", scores)
+            )
     return stored

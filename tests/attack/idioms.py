@@ -22,7 +22,18 @@ def _idiom(function: Idiom) -> Idiom:
 
 def near(g: Builder, value: float) -> Value:
     """Store a constant, sometimes rounded to three decimals or off by a little."""
-    off = g.pick([value, value, value, round(value, 3), round(value, 2), value * 1.0001, value * (1 + 1e-6), value * 1.02])
+    off = g.pick(
+        [
+            value,
+            value,
+            value,
+            round(value, 3),
+            round(value, 2),
+            value * 1.0001,
+            value * (1 + 1e-6),
+            value * 1.02,
+        ]
+    )
     return g.stored(g.typed(off))
 
 
@@ -36,7 +47,9 @@ def reduced(g: Builder, operator: str, x: Value, keep: int = 1) -> Value:
 @_idiom
 def gelu(g: Builder, x: Value) -> Value:
     inner = (
-        g.call("Div", x, near(g, math.sqrt(2))) if g.chance(0.5) else g.call("Mul", x, near(g, math.sqrt(0.5)))
+        g.call("Div", x, near(g, math.sqrt(2)))
+        if g.chance(0.5)
+        else g.call("Mul", x, near(g, math.sqrt(0.5)))
     )
     raised = g.call("Add", g.call("Erf", inner), near(g, 1.0))
     match g.between(0, 2):
@@ -56,7 +69,9 @@ def biased_gelu(g: Builder, x: Value) -> Value:
 @_idiom
 def gelu_tanh(g: Builder, x: Value) -> Value:
     x = bounded(g, x) if g.chance(0.5) else x
-    cube = g.call("Pow", x, g.stored(g.typed(3.0))) if g.chance(0.5) else g.call("Mul", g.call("Mul", x, x), x)
+    cube = (
+        g.call("Pow", x, g.stored(g.typed(3.0))) if g.chance(0.5) else g.call("Mul", g.call("Mul", x, x), x)
+    )
     inner = g.call("Add", x, g.call("Mul", cube, near(g, 0.044715)))
     gate = g.call("Add", g.call("Tanh", g.call("Mul", inner, near(g, math.sqrt(2 / math.pi)))), near(g, 1.0))
     return g.call("Mul", g.call("Mul", x, near(g, 0.5)), gate)
@@ -78,7 +93,9 @@ def mish(g: Builder, x: Value) -> Value:
 def softplus(g: Builder, x: Value) -> Value:
     if g.has("Softplus") and g.chance(0.4):
         return g.call("Softplus", x)
-    return g.call("Log", g.call("Add", g.call("Exp", scaled_down(g, x) if g.chance(0.5) else x), near(g, 1.0)))
+    return g.call(
+        "Log", g.call("Add", g.call("Exp", scaled_down(g, x) if g.chance(0.5) else x), near(g, 1.0))
+    )
 
 
 @_idiom
@@ -106,10 +123,7 @@ def tanh_from_exp(g: Builder, x: Value) -> Value:
 @_idiom
 def softmax_from_parts(g: Builder, x: Value) -> Value:
     x = linear(g, x, g.between(2, 5))
-    if g.chance(0.5):
-        x = g.call("Sub", x, reduced(g, "ReduceMax", x))
-    else:
-        x = scaled_down(g, x)
+    x = g.call("Sub", x, reduced(g, "ReduceMax", x)) if g.chance(0.5) else scaled_down(g, x)
     powers = g.call("Exp", x)
     return g.call("Div", powers, reduced(g, "ReduceSum", powers))
 
@@ -119,7 +133,9 @@ def layer_norm_from_parts(g: Builder, x: Value) -> Value:
     x = g.ranked(x if x.size > 1 else linear(g, x, 4), 2)
     deviation = g.call("Sub", x, reduced(g, "ReduceMean", x))
     square = (
-        g.call("Pow", deviation, g.stored(g.typed(2.0))) if g.chance(0.6) else g.call("Mul", deviation, deviation)
+        g.call("Pow", deviation, g.stored(g.typed(2.0)))
+        if g.chance(0.6)
+        else g.call("Mul", deviation, deviation)
     )
     epsilon = g.number(1e-5, 1e-3, 1e-6) if g.kind != "float16" else g.number(1e-3, 1e-2)
     spread = g.call("Sqrt", g.call("Add", reduced(g, "ReduceMean", square), g.stored(g.typed(epsilon))))
@@ -208,7 +224,11 @@ def merged_scales(g: Builder, x: Value) -> Value:
     """Scale and shift several times, so that what cancels is merged."""
     for _ in range(g.between(2, 4)):
         operator = g.pick(["Mul", "Add", "Sub", "Div"])
-        number = g.number(0.1, 3.0, 1000.0, 1e-3, 1 / 3) if operator in ("Mul", "Div") else g.number(0.3, 1e3, -1e3)
+        number = (
+            g.number(0.1, 3.0, 1000.0, 1e-3, 1 / 3)
+            if operator in ("Mul", "Div")
+            else g.number(0.3, 1e3, -1e3)
+        )
         x = g.call(operator, x, g.stored(g.typed(number)))
     return scaled_down(g, x)
 

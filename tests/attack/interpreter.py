@@ -41,8 +41,8 @@ RATIONAL = MOVING | frozenset(
         "Dropout", "Gemm", "GlobalAveragePool",
         "GlobalMaxPool", "Greater", "GreaterOrEqual", "HardSigmoid", "HardSwish", "Identity", "LeakyRelu", "Less",
         "LessOrEqual", "MatMul", "Max", "MaxPool", "Mean", "Min", "Mul", "Neg", "Not", "Or", "PRelu", "Reciprocal",
-        "ReduceL1", "ReduceMax", "ReduceMean", "ReduceMin", "ReduceProd", "ReduceSum", "ReduceSumSquare", "Relu", "Shape", "Sign",
-        "Size", "Softsign", "Sub", "Sum", "ThresholdedRelu", "Where",
+        "ReduceL1", "ReduceMax", "ReduceMean", "ReduceMin", "ReduceProd", "ReduceSum", "ReduceSumSquare", "Relu",
+        "Shape", "Sign", "Size", "Softsign", "Sub", "Sum", "ThresholdedRelu", "Where",
     )
 )  # fmt: skip
 """Operators that make rationals of rationals."""
@@ -85,6 +85,10 @@ class Floating:
         return math.sqrt(x) if x >= 0 else math.nan
 
 
+_SLOPE, _LEAK = float(np.float32(0.2)), float(np.float32(0.01))
+_ALPHA, _GAMMA = float(np.float32(1.67326319217681884765625)), float(np.float32(1.05070102214813232421875))
+"""Defaults of the standard, as float32 numbers."""
+
 # --- functions of one number -----------------------------------------------------------------------------
 
 
@@ -114,15 +118,13 @@ ELEMENTWISE: dict[str, Callable[..., Any]] = {
     "Erf": lambda m, x: m.erf(x),
     "Exp": lambda m, x: m.exp(x),
     "Gelu": _gelu,
-    "HardSigmoid": lambda m, x, alpha=float(np.float32(0.2)), beta=0.5: _hard_sigmoid(m, x, alpha, beta),
+    "HardSigmoid": lambda m, x, alpha=_SLOPE, beta=0.5: _hard_sigmoid(m, x, alpha, beta),
     "HardSwish": lambda m, x: x * max(0 * x, min(1 + 0 * x, (x + 3) / 6)),
-    "LeakyRelu": lambda m, x, alpha=float(np.float32(0.01)): x if x >= 0 else alpha * x,
+    "LeakyRelu": lambda m, x, alpha=_LEAK: x if x >= 0 else alpha * x,
     "Log": lambda m, x: m.log(x),
     "Mish": lambda m, x: x * m.tanh(_softplus(m, x)),
     "Relu": lambda m, x: max(x, 0 * x),
-    "Selu": lambda m, x, alpha=float(np.float32(1.67326319217681884765625)), gamma=float(
-        np.float32(1.05070102214813232421875)
-    ): gamma * (x if x >= 0 else alpha * m.expm1(x)),
+    "Selu": lambda m, x, alpha=_ALPHA, gamma=_GAMMA: gamma * (x if x >= 0 else alpha * m.expm1(x)),
     "Sigmoid": _sigmoid,
     "Sign": lambda m, x: 0 * x + ((x > 0) - (x < 0)),
     "Softplus": _softplus,
@@ -237,7 +239,11 @@ def _elementwise(call: Application) -> Array:
     function = ELEMENTWISE[call.node.op_type]
     if arithmetic.convert is not None:  # defaults are numbers of this arithmetic as well
         defaults = function.__defaults__ or ()
-        names = function.__code__.co_varnames[: function.__code__.co_argcount][-len(defaults) :] if defaults else ()
+        names = (
+            function.__code__.co_varnames[: function.__code__.co_argcount][-len(defaults) :]
+            if defaults
+            else ()
+        )
         given = {**{n: arithmetic.parameter(v) for n, v in zip(names, defaults, strict=True)}, **given}
     return arithmetic.map(lambda x: function(arithmetic.functions, x, **given), call.array(0))
 
@@ -368,7 +374,16 @@ def _gemm(call: Application) -> Array:
     return result + call.number("beta", 1.0) * call.array(2) if call.has(2) else result
 
 
-@_computes("ReduceSum", "ReduceMean", "ReduceSumSquare", "ReduceL1", "ReduceL2", "ReduceMax", "ReduceMin", "ReduceProd")
+@_computes(
+    "ReduceSum",
+    "ReduceMean",
+    "ReduceSumSquare",
+    "ReduceL1",
+    "ReduceL2",
+    "ReduceMax",
+    "ReduceMin",
+    "ReduceProd",
+)
 def _reduce(call: Application) -> Array:
     x = call.array(0)
     axes = call.attributes.get("axes")
@@ -418,7 +433,9 @@ def _batch_normalization(call: Application) -> Array:
     return (x - mean) / call.sqrt(variance + call.number("epsilon", float(np.float32(1e-5)))) * scale + shift
 
 
-def _standardised(call: Application, x: Array, axes: tuple[int, ...], *, centre: bool = True) -> tuple[Array, ...]:
+def _standardised(
+    call: Application, x: Array, axes: tuple[int, ...], *, centre: bool = True
+) -> tuple[Array, ...]:
     count = math.prod(x.shape[axis] for axis in axes)
     mean = np.sum(x, axis=axes, keepdims=True) / count
     deviation = x - mean if centre else x
@@ -431,9 +448,7 @@ def _standardised(call: Application, x: Array, axes: tuple[int, ...], *, centre:
 def _layer_normalization(call: Application) -> tuple[Array, ...]:
     x = call.array(0)
     axes = tuple(range(call.attributes.get("axis", -1) % x.ndim, x.ndim))
-    result, mean, reciprocal = _standardised(
-        call, x, axes, centre=call.node.op_type == "LayerNormalization"
-    )
+    result, mean, reciprocal = _standardised(call, x, axes, centre=call.node.op_type == "LayerNormalization")
     result = result * call.array(1)
     return (result + call.array(2) if call.has(2) else result), mean, reciprocal
 
@@ -450,7 +465,9 @@ def _channel_normalization(call: Application) -> Array:
 # --- windows ---------------------------------------------------------------------------------------------
 
 
-def _windows(call: Application, kernel: Sequence[int], spatial: Sequence[int]) -> tuple[list[list[list[int]]], list[int]]:
+def _windows(
+    call: Application, kernel: Sequence[int], spatial: Sequence[int]
+) -> tuple[list[list[list[int]]], list[int]]:
     """Return along each axis the positions of every window, outside ones negative or too large, and the lengths."""
     rank = len(spatial)
     strides = call.attributes.get("strides", [1] * rank)
@@ -593,7 +610,9 @@ def run_alone(node: onnx.NodeProto, opset: int, feeds: Sequence[Array | None]) -
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 4
-    session = onnxruntime.InferenceSession(model.SerializeToString(), options, providers=["CPUExecutionProvider"])
+    session = onnxruntime.InferenceSession(
+        model.SerializeToString(), options, providers=["CPUExecutionProvider"]
+    )
     return [np.asarray(result) for result in session.run(None, {})]
 
 
@@ -632,9 +651,13 @@ def apply(
         shape = np.array(inputs[0].shape if inputs[0] is not None else (), dtype=np.int64)
         start, end = attributes_of(node).get("start", 0), attributes_of(node).get("end")
         return [shape[start:end] if node.op_type == "Shape" else np.asarray(shape.prod())]
-    lifted = [None if array is None else arithmetic.lift(array) if array.dtype != object else array for array in inputs]
+    lifted = [
+        None if array is None else arithmetic.lift(array) if array.dtype != object else array
+        for array in inputs
+    ]
     with np.errstate(all="ignore"):
-        return OPERATORS[node.op_type](Application(node, opset, lifted, arithmetic))
+        results = OPERATORS[node.op_type](Application(node, opset, lifted, arithmetic))
+    return [np.asarray(result) for result in results]
 
 
 @dataclass(eq=False)

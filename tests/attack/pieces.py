@@ -36,7 +36,9 @@ def bounded(g: Builder, x: Value) -> Value:
         case 1:
             return g.call("Sigmoid", x)
         case 2:
-            return g.call("Clip", x, g.stored(g.typed(g.number(-1.0, -3.0))), g.stored(g.typed(g.number(0.5, 2.0))))
+            return g.call(
+                "Clip", x, g.stored(g.typed(g.number(-1.0, -3.0))), g.stored(g.typed(g.number(0.5, 2.0)))
+            )
         case 3:
             return g.call("Softsign", x) if g.has("Softsign") else g.call("Tanh", x)
         case 4:
@@ -287,7 +289,9 @@ def _instance_normalization(g: Builder, x: Value, operator: str) -> Value:
     x = _several(g, x)
     channels = g.pick([d for d in range(1, x.size) if x.size % d == 0])
     x = g.reshaped(x, 1, channels, x.size // channels)
-    return g.call(operator, x, *(constant(g, g.numbers(channels)) for _ in range(2)), epsilon=g.number(1e-5, 1e-3))
+    return g.call(
+        operator, x, *(constant(g, g.numbers(channels)) for _ in range(2)), epsilon=g.number(1e-5, 1e-3)
+    )
 
 
 @_writes("GroupNormalization")
@@ -344,7 +348,10 @@ def _pool(g: Builder, x: Value, operator: str) -> Value:
     x = _image(g, x)
     rank = len(x.shape) - 2
     kernel = [g.between(2, min(3, size)) for size in x.shape[2:]]
-    attributes: dict[str, object] = {"kernel_shape": kernel, "strides": [g.between(1, 2) for _ in range(rank)]}
+    attributes: dict[str, object] = {
+        "kernel_shape": kernel,
+        "strides": [g.between(1, 2) for _ in range(rank)],
+    }
     if g.chance(0.5):
         attributes["pads"] = [1] * 2 * rank
     if operator == "AveragePool" and g.chance(0.5):

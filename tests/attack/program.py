@@ -49,7 +49,9 @@ class Program:
         if not self._batch:
             return self.one_by_one(points, level)
         rows = self.rounded(points).reshape(-1, *self.graph.shape[1:])
-        return np.asarray(self._batch[level].run(None, {"x": rows})[0], dtype=np.float64).reshape(len(rows), -1)
+        return np.asarray(self._batch[level].run(None, {"x": rows})[0], dtype=np.float64).reshape(
+            len(rows), -1
+        )
 
 
 def open_session(model: onnx.ModelProto, level: str = "default") -> Any:

@@ -65,7 +65,9 @@ class Effort:
     @classmethod
     def for_points(cls, points: float, exact: float) -> Effort:
         """Return the effort that takes about so many points of each graph."""
-        return cls(samples=max(20, round((points - _SEARCHED) / cls.boxes)), exact=round(exact) + (exact > 0) * 2)
+        return cls(
+            samples=max(20, round((points - _SEARCHED) / cls.boxes)), exact=round(exact) + (exact > 0) * 2
+        )
 
 
 @dataclass
@@ -161,7 +163,13 @@ class Strike:
     def __init__(
         self, graph: RandomGraph, program: Program, policy: Policy, effort: Effort, outcome: Outcome
     ) -> None:
-        self.graph, self.program, self.policy, self.effort, self.outcome = graph, program, policy, effort, outcome
+        self.graph, self.program, self.policy, self.effort, self.outcome = (
+            graph,
+            program,
+            policy,
+            effort,
+            outcome,
+        )
         self.rng = np.random.default_rng((graph.seed, graph.number, 1))
         self.centres, self.widths = draw_boxes(graph, effort.boxes, self.rng)
         self.settings = [*ALWAYS, SOMETIMES[int(self.rng.integers(len(SOMETIMES)))]]
@@ -224,7 +232,11 @@ class Strike:
 
     def _reach(self, rows: slice, arithmetic: str, setting: dict[str, Any]) -> Any:
         return reach(
-            self.policy, self.centres[rows], self.widths[rows], arithmetic=arithmetic, **setting  # type: ignore[arg-type]
+            self.policy,
+            self.centres[rows],
+            self.widths[rows],
+            arithmetic=arithmetic,
+            **setting,  # type: ignore[arg-type]
         )
 
     # --- the program ---
@@ -236,7 +248,9 @@ class Strike:
         for level, values in results.items():
             self.judge(points, boxes, values, f"{level}, together")
         values = results[LEVELS[0]]
-        nearest = np.argsort(np.minimum(self.upper[boxes] - values, values - self.lower[boxes]).min(axis=1))[:6]
+        nearest = np.argsort(np.minimum(self.upper[boxes] - values, values - self.lower[boxes]).min(axis=1))[
+            :6
+        ]
         for level in LEVELS if self.graph.batched else ():
             alone = self.program.one_by_one(points[nearest], level)
             self.judge(points[nearest], boxes[nearest], alone, f"{level}, alone")
@@ -291,7 +305,9 @@ class Strike:
         points, boxes, actions, signs = self._climbers()
         low, high = self.low[boxes], self.high[boxes]
         width = high - low
-        reach_of_step = np.maximum(width * 10.0 ** -self.rng.integers(1, 5), 1e-7 * np.abs(points) * (width > 0))
+        reach_of_step = np.maximum(
+            width * 10.0 ** -self.rng.integers(1, 5), 1e-7 * np.abs(points) * (width > 0)
+        )
         forward = np.where(points + reach_of_step <= high, reach_of_step, -reach_of_step)
         size = points.shape[1]
         moved = np.repeat(points[:, None], size + 1, axis=1)  # (C, n + 1, n)
@@ -299,7 +315,9 @@ class Strike:
         moved = inside(moved, low[:, None], high[:, None])
         values = self.observe(moved.reshape(-1, size), np.repeat(boxes, size + 1))
         values = values.reshape(len(points), size + 1, -1)
-        own = np.take_along_axis(values, actions[:, None, None], axis=2)[..., 0] * signs[:, None]  # (C, n + 1)
+        own = (
+            np.take_along_axis(values, actions[:, None, None], axis=2)[..., 0] * signs[:, None]
+        )  # (C, n + 1)
         with np.errstate(all="ignore"):
             slope = (own[:, :size] - own[:, size:]) * np.sign(forward)
         corner = np.where(slope > 0, high, np.where(slope < 0, low, points))

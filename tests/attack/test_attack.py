@@ -6,7 +6,6 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
-import onnx
 import pytest
 
 from tests.attack import boxes
@@ -14,10 +13,11 @@ from tests.attack.building import NEWEST_OPSET, OLDEST_OPSET
 from tests.attack.campaign import Campaign, attacked
 from tests.attack.constants import CHAINS
 from tests.attack.graphs import OPERATORS, RandomGraph, random_graph
-from tests.attack.interpreter import EXACT, FLOATING, OPERATORS as INTERPRETED, PRECISE, Interpreter
+from tests.attack.interpreter import EXACT, FLOATING, PRECISE, Interpreter
+from tests.attack.interpreter import OPERATORS as INTERPRETED
 from tests.attack.minimise import minimised
 from tests.attack.program import Program
-from tests.attack.strike import Effort, Outcome, strike_in_memory
+from tests.attack.strike import Effort, strike_in_memory
 from tests.policy.models import model_of, node
 from tests.policy.operator_cases import CASES
 from viatool.policy.folding import FOLDED
@@ -61,7 +61,9 @@ def test_no_value_of_many_random_graphs_leaves_its_bounds() -> None:
 
 def test_every_operator_that_is_read_is_written_behind_gates_and_in_the_open() -> None:
     graphs = [random_graph(number, 5) for number in range(3 * len(OPERATORS))]
-    assert {operator for operator, _ in registered()} <= {name for graph in graphs for name in graph.operators}
+    assert {operator for operator, _ in registered()} <= {
+        name for graph in graphs for name in graph.operators
+    }
     assert {operator for operator, _ in registered()} <= {*OPERATORS}
     assert {graph.kind for graph in graphs} == {"float16", "float32", "float64"}
     assert {graph.opset for graph in graphs} == {*range(OLDEST_OPSET, NEWEST_OPSET + 1)}
@@ -98,7 +100,9 @@ def test_the_interpreter_agrees_with_onnxruntime(operator: str) -> None:
             expected = program.one_by_one(point.reshape(1, -1).astype(np.float64), "off")[0]
             for arithmetic in (PRECISE, FLOATING, *([EXACT] if interpreter.is_rational else [])):
                 values = np.array([float(value) for value in interpreter(point, arithmetic)])
-                np.testing.assert_allclose(values, expected, rtol=2e-3 if "16" in case.name else 2e-5, atol=1e-5)
+                np.testing.assert_allclose(
+                    values, expected, rtol=2e-3 if "16" in case.name else 2e-5, atol=1e-5
+                )
 
 
 def test_a_batch_of_a_random_graph_is_its_observations_one_by_one() -> None:

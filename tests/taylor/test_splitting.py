@@ -124,3 +124,13 @@ def test_a_broken_rule_lets_an_exact_extremum_escape(
     monkeypatch.setattr(place, name, mutant(getattr(place, name)))
     with suppress(BoundsError):  # which the engine itself notices
         assert escape(split(network), network) > 1e-6
+
+
+def test_a_maximum_over_no_symbols_is_its_constant() -> None:
+    """As of an action that depends on no input that is free, under a condition on it."""
+    problem = duality.DualProblem(
+        np.zeros((2, 0)), np.array([1.0, -2.0]), np.zeros((2, 1, 0)), np.ones((2, 1))
+    )
+    for multipliers in (duality.descend(problem), duality.solve_exactly(problem)[0]):
+        _, values = problem.value(multipliers)
+        np.testing.assert_allclose(values, problem.constant, rtol=1e-12)

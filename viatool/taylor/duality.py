@@ -176,7 +176,7 @@ def solve_exactly(problem: DualProblem) -> tuple[Floats, Floats]:
     The solver's answer is only a proposal: `DualProblem.value` turns any multipliers into a proved bound.
     """
     beta, symbols = np.zeros(problem.slack.shape), np.sign(problem.objective)
-    for k in range(problem.constant.size):
+    for k in range(problem.constant.size if problem.objective.shape[1] else 0):
         objective, conditions, slack = problem.objective[k], problem.conditions[k], problem.slack[k]
         best = _linear_program(objective, conditions, slack)
         if best is not None:
@@ -210,6 +210,8 @@ def _linear_program(
 
 def _weighted_median(form: Floats, direction: Floats, slope: Floats) -> Floats:
     """Return the ``beta >= 0`` (K,) that minimises ``slope beta + |form + beta direction|_1``."""
+    if not form.shape[1]:  # no symbols: nothing is gained by a condition
+        return np.zeros(len(form))
     weight = np.abs(direction)
     with np.errstate(divide="ignore", invalid="ignore"):
         breaks = np.where(weight > 1e-300, -form / direction, np.inf)
