@@ -11,20 +11,34 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import dataclass, field, fields
 from typing import Any, get_args
 
 import numpy as np
+import onnx
 
 from viatool.errors import PolicyError
 from viatool.policy.graph import live, read_graph
-from viatool.policy.model_file import ModelFile
+from viatool.policy.model_file import ModelFile, Port
 from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Network, Node, Product
-from viatool.policy.reader import Reading, UnreadableNode, read_network
-from viatool.policy.runtime import Optimisation, Runtime
+from viatool.policy.reader import read_network, unsupported
+from viatool.policy.runtime import Optimisation, Runtime, runtime_of
 
-Executed = Mapping[Optimisation, Network]
-"""For each level of optimisation the network that runs; the file's own where they are the same."""
+
+@dataclass(frozen=True, eq=False)
+class Executed:
+    """What runs of a file.
+
+    Parameters
+    ----------
+    at : dict
+        The network of its program at each level of optimisation; the file's own where they are the same.
+    rewritten : tuple of Network
+        All that run in place of the file's own, each once.
+    """
+
+    at: Mapping[Optimisation, Network]
+    rewritten: tuple[Network, ...]
 
 
 def executed_networks(model: ModelFile, network: Network, runtime: Runtime) -> Executed:
@@ -37,40 +51,70 @@ def executed_networks(model: ModelFile, network: Network, runtime: Runtime) -> E
     network : Network
         As read from it.
     runtime : Runtime
-        Its program.
+        Its program: what the output needs, which is what is run here.
 
     Returns
     -------
-    dict
-        Networks that differ are different objects; each that is the same as one before it is that one.
+    Executed
+        Where a file has other outputs, also what of the whole file is run for this one: what one output shares with
+        another may be rewritten otherwise, or not at all.
 
     Raises
     ------
     PolicyError
-        If onnxruntime cannot load the model, does not write what it runs, or runs nodes that cannot be read.
+        If onnxruntime cannot load the program, does not write what it runs, or runs nodes that cannot be read.
     """
-    found: dict[Optimisation, Network] = {}
-    known = [network]
-    read: dict[bytes, Network] = {}
-    for level in get_args(Optimisation):
-        proto = runtime.at(level).executed_model()
+    collected = _Collected(model, runtime.port, runtime.output, [network])
+    at = {level: collected.add(runtime.at(level).executed_model(), level) for level in get_args(Optimisation)}
+    for level, proto in _executed_for_all_outputs(model, runtime.port):
+        collected.add(proto, level)
+    return Executed(at, tuple(collected.networks[1:]))
+
+
+def _executed_for_all_outputs(model: ModelFile, port: Port) -> list[tuple[Optimisation, onnx.ModelProto]]:
+    """Return what runs of a file with several outputs; nothing where they cannot be run together."""
+    graph = read_graph(model.proto, model.folder)
+    if len(graph.outputs) == 1:
+        return []
+    try:
+        runtime = runtime_of(model, live(graph, *graph.outputs), port)
+        return [(level, runtime.at(level).executed_model()) for level in get_args(Optimisation)]
+    except PolicyError:
+        return []
+
+
+@dataclass
+class _Collected:
+    """Networks that differ, the file's own first, and of which content each was read."""
+
+    model: ModelFile
+    port: Port
+    output: str
+    networks: list[Network]
+    read: dict[bytes, Network] = field(default_factory=dict)
+
+    def add(self, proto: onnx.ModelProto, level: Optimisation) -> Network:
+        """Return the network of a model that is executed: one that is there, where it is the same."""
         content = proto.graph.SerializeToString(deterministic=True)
-        if content not in read:
-            graph = live(read_graph(proto, model.folder), proto.graph.output[0].name)
-            port = runtime.port
-            reading = read_network(graph, port.name, port.shape, port.precision, model.folder)
-            if reading.network is None:
-                raise _unreadable(model, level, reading)
-            executed = reading.network
-            read[content] = next((other for other in known if is_same(other, executed)), executed)
-            known.append(read[content])
-        found[level] = read[content]
-    return found
+        if content not in self.read:
+            self.read[content] = self._known(self._network(proto, level))
+        return self.read[content]
 
+    def _known(self, network: Network) -> Network:
+        for other in self.networks:
+            if is_same(other, network):
+                return other
+        self.networks.append(network)
+        return network
 
-def rewritten(network: Network, executed: Executed) -> tuple[Network, ...]:
-    """Return the networks that run in place of a file's own, each once."""
-    return tuple(dict.fromkeys(other for other in executed.values() if other is not network))
+    def _network(self, proto: onnx.ModelProto, level: Optimisation) -> Network:
+        port, folder = self.port, self.model.folder
+        graph = live(read_graph(proto, folder), self.output)
+        reading = read_network(graph, port.name, port.shape, port.precision, folder)
+        if reading.network is None:
+            what = f"{self.model.path}, as onnxruntime runs it at its level of optimisation '{level}'"
+            raise unsupported(what, reading.findings)
+        return reading.network
 
 
 def is_same(first: Network, second: Network) -> bool:
@@ -127,16 +171,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return value.shape, hashlib.sha256(value.tobytes()).hexdigest()
     return value
-
-
-def _unreadable(model: ModelFile, level: Optimisation, reading: Reading) -> PolicyError:
-    lines = "".join(f"\n  - {finding}" for finding in reading.findings)
-    return PolicyError(
-        f"{model.path}: at its level of optimisation '{level}' onnxruntime does not run these nodes of the file but "
-        f"others, which are not read:{lines}",
-        _hint(reading.findings),
-    )
-
-
-def _hint(findings: tuple[UnreadableNode, ...]) -> str:
-    return "; ".join(dict.fromkeys(finding.hint for finding in findings if finding.hint))

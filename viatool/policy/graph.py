@@ -125,8 +125,8 @@ def read_graph(model: onnx.ModelProto, folder: Path) -> Graph:
     )
 
 
-def live(graph: Graph, output: str) -> Graph:
-    """Return the graph with the nodes alone that one value depends on, in topological order.
+def live(graph: Graph, *outputs: str) -> Graph:
+    """Return the graph with the nodes alone that some values depend on, in topological order.
 
     Raises
     ------
@@ -149,22 +149,23 @@ def live(graph: Graph, output: str) -> Graph:
         elif not finished[node.key]:
             raise PolicyError(f"node {node.label} depends on its own output", _REPAIR)
 
-    visit(output)
-    while stack:
-        node, sources = stack[-1]
-        source = next(sources, None)
-        if source is None:
-            finished[node.key] = True
-            ordered.append(node)
-            stack.pop()
-        elif source:
-            visit(source)
-    used = {source for node in ordered for source in node.inputs} | {output}
+    for output in outputs:
+        visit(output)
+        while stack:
+            node, sources = stack[-1]
+            source = next(sources, None)
+            if source is None:
+                finished[node.key] = True
+                ordered.append(node)
+                stack.pop()
+            elif source:
+                visit(source)
+    used = {source for node in ordered for source in node.inputs} | set(outputs)
     return Graph(
         tuple(ordered),
         {name: tensor for name, tensor in graph.initializers.items() if name in used},
         {name: value for name, value in graph.inputs.items() if name in used},
-        (output,),
+        outputs,
     )
 
 

@@ -18,8 +18,8 @@ from viatool.policy.graph import Graph, live, read_graph
 from viatool.policy.maps import Maps, is_elementwise, maps_of
 from viatool.policy.model_file import ModelFile, Port, actor_graph, open_model
 from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Network, Node, Product
-from viatool.policy.policy import check_sizes, unsupported
-from viatool.policy.reader import UnreadableNode, read_network
+from viatool.policy.policy import check_sizes
+from viatool.policy.reader import UnreadableNode, read_network, unsupported
 from viatool.policy.runtime import runtime_of
 from viatool.policy.self_check import SelfCheck, check_executed
 from viatool.policy.specification import PolicySpecification

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,11 +13,11 @@ from numpy.typing import ArrayLike
 from viatool.arrays import Floats
 from viatool.errors import PolicyError, PolicyWarning
 from viatool.policy.action_map import apply_action_map, with_action_map
-from viatool.policy.executed import executed_networks, rewritten
+from viatool.policy.executed import executed_networks
 from viatool.policy.maps import Maps, maps_of
 from viatool.policy.model_file import ModelFile, Port, actor_graph, open_model
 from viatool.policy.network import Network
-from viatool.policy.reader import UnreadableNode, read_network
+from viatool.policy.reader import read_network, unsupported
 from viatool.policy.runtime import Runtime, runtime_of
 from viatool.policy.self_check import SelfCheck, check_executed
 from viatool.policy.specification import PolicySpecification
@@ -178,7 +177,7 @@ def load_policy(
         runtime,
         found,
         maps_of(network, spec),
-        tuple(with_action_map(other, spec) for other in rewritten(network, executed)),
+        tuple(with_action_map(other, spec) for other in executed.rewritten),
     )
 
 
@@ -195,19 +194,8 @@ def load_actor(
     graph, port = actor_graph(model, input_name, output_name)
     reading = read_network(graph, port.name, port.shape, port.precision, model.folder)
     if reading.network is None:
-        raise unsupported(model.path, reading.findings)
+        raise unsupported(str(model.path), reading.findings)
     return reading.network, runtime_of(model, graph, port), port
-
-
-def unsupported(path: str | os.PathLike[str], findings: Sequence[UnreadableNode]) -> PolicyError:
-    """Return the error that names every node that cannot be read, with each hint once."""
-    count = len(findings)
-    lines = "".join(f"\n  - {finding}" for finding in findings)
-    hints = dict.fromkeys(finding.hint for finding in findings if finding.hint)
-    return PolicyError(
-        f"{os.fspath(path)}: {count} {'node is' if count == 1 else 'nodes are'} not supported:{lines}",
-        "; ".join(hints),
-    )
 
 
 def check_sizes(path: Path, network: Network, spec: PolicySpecification) -> None:

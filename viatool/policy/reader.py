@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -62,6 +62,16 @@ class Reading:
 
     network: Network | None
     findings: tuple[UnreadableNode, ...]
+
+
+def unsupported(what: str, findings: Sequence[UnreadableNode]) -> PolicyError:
+    """Return the error that names every node that cannot be read, with each hint once."""
+    count = len(findings)
+    lines = "".join(f"\n  - {finding}" for finding in findings)
+    hints = dict.fromkeys(finding.hint for finding in findings if finding.hint)
+    return PolicyError(
+        f"{what}: {count} {'node is' if count == 1 else 'nodes are'} not supported:{lines}", "; ".join(hints)
+    )
 
 
 @dataclass(frozen=True)

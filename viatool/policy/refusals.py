@@ -54,12 +54,26 @@ FAMILIES: tuple[tuple[str, str, frozenset[str]], ...] = (
 """Reason, hint and operators of each family that is refused when it meets computed values."""
 
 
+# fmt: off
+_OF_FEW_BITS = frozenset(("com.microsoft", name) for name in (
+    "DynamicQuantizeMatMul", "MatMulInteger16", "MatMulIntegerToFloat", "MatMulNBits", "QAttention", "QGemm",
+    "QLinearAdd", "QLinearConcat", "QLinearGlobalAveragePool", "QLinearLeakyRelu", "QLinearMul", "QLinearSigmoid",
+    "QLinearSoftmax",
+))
+# fmt: on
+
+
 def reason_for(node: GraphNode, version: int) -> Refusal:
     """Return why an operator is not read."""
+    if (node.domain, node.operator) in _OF_FEW_BITS:
+        return Refusal(
+            "computes with integers of 8 bits or less, to which it rounds what it is given",
+            "dequantise the weights before the export, so that the model holds them in float32",
+        )
     if node.domain:
         return Refusal(
             f"is from the domain '{node.domain}', which is not ONNX",
-            "export the policy with standard operators, before any runtime's own optimisation",
+            "export the policy with standard operators, and such that its runtime does not join them into this one",
         )
     for reason, hint, operators in FAMILIES:
         if node.operator in operators:

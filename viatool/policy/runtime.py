@@ -59,6 +59,7 @@ class Runtime:
 
     def __init__(self, model: onnx.ModelProto, port: Port, optimisation: Optimisation = "default") -> None:
         self.port = port
+        self.output: str = model.graph.output[0].name
         self.optimisation = optimisation
         self._model = model.SerializeToString()
         has_batch_axis = len(port.shape) > 1 and port.shape[0] == 1
@@ -195,7 +196,7 @@ def _first_line(error: Exception) -> str:
 
 
 def runtime_of(model: ModelFile, graph: Graph, port: Port) -> Runtime:
-    """Return the program of one output: the same nodes and weights, without what the output does not need.
+    """Return the program of the outputs of a graph: the same nodes and weights, without what these do not need.
 
     Raises
     ------
@@ -214,8 +215,8 @@ def runtime_of(model: ModelFile, graph: Graph, port: Port) -> Runtime:
     proto.ir_version = max(proto.ir_version, _OLDEST_IR)
     proto.graph.node.extend(_trimmed(node.proto) for node in graph.nodes)
     proto.graph.initializer.extend(_inline(tensor, model) for tensor in graph.initializers.values())
-    proto.graph.input.extend(value for value in source.input if value.name == port.name)
-    proto.graph.output.extend(value for value in source.output if value.name == graph.outputs[0])
+    proto.graph.input.extend(value for value in source.input if value.name in graph.inputs)
+    proto.graph.output.extend(value for value in source.output if value.name in graph.outputs)
     if 0 < model.opset < _OLDEST_RUN:
         proto = _modernised(proto)
     return Runtime(proto, port)

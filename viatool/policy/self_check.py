@@ -90,7 +90,7 @@ def check_executed(executed: Executed, program: Runtime, spec: PolicySpecificati
 
     Parameters
     ----------
-    executed : dict
+    executed : Executed
         The network at each level of optimisation.
     program : Runtime
         The deployed program.
@@ -107,8 +107,8 @@ def check_executed(executed: Executed, program: Runtime, spec: PolicySpecificati
     SelfCheckError, PolicyError
         As `check_network`.
     """
-    plain = check_network(executed["none"], program.at("none"), spec)
-    deployed = check_network(executed[program.optimisation], program, spec)
+    plain = check_network(executed.at["none"], program.at("none"), spec)
+    deployed = check_network(executed.at[program.optimisation], program, spec)
     return SelfCheck(
         min(plain.points, deployed.points),
         max(plain.largest_difference, deployed.largest_difference),
