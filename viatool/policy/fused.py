@@ -167,9 +167,13 @@ def _skip_simplified(body: _Body) -> None:
     _normalised_sum(body, "RMSNormalization", total, body.given(2))
 
 
+_EPSILON = 1e-12
+"""What onnxruntime adds to a variance where a node does not say it."""
+
+
 def _normalised_sum(body: _Body, operator: str, total: str, *parameters: str) -> None:
     given = [name for name in parameters if name]
-    body.add(operator, total, *given, to=0, axis=-1, epsilon=body.number("epsilon", 1e-5))
+    body.add(operator, total, *given, to=0, axis=-1, epsilon=body.number("epsilon", _EPSILON))
     if len(body.outputs) > 3 and body.outputs[3]:
         body.add("Identity", total, to=3)
 

@@ -17,6 +17,7 @@ from viatool.errors import PolicyError
 from viatool.policy.graph import Graph
 from viatool.policy.model_file import ModelFile, Port
 from viatool.policy.tensors import read_tensor
+from viatool.versions import version_of
 
 _ROWS = 65536
 _OLDEST_RUN = 7
@@ -71,6 +72,11 @@ class Runtime:
         """Drop the sessions, which cannot be pickled."""
         return {**self.__dict__, "_sessions": {}}
 
+    @property
+    def words(self) -> str:
+        """Return which program it is for which bounds of it hold, for a report."""
+        return f"onnxruntime {version_of('onnxruntime')} on a CPU, at every level of its optimisation"
+
     def at(self, optimisation: Optimisation) -> Runtime:
         """Return the same model as onnxruntime runs it at another level of optimisation."""
         other = copy.copy(self)
@@ -91,16 +97,18 @@ class Runtime:
         sums in another order, and joins a normalisation or an activation to the convolution before it, with the
         same operations on each number; rules for rounding hold in any order.
         """
-        with tempfile.TemporaryDirectory(prefix="viatool-") as folder:
-            path = Path(folder) / "executed.onnx"
-            _open(self._model, self.optimisation, path)
-            try:
+        try:
+            with tempfile.TemporaryDirectory(prefix="viatool-") as folder:
+                path = Path(folder) / "executed.onnx"
+                _open(self._model, self.optimisation, path)
                 return onnx.load(path)
-            except Exception as error:  # a missing file, or whatever reading a damaged one raises
-                raise PolicyError(
-                    f"onnxruntime does not write the model that it runs: {_first_line(error)}",
-                    "update the onnxruntime package",
-                ) from error
+        except PolicyError:
+            raise
+        except Exception as error:  # no room, a missing file, or whatever reading a damaged one raises
+            raise PolicyError(
+                f"onnxruntime does not write the model that it runs: {_first_line(error)}",
+                "make room in the folder for temporary files, or update the onnxruntime package",
+            ) from error
 
     def __call__(self, observations: Floats) -> Floats:
         """Run the program: ``(B, n)`` float64, rounded to the model's input type, to ``(B, A)`` float64.

@@ -13,6 +13,7 @@ from viatool.errors import ConfigurationError, PolicyError
 from viatool.motion.law import Kinematics
 from viatool.policy import PolicySpecification
 from viatool.policy.network import Network
+from viatool.policy.runtime import Runtime
 from viatool.policy.specified import Specified, name_of, specification_of
 from viatool.setting.premises import Premise
 from viatool.setting.reconcile import Parties, reconcile
@@ -28,6 +29,10 @@ class Described(Specified, Protocol):
     @property
     def network(self) -> Network:
         """The function that is verified."""
+
+    @property
+    def runtime(self) -> Runtime:
+        """The program of which a verdict is true."""
 
 
 @dataclass(frozen=True)
@@ -113,6 +118,8 @@ class Setting:
                 "correct the channels of the specification",
             )
         made = cls.of_specification(spec, world_map, eps, wishes, scenarios, name=name_of(policy))
+        runtime = Premise("runtime", policy.runtime.words, "what is installed")
+        made = replace(made, premises=(*made.premises, runtime))
         double = policy.network.nodes[0].precision == "float64"
         return replace(made, number=np.float64) if double else made
 
