@@ -31,7 +31,9 @@ REWRITTEN = replace(POLICY, rewritten=(OTHER,))
 
 
 def question(policy: Policy) -> Question:
-    return Question.of(policy, Setting.of(policy, ROOM, 0.01), SCENARIO)
+    """Ask of a policy; of the other program alone, which no runtime here runs, in exact arithmetic."""
+    arithmetic = "real" if policy.network is OTHER else "float32"
+    return Question.of(policy, Setting.of(policy, ROOM, 0.01), SCENARIO, arithmetic)
 
 
 def cells() -> StateBoxes:
