@@ -17,9 +17,13 @@ import onnxruntime
 import pytest
 from numpy.typing import NDArray
 
+from tests.oracles import MP
 from tests.policy.models import model_of, node, save
 from tests.taylor.containment import Bare
 from viatool.policy import assembly, load_policy
+from viatool.policy.graph import live, read_graph
+from viatool.policy.network import Affine
+from viatool.policy.reader import read_network
 from viatool.taylor import reach
 
 Floats = NDArray[np.float64]
@@ -197,3 +201,23 @@ def test_without_the_magnitudes_of_what_was_merged_something_escapes(
 ) -> None:
     monkeypatch.setattr(assembly, "_beyond", lambda magnitudes, values: None)
     assert escape(GRAPHS[name], kind, tmp_path, np.array([1e-3, 0.25]), 1e-4) > 0
+
+
+def test_the_factors_of_a_gate_are_merged_without_losing_their_rounding(tmp_path: Path) -> None:
+    """0.1 x (0.3 + 0.3 erf(x)) in double precision: 0.1 times 0.3 is no double."""
+    nodes = [
+        node("Erf", ["x"], ["e"]),
+        node("Gemm", ["e", "w", "c"], ["g"]),
+        node("Mul", ["x", "f"], ["s"]),
+        node("Mul", ["s", "g"], ["y"]),
+    ]
+    constants = {"w": 0.3 * np.eye(2), "c": np.full(2, 0.3), "f": np.array(0.1)}
+    graph = live(read_graph(model_of(nodes, constants, shape=(1, 2), dtype=KINDS["float64"]), Path()), "y")
+    network = read_network(graph, "x", (1, 2), "float64", Path()).network
+    assert network is not None
+    point = 1.375
+    exact = MP.mpf(0.1) * point * MP.mpf(0.3) * (1 + MP.erf(MP.mpf(point)))
+    sets = reach(Bare(network), [[point, 0.5]], 0.0, arithmetic="real")
+    assert sets.lower[0, 0] <= exact <= sets.upper[0, 0]
+    (scaled,) = (part for part in network.nodes if isinstance(part, Affine))
+    assert scaled.roundings > 0

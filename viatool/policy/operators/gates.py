@@ -6,6 +6,9 @@ that move together it could not be bounded as closely.
 
 from __future__ import annotations
 
+import math
+from fractions import Fraction
+
 import numpy as np
 
 from viatool.policy.activations import ActivationFunction, activation
@@ -56,7 +59,9 @@ def _raised_gate(assembly: Assembly, scaled: Computed, gate: Computed) -> Comput
         for recognise in (_erf_argument, _tanh_argument):
             function = recognise(assembly, x, raised.source)
             if function is not None:
-                return assembly.scaled(assembly.activation(x, function), factor * raised.factor)
+                merged = int(not is_product(factor * raised.factor, factor, raised.factor))
+                bent = assembly.activation(x, function)
+                return assembly.scaled(bent, factor * raised.factor, roundings=merged)
     return None
 
 
@@ -94,6 +99,8 @@ def _tanh_argument(assembly: Assembly, x: Computed, bent: Computed) -> Activatio
     cubed = Computed(other, x.shape, x.precision)
     scale = assembly.scaling_of(cubed)
     if scale is not None and scale.offset == 0 and not scale.roundings:
+        if not is_product(cubic * scale.factor, cubic, scale.factor):
+            return None
         cubed, cubic = scale.source, cubic * scale.factor
     if cubic <= 0 or not _is_cube(assembly, cubed, x):
         return None
@@ -114,10 +121,16 @@ def _is_cube(assembly: Assembly, value: Computed, x: Computed) -> bool:
 def softsign(assembly: Assembly, x: Computed, divisor: Computed) -> Computed | None:
     """Return ``x / (1 + |x|)`` as one activation, None where the divisor is another."""
     raised = assembly.scaling_of(divisor)
-    if raised is None or (raised.factor, raised.offset) != (1.0, 1.0):
+    if raised is None or (raised.factor, raised.offset, raised.roundings) != (1.0, 1.0, 0):
         return None
     argument = assembly.function_of(raised.source, "Abs")
     return assembly.activation(x, "Softsign") if argument is not None and argument.node == x.node else None
+
+
+def is_product(value: float, left: float, right: float) -> bool:
+    """Whether a number is exactly the product of two others."""
+    numbers = (value, left, right)
+    return all(map(math.isfinite, numbers)) and Fraction(value) == Fraction(left) * Fraction(right)
 
 
 def _stored(value: float) -> float:

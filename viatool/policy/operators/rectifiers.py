@@ -9,6 +9,7 @@ import numpy as np
 from viatool.policy.activations import activation
 from viatool.policy.assembly import Assembly, Computed
 from viatool.policy.network import Affine
+from viatool.policy.operators.gates import is_product
 
 _LARGEST_ELU = 2.0
 """Written out, exp(x) - 1 errs by its last places where it is small, times alpha: no more than Elu's own error."""
@@ -93,7 +94,7 @@ def _soft_shrink(
     own = weights.pop(argument.node, None)
     ((other, weight),) = weights.items()
     jump = assembly.scaling_of(Computed(other, x.shape, x.precision))
-    if jump is None or jump.offset or jump.factor != bound or own is None:
+    if jump is None or jump.offset or jump.factor != bound or jump.roundings or own is None:
         return None
     sign = assembly.function_of(jump.source, "Sign")
     if sign is None or sign.node != argument.node:
@@ -119,7 +120,10 @@ def _softplus(assembly: Assembly, x: Computed, bound: float, above: Branch, belo
         return None
     if flat.factor != 1.0 / steep.factor:
         return None
-    return assembly.scaled(assembly.activation(x, function), flat.factor, roundings=flat.roundings)
+    merged = int(
+        not is_product(1.0, flat.factor, steep.factor)
+    )  # above the threshold the program takes x itself
+    return assembly.scaled(assembly.activation(x, function), flat.factor, roundings=flat.roundings + merged)
 
 
 def _threshold(

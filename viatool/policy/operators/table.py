@@ -45,9 +45,13 @@ _NOTES = """\
   precision that `stash_type` names.
 - Activations that exporters write as several operators (`x * Sigmoid(x)`, `x * (1 + Erf(x / 1.4142135))`,
   `Where(x > 20, x, Softplus(x))`, ...) are recognised where they are equal to one function in real arithmetic.
-- Constants are folded in the element types of the model. What IEEE 754 fixes (sums, products, quotients, roots) is the
-  same in every runtime; an exponential, a power or a long sum is not, so such a constant carries how many roundings it
-  may be off, and the layer that uses it counts them.
+- Terms that are added up when a graph is read (constants in a Sum, a Gemm whose C is its own input) count as large as
+  they were before they cancelled: `x + 1e6 - 1e6` loses the digits of x in the program, and its bounds say so.
+- A constant that the graph computes from others is kept as the real number that it stands for. A runtime may round it
+  after each operation, or, without arithmetic in half precision, at none of them; an exponential or a long sum differs
+  in its last places anyway. So such a constant carries how many roundings it may be off, of all that was added up in
+  it, and the layer that uses it counts them.
+- A Clip keeps every finite limit: the largest float32 number limits a double.
 """
 
 
