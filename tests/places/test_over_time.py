@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from viatool.places.passages import follow as passages
 from viatool.policy.activations import activation
 from viatool.policy.network import Activation, Affine, Input, Network
 from viatool.policy.writer import write_onnx
-from viatool.schedule import Deadline, Processes
+from viatool.schedule import NEVER, Deadline, Processes
 
 ROOM, VIA = load_map(Path("maps/room.yaml")), load_policy(Path("policies/via.onnx"))
 SCENARIO = ROOM.scenarios[0]
@@ -34,10 +35,10 @@ def constant(path, speed, turn):
     return load_policy(path)
 
 
-def prospect(policy, side=0.25, campaign=None, **asked):
+def prospect(policy, side=0.25, **asked):
     certificate = certify(
         policy, ROOM, SCENARIO, eps=0.01, criterion="swept", resolution=Resolution(side, 0),
-        outlook=Outlook(**asked), campaign=campaign,
+        outlook=Outlook(**asked),
     )  # fmt: skip
     return certificate.prospect
 
@@ -64,9 +65,34 @@ def true_intervals(states, speed, most):
 
 
 @pytest.fixture(scope="module")
-def straight(tmp_path_factory):
-    policy = constant(tmp_path_factory.mktemp("policy") / "straight.onnx", 0.5, 0.0)
-    return prospect(policy, steps=8, for_ever=True, lookahead=4, goal_radius=0.8)
+def ahead(tmp_path_factory):
+    return constant(tmp_path_factory.mktemp("policy") / "straight.onnx", 0.5, 0.0)
+
+
+@pytest.fixture(scope="module")
+def certificate(ahead):
+    return certify(
+        ahead, ROOM, SCENARIO, eps=0.01, criterion="swept", resolution=Resolution(0.25, 0),
+        outlook=Outlook(steps=8, for_ever=True, lookahead=4, goal_radius=0.8),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def straight(certificate):
+    return certificate.prospect
+
+
+@pytest.fixture
+def look(ahead, certificate):
+    """Look ahead again from what the certificate found for the next action."""
+
+    def look(campaign=None, until=NEVER, **asked):
+        return look_ahead(
+            Question.of(ahead, certificate.setting, SCENARIO), certificate.lattice, certificate.findings,
+            SCENARIO.goal, replace(certificate.prospect.outlook, **asked), campaign or Campaign(), until=until,
+        )  # fmt: skip
+
+    return look
 
 
 def test_a_robot_that_drives_straight_lasts_as_long_as_its_way_is_free(straight):
@@ -175,10 +201,7 @@ def test_cells_of_leaves_are_as_the_leaves_say():
     assert not found.intervals[found.free & ~safe].any()
 
 
-def test_a_coarser_cell_is_as_bad_as_the_worst_leaf_in_it():
-    certificate = certify(
-        VIA, ROOM, SCENARIO, eps=0.01, criterion="swept", resolution=Resolution(0.25, 0), outlook=Outlook(),
-    )  # fmt: skip
+def test_a_coarser_cell_is_as_bad_as_the_worst_leaf_in_it(certificate):
     fine, coarse = Mesh.of(certificate.lattice), Mesh.of(certificate.lattice, 1)
     status = fine.statuses(certificate.lattice, certificate.findings).reshape(8, 2, 8, 2, 16, 2)
     np.testing.assert_array_equal(
@@ -187,25 +210,15 @@ def test_a_coarser_cell_is_as_bad_as_the_worst_leaf_in_it():
     assert len(np.unique(status)) > 2
 
 
-def test_workers_change_nothing(tmp_path, straight):
-    again = prospect(
-        load_policy(constant(tmp_path / "straight.onnx", 0.5, 0.0).path), steps=8, for_ever=True, lookahead=4,
-        goal_radius=0.8, campaign=Campaign(Processes(2)),
-    )  # fmt: skip
-    np.testing.assert_array_equal(again.intervals, straight.intervals)
-
-
-def follow(policy, **how):
-    return certify(
-        policy, ROOM, SCENARIO, eps=0.01, criterion="swept", resolution=Resolution(0.25, 0),
-        outlook=Outlook(steps=8, for_ever=True, goal_radius=0.8), **how,
-    ).prospect  # fmt: skip
-
-
-def test_cells_that_were_followed_are_kept_and_not_followed_again(tmp_path, straight, monkeypatch):
+def test_workers_change_nothing(look, monkeypatch):
     monkeypatch.setattr(over_time, "_CELLS_AT_ONCE", 500)
-    policy = load_policy(constant(tmp_path / "straight.onnx", 0.5, 0.0).path)
-    first = follow(policy, campaign=Campaign(checkpoint=tmp_path / "kept"))
+    alone, shared = look(lookahead=1), look(Campaign(Processes(2)), lookahead=1)
+    np.testing.assert_array_equal(shared.intervals, alone.intervals)
+
+
+def test_cells_that_were_followed_are_kept_and_not_followed_again(tmp_path, look, straight, monkeypatch):
+    monkeypatch.setattr(over_time, "_CELLS_AT_ONCE", 500)
+    first = look(Campaign(checkpoint=tmp_path / "kept"))
     kept = sorted((tmp_path / "kept").glob("follow-*/units-*"))
     assert len(kept) > 4
     kept[1].unlink()
@@ -213,7 +226,7 @@ def test_cells_that_were_followed_are_kept_and_not_followed_again(tmp_path, stra
     monkeypatch.setattr(
         over_time, "follow", lambda *given, **more: followed.append(len(given[2])) or passages(*given, **more)
     )
-    again = follow(policy, campaign=Campaign(checkpoint=tmp_path / "kept", resume=True))
+    again = look(Campaign(checkpoint=tmp_path / "kept", resume=True))
     assert followed == [500]
     for found in (first, again):
         np.testing.assert_array_equal(found.intervals, straight.intervals)
@@ -231,14 +244,9 @@ class Looks:
 
 
 @pytest.mark.parametrize("seconds", [400.0, 700.0, 1000.0, 1300.0])
-def test_what_was_not_followed_in_time_is_not_claimed(straight, tmp_path, seconds, monkeypatch):
+def test_what_was_not_followed_in_time_is_not_claimed(look, straight, seconds, monkeypatch):
     monkeypatch.setattr(over_time, "_CELLS_AT_ONCE", 50)
-    policy = load_policy(constant(tmp_path / "straight.onnx", 0.5, 0.0).path)
-    whole = certify(policy, ROOM, SCENARIO, eps=0.01, criterion="swept", resolution=Resolution(0.25, 0))
-    found = look_ahead(
-        Question.of(policy, whole.setting, SCENARIO), whole.lattice, whole.findings,
-        SCENARIO.goal, straight.outlook, Campaign(), until=Deadline.after(seconds, Looks()),
-    )  # fmt: skip
+    found = look(until=Deadline.after(seconds, Looks()))
     assert (found.intervals <= straight.intervals).all()
     assert (found.intervals < straight.intervals).any()
     assert (found.intervals[found.free] > 0).any()
