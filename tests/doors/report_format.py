@@ -21,12 +21,14 @@ FILES = {
     },
 }
 
+CELLS = ("--smallest", "0.5", "--halvings", "0", "--sample", "0.05")
+
 
 def check(folder: Path) -> None:
     (folder / "map.yaml").write_text(MAP, encoding="utf-8")
     asked = [str(write_policy(folder / "policy.onnx")), "--map", str(folder / "map.yaml"), "--eps", "0.01"]
     stored, text = folder / "report.json", folder / "line.toy"
-    for command in (["verify", *asked], ["certify", *asked, "--sample", "0.05"], ["simulate", *asked[:3]]):
+    for command in (["verify", *asked], ["certify", *asked, *CELLS], ["simulate", *asked[:3]]):
         arguments = [*command, "--output", f"json:{stored}", "--output", f"toy:{text}"]
         done = CliRunner().invoke(main, arguments)
         assert done.exit_code == 0, done.output

@@ -71,7 +71,7 @@ def test_driving_catches_a_box_without_one_of_its_terms(monkeypatch, rule):
 def case(request):
     """A certificate, and the same robot by school formulas."""
     found = certify(
-        POLICY, ROOM, SCENARIO, eps=0.01, resolution=Resolution(0.1, 0), budget=Budget(share=0.04), seed=2,
+        POLICY, ROOM, SCENARIO, eps=0.01, resolution=Resolution(0.1, 0), budget=Budget(share=0.02), seed=2,
         **SETTINGS[request.param],
     )  # fmt: skip
     return found, plant_of(request.param)

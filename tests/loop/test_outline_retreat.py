@@ -169,7 +169,8 @@ MUTANTS = {
 def test_driving_catches_the_argument_without_one_of_its_rules(monkeypatch, rule):
     owner, name, mutate = MUTANTS[rule]
     monkeypatch.setattr(owner, name, mutate(getattr(owner, name)))
-    assert min(least(outline, (0, 1))[0] for outline in OUTLINES) < -1e-5
+    cases = ((outline, (seed,)) for seed in (0, 1) for outline in OUTLINES)
+    assert any(least(*case)[0] < -1e-5 for case in cases)  # the first that shows it is enough
 
 
 def test_ways_and_motions_turn_by_no_more_than_their_bounds():

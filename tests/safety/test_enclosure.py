@@ -131,7 +131,9 @@ MUTANTS = {
 def test_brute_force_catches_a_bound_without_one_of_its_terms(monkeypatch, name):
     place, mutate, footprint, kind = MUTANTS[name]
     monkeypatch.setattr(*place, mutate(getattr(*place)))
-    assert excess(FOOTPRINTS[footprint], manoeuvre_of(kind, FOOTPRINTS[footprint])) > 0.0
+    shape = FOOTPRINTS[footprint]
+    worst = (excess(shape, manoeuvre_of(kind, shape), seeds=[seed]) for seed in range(8))
+    assert any(amount > 0.0 for amount in worst)  # the first that shows it is enough
 
 
 @pytest.mark.parametrize("name", FOOTPRINTS)

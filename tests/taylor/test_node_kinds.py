@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[2]
 NETWORK = ROOT / "viatool/policy/network.py"
 PASSES = {
@@ -54,12 +56,15 @@ def test_no_dispatch_over_nodes_has_a_default() -> None:
                 assert not any(isinstance(p, ast.MatchAs) and p.pattern is None for p in patterns), path
 
 
-def test_a_new_kind_of_node_fails_type_checking_in_every_pass(tmp_path: Path) -> None:
+def test_a_new_kind_of_node_fails_type_checking_in_every_pass(
+    tmp_path: Path, pytestconfig: pytest.Config
+) -> None:
     text = NETWORK.read_text()
     assert text.count(UNION) == 1
     extended = tmp_path / "network.py"
     extended.write_text(text.replace(UNION, NEW_KIND))
-    command = [sys.executable, "-m", "mypy", "--cache-dir", str(tmp_path / "cache"), "--no-error-summary"]
+    checked = pytestconfig.cache.mkdir("types") if pytestconfig.cache else tmp_path / "types"
+    command = [sys.executable, "-m", "mypy", "--cache-dir", str(checked), "--no-error-summary"]
     command += ["--shadow-file", str(NETWORK), str(extended), "-p", "viatool.policy", "-p", "viatool.taylor"]
     run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     found: dict[str, set[int]] = {}

@@ -18,14 +18,23 @@ from viatool.errors import ConfigurationError, WorkError
 from viatool.policy import load_policy
 from viatool.schedule import Serial
 from viatool.simulate import roll_out
-from viatool.verification import verify
+from viatool.verification import states, verify
 from viatool.world import load_map
 
 ROOT = Path(__file__).resolve().parents[2]
 LAB = "maps/lab.yaml"
 POLICY = "policies/via.onnx"
 SWEPT = {"eps": 0.05, "clearance": 0.7, "danger": 0.8}
+BLOCK, STATES = 512, 1050
 BRAKING = {**SWEPT, "criterion": "braking", "delay": 0.05, "only_contested": True, "seed": 7}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def small_blocks():
+    """Cut the states of this process into three blocks, whoever examines them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(states, "_MOST_STATES", BLOCK)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -37,9 +46,8 @@ def policy():
 def driven(policy):
     world_map = load_map(LAB)
     trajectory = roll_out(policy, world_map, world_map.generator.draw(30, 3))
-    states = np.arange(len(trajectory)) < 2100
-    assert len(trajectory) > 2100
-    return trajectory.select(states)
+    assert len(trajectory) > STATES
+    return trajectory.select(np.arange(len(trajectory)) < STATES)
 
 
 @pytest.fixture(scope="module")
@@ -109,9 +117,9 @@ def test_a_cluster_that_loses_a_worker_and_then_its_scheduler_changes_nothing(
 
 
 def test_what_is_found_in_a_block_depends_on_that_block_alone(policy, driven, results):
-    alone = verify(policy, LAB, trajectory=driven.select(np.arange(len(driven)) < 1024), **SWEPT)
+    alone = verify(policy, LAB, trajectory=driven.select(np.arange(len(driven)) < BLOCK), **SWEPT)
     for name in ("lower", "upper", "verdict", "witness"):
-        np.testing.assert_array_equal(getattr(alone, name), getattr(results["swept"], name)[:1024])
+        np.testing.assert_array_equal(getattr(alone, name), getattr(results["swept"], name)[:BLOCK])
 
 
 class Interrupted(Serial):
@@ -134,13 +142,13 @@ def test_a_run_continues_where_it_was_cut_short(policy, driven, results, tmp_pat
             policy, LAB, trajectory=driven, **SWEPT, checkpoint=folder, scheduler=Interrupted(2), chunk=1,
             progress=lambda *_: told.append(_),
         )  # fmt: skip
-    assert told == [("states", 1024, 2100), ("states", 2048, 2100)]
+    assert told == [("states", BLOCK, STATES), ("states", 2 * BLOCK, STATES)]
     told.clear()
     result = verify(
         policy, LAB, trajectory=driven, **SWEPT, checkpoint=folder, resume=True,
         progress=lambda *_: told.append(_),
     )  # fmt: skip
-    assert told == [("states", 2048, 2100), ("states", 2100, 2100)]
+    assert told == [("states", 2 * BLOCK, STATES), ("states", STATES, STATES)]
     assert_same(result, results["swept"])
     again = verify(policy, LAB, trajectory=driven, **SWEPT, checkpoint=folder, resume=True, workers=2)
     assert_same(again, results["swept"])
@@ -162,7 +170,7 @@ def test_a_checkpoint_belongs_to_its_run(policy, driven, tmp_path):
         verify(policy, LAB, **SWEPT, resume=True)
 
 
-VERIFY = ("verify", POLICY, "--map", LAB, "--eps", "0.01", "--poses", "random:5000", "--only-contested")
+VERIFY = ("verify", POLICY, "--map", LAB, "--eps", "0.01", "--poses", "random:3500", "--only-contested")
 
 
 def start(*arguments, **options):
