@@ -32,7 +32,7 @@ def outputs(tmp_path_factory):
         "junit": "c.xml", "github": "c.txt",
     }  # fmt: skip
     asked = [part for name, file in names.items() for part in ("-o", f"{name}:{folder / file}")]
-    done = run("--sample", "0.05", "--fail-under", "contested=0.1", *asked)
+    done = run("--sample", "0.03", "--fail-under", "contested=0.1", *asked)
     return done, {name: folder / file for name, file in names.items()}
 
 

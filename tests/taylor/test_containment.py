@@ -57,19 +57,38 @@ def quickly(examples: int) -> settings:
     )
 
 
-@quickly(50)
-@given(plans=network_and_boxes(most_width=24, most_inputs=4), options=st.sampled_from(SETTINGS))
+NETWORKS = {"plans": network_and_boxes(most_width=24, most_inputs=4), "options": st.sampled_from(SETTINGS)}
+
+
+@quickly(25)
+@given(**NETWORKS)
 def test_exact_values_stay_inside(plans: tuple[NetworkPlan, BoxPlan], options: dict[str, object]) -> None:
-    plan, box = plans
+    assert_exact_values_inside(*plans, options)
+
+
+@quickly(20)
+@given(**NETWORKS)
+def test_float32_programs_stay_inside(plans: tuple[NetworkPlan, BoxPlan], options: dict[str, object]) -> None:
+    assert_programs_inside(*plans, options)
+
+
+@pytest.mark.slow
+@quickly(300)
+@given(**NETWORKS)
+def test_nothing_leaves_the_bounds_of_many_networks(
+    plans: tuple[NetworkPlan, BoxPlan], options: dict[str, object]
+) -> None:
+    assert_exact_values_inside(*plans, options)
+    assert_programs_inside(*plans, options)
+
+
+def assert_exact_values_inside(plan: NetworkPlan, box: BoxPlan, options: dict[str, object]) -> None:
     network = plan.build()
     with suppress(EnclosureError):  # an honest refusal: a value may overflow, or a logarithm may meet 0
         assert escape_of_exact_values(network, *box.build(plan.inputs), **options) == 0
 
 
-@quickly(40)
-@given(plans=network_and_boxes(most_width=24, most_inputs=4), options=st.sampled_from(SETTINGS))
-def test_float32_programs_stay_inside(plans: tuple[NetworkPlan, BoxPlan], options: dict[str, object]) -> None:
-    plan, box = plans
+def assert_programs_inside(plan: NetworkPlan, box: BoxPlan, options: dict[str, object]) -> None:
     network = plan.build()
     with suppress(EnclosureError):
         assert escape_of_programs(network, *box.build(plan.inputs), **options) <= 0
