@@ -14,8 +14,8 @@ def test_ranges_are_those_of_shapely(arena: str, seed: int) -> None:
     rng = np.random.default_rng([seed, 1])
     world, scenarios = random_world(rng, ARENAS[arena], situations=5)
     scenes = Scenes.of(world, scenarios)
-    poses = np.column_stack([rng.uniform(-5, 5, (16, 2)), rng.uniform(-np.pi, np.pi, 16)])
-    scene = rng.integers(0, len(scenes), 16)
+    poses = np.column_stack([rng.uniform(-5, 5, (24, 2)), rng.uniform(-np.pi, np.pi, 24)])
+    scene = rng.integers(0, len(scenes), 24)
     ranges = scenes.cast(poses, scene, LIDAR)
     expected = np.array(
         [
