@@ -71,12 +71,18 @@ def expected_clearance(world: WorldMap, scenario: Scenario | None, shape: shapel
     return max(0.0, min(shapely.distance(shape, solid), *distances, np.inf))
 
 
-def expected_range(
-    world: WorldMap, scenario: Scenario | None, pose: np.ndarray, angle: float, limit: float
-) -> float:
-    """Return how far a ray gets; circles by their own formula, the rest by intersecting a shapely line."""
+def expected_ranges(
+    world: WorldMap, scenario: Scenario | None, pose: np.ndarray, angles: np.ndarray, limit: float
+) -> list[float]:
+    """Return how far rays get; circles by their own formula, the rest by intersecting shapely lines."""
     solid, circles = blocked_region(world, scenario)
-    origin, direction = pose[:2], np.array([np.cos(pose[2] + angle), np.sin(pose[2] + angle)])
+    return [_expected_range(solid, circles, pose[:2], pose[2] + angle, limit) for angle in angles]
+
+
+def _expected_range(
+    solid: shapely.Geometry, circles: np.ndarray, origin: np.ndarray, angle: float, limit: float
+) -> float:
+    direction = np.array([np.cos(angle), np.sin(angle)])
     ray = shapely.LineString([origin, origin + limit * direction])
     hits = [limit]
     met = shapely.intersection(ray, solid)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
-from tests.world.random_worlds import ARENAS, LIDAR, expected_range, random_world
+from tests.world.random_worlds import ARENAS, LIDAR, expected_ranges, random_world
 from viatool.world import Lidar, Obstacles, Scenario, Scenes, WorldMap, bin_ranges, box_polygon, load_map
 
 
@@ -14,15 +14,12 @@ def test_ranges_are_those_of_shapely(arena: str, seed: int) -> None:
     rng = np.random.default_rng([seed, 1])
     world, scenarios = random_world(rng, ARENAS[arena], situations=5)
     scenes = Scenes.of(world, scenarios)
-    poses = np.column_stack([rng.uniform(-5, 5, (24, 2)), rng.uniform(-np.pi, np.pi, 24)])
-    scene = rng.integers(0, len(scenes), 24)
+    poses = np.column_stack([rng.uniform(-5, 5, (40, 2)), rng.uniform(-np.pi, np.pi, 40)])
+    scene = rng.integers(0, len(scenes), 40)
     ranges = scenes.cast(poses, scene, LIDAR)
     expected = np.array(
         [
-            [
-                expected_range(world, scenarios[index], pose, angle, LIDAR.maximum_range)
-                for angle in LIDAR.angles()
-            ]
+            expected_ranges(world, scenarios[index], pose, LIDAR.angles(), LIDAR.maximum_range)
             for pose, index in zip(poses, scene, strict=True)
         ]
     )
