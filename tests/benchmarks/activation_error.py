@@ -133,7 +133,7 @@ def main() -> None:
             continue
         start = time.perf_counter()
         worst = worst_error(function, arguments.every, low, high)
-        margin = runtime_units(function.name)
+        margin = runtime_units(function)
         enough = margin >= SAFETY * worst.units
         flagged += [] if enough else [function.name]
         spare = f"{margin / worst.units:.1f}x" if worst.units else "exact"

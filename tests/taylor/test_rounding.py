@@ -26,7 +26,7 @@ STEEP = (
 def test_onnxruntime_stays_within_half_of_the_margin_of_an_activation(function: ActivationFunction) -> None:
     worst = worst_error(function, 40_009, -LARGEST, LARGEST)
     assert worst.points > 40_000
-    assert 2 * worst.units <= runtime_units(function.name)
+    assert 2 * worst.units <= runtime_units(function)
 
 
 def test_the_sum_of_n_terms_errs_by_n_roundings() -> None:

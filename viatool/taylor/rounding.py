@@ -150,9 +150,14 @@ def widen(lower: Floats, upper: Floats, deviation: Floats) -> Hull:
     return np.where(np.isnan(lower), -np.inf, lower), np.where(np.isnan(upper), np.inf, upper)
 
 
-def runtime_units(name: str) -> float:
-    """Return the largest error of a runtime's activation in unit roundoffs of `error_scale`."""
-    return _RUNTIME_UNITS.get(name, _DEFAULT_UNITS)
+def runtime_units(function: ActivationFunction) -> float:
+    """Return the largest error of a runtime's activation in unit roundoffs of `error_scale`.
+
+    A power with a small exponent is a few products, or the function of a library that is as good as two of them.
+    """
+    if function.name == "Pow":
+        return max(4.0, 2.0 * function.parameters[0][1])
+    return _RUNTIME_UNITS.get(function.name, _DEFAULT_UNITS)
 
 
 def magnitude(hull: Hull) -> Floats:
@@ -164,7 +169,7 @@ def activation_error(
     function: ActivationFunction, precision: Precision, argument: Hull, value: Floats
 ) -> Floats:
     """Bound the error of a runtime's activation (B, N), given its argument and a bound on its absolute value."""
-    units = runtime_units(function.name) * UNIT_ROUNDOFF[precision]
+    units = runtime_units(function) * UNIT_ROUNDOFF[precision]
     own = units * error_scale(function, magnitude(argument), value)
     if function.name in _RELATIVE_TO_VALUE:
         return own + _flushed(function.name, argument, SMALLEST_NORMAL[precision])
