@@ -318,3 +318,36 @@ def test_a_matrix_product_counts_the_scaling_that_a_runtime_may_fold_into_its_we
 
 def _shift(name: str) -> float:
     return 0.2 - 1.3 * 0.4 / np.sqrt(0.7 + 1e-5) if name == "BatchNormalization" else 0.0
+
+
+@pytest.mark.parametrize(
+    ("dtype", "large", "unit"), [("float16", 1024.0, 2.0**-11), ("bfloat16", 128.0, 2.0**-8)]
+)
+def test_what_is_left_of_a_sum_may_be_rounded_at_each_step_or_at_none(
+    dtype: str, large: float, unit: float
+) -> None:
+    stored = np.float16 if dtype == "float16" else np.float32
+    first, second = (Constant(np.array([value], dtype=stored), dtype) for value in (large, 0.25))
+    rest = folded("Sub", folded("Add", first, second), first)
+    assert rest.dtype == dtype
+    assert rest.magnitude is not None
+    assert exactly(rest) == Fraction(1, 4)
+    assert rest.roundings * unit * rest.magnitude >= 0.25, "a program in half precision is left with nothing"
+
+
+def test_a_product_below_the_normal_numbers_may_be_flushed_to_nothing() -> None:
+    small = Constant(np.array([1.1e-4], dtype=np.float16), "float16")
+    product = folded("Mul", small, small)
+    assert product.magnitude is not None
+    assert product.roundings * 2.0**-11 * product.magnitude >= product.array
+
+
+def test_a_range_that_a_program_adds_up_step_by_step_counts_its_steps() -> None:
+    start, limit, step = (
+        Constant(np.array(value, dtype=np.float32), "float32") for value in (0.0, 10.0, 0.1)
+    )
+    found = folded("Range", start, limit, step)
+    added = np.cumsum(np.full(found.array.size, np.float32(0.1)), dtype=np.float32) - np.float32(0.1)
+    assert found.magnitude is not None
+    assert (np.abs(added - found.array) <= found.roundings * 2.0**-24 * found.magnitude).all()
+    assert folded("Range", start, limit, Constant(np.array(0.5, dtype=np.float32), "float32")).roundings == 0

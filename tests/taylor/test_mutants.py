@@ -491,8 +491,8 @@ MUTANTS = [
     Mutant(
         gradients(chain(4, cancelling(4).T[:, :4], np.ones((1, 64))), normal(2, 4), 0.0),
         "derivatives._mapped",
-        "rounding * ((np.abs(centre) + radius) @ node.magnitudes[source])",
-        "0",
+        "ENGINE_ROUNDOFF) * (np.abs(centre) + radius)",
+        "ENGINE_ROUNDOFF) * 0 * radius",
     ),
     Mutant(
         gradients(CURVED, normal(3, 2), 0.3),
@@ -503,8 +503,8 @@ MUTANTS = [
     Mutant(
         gradients(CURVED, normal(3, 2), 0.3),
         "derivatives._mapped",
-        "spread = radius @ node.absolute_weights[source]",
-        "spread = 0 * centre @ weight",
+        "(radius + rounding) @ absolute",
+        "rounding @ absolute",
     ),
     Mutant(
         real(CURVED, normal(6, 2), 0.6, refine="monotone"),

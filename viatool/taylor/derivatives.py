@@ -124,9 +124,9 @@ def _accumulate(adjoints: dict[int, Hull], node: int, contribution: Hull) -> Non
 def _mapped(adjoint: Hull, node: Affine, source: int) -> Hull:
     """Multiply an adjoint by the weights of one source; what was merged counts as large as before it cancelled."""
     (centre, radius), weight = adjoint, node.weights[source]
-    rounding = gamma(weight.shape[0] + 2 + node.roundings, ENGINE_ROUNDOFF)
-    spread = radius @ node.absolute_weights[source]
-    spread = spread + rounding * ((np.abs(centre) + radius) @ node.magnitudes[source])
+    absolute, merged = node.absolute_weights[source], node.magnitudes[source]
+    rounding = gamma(weight.shape[0] + 2 + node.roundings, ENGINE_ROUNDOFF) * (np.abs(centre) + radius)
+    spread = (radius + rounding) @ absolute if merged is absolute else radius @ absolute + rounding @ merged
     return centre @ weight, spread * SLIGHTLY_MORE + 1e-300
 
 
