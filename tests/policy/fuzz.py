@@ -34,8 +34,10 @@ from tests.policy.operator_cases import CASES
 from tests.policy.test_exports_shapes import isaac_lab, keras, matlab, ml_agents
 from viatool.errors import SelfCheckError, ViatoolError
 from viatool.policy import load_policy
+from viatool.policy.executed import executed_networks
+from viatool.policy.model_file import open_model
 from viatool.policy.operators import registered
-from viatool.policy.self_check import check_network
+from viatool.policy.self_check import check_executed
 
 Generator = np.random.Generator
 MEMORY = Path("/dev/shm")
@@ -402,7 +404,8 @@ def outcome_of(content: bytes, folder: Path, seed: int = 1) -> str:
     path.write_bytes(content)
     try:
         policy = load_policy(path)
-        check_network(policy.network, policy.runtime, None, seed=seed + 1)
+        executed = executed_networks(open_model(path), policy.network, policy.runtime)
+        check_executed(executed, policy.runtime, None, seed=seed + 1)
         ended = "loaded"
     except SelfCheckError as error:
         # the program itself gives no number, for example 0 * inf with a stored 1e38: refused before any verdict

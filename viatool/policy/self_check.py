@@ -85,7 +85,9 @@ class SelfCheck:
         )
 
 
-def check_executed(executed: Executed, program: Runtime, spec: PolicySpecification | None) -> SelfCheck:
+def check_executed(
+    executed: Executed, program: Runtime, spec: PolicySpecification | None, *, seed: int = 0
+) -> SelfCheck:
     """Compare what onnxruntime is said to run with what it computes: as it is deployed, and with nothing rewritten.
 
     Parameters
@@ -96,6 +98,8 @@ def check_executed(executed: Executed, program: Runtime, spec: PolicySpecificati
         The deployed program.
     spec : PolicySpecification, optional
         Gives sensible ranges of the observation.
+    seed : int
+        Of the random points.
 
     Returns
     -------
@@ -107,8 +111,8 @@ def check_executed(executed: Executed, program: Runtime, spec: PolicySpecificati
     SelfCheckError, PolicyError
         As `check_network`.
     """
-    plain = check_network(executed.at["none"], program.at("none"), spec)
-    deployed = check_network(executed.at[program.optimisation], program, spec)
+    plain = check_network(executed.at["none"], program.at("none"), spec, seed=seed)
+    deployed = check_network(executed.at[program.optimisation], program, spec, seed=seed)
     return SelfCheck(
         min(plain.points, deployed.points),
         max(plain.largest_difference, deployed.largest_difference),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 from viatool.policy.folding import FOLDED
+from viatool.policy.fused import fused_operators
 from viatool.policy.operators.registry import Entry, entry_of, registered
 from viatool.policy.refusals import FAMILIES
 
@@ -71,6 +72,7 @@ def operator_table() -> str:
     lines = [_row(entry) for entry in sorted(bent, key=lambda entry: entry.operator)]
     conditions = [entry for entry in entries.values() if entry.treatment == "folded"]
     compared = ", ".join(f"`{entry.operator}`" for entry in sorted(conditions, key=lambda e: e.operator))
+    own = ", ".join(f"`{name}`" for name in fused_operators() if name != "LayerNormalization")
     folded = ", ".join(f"`{name}`" for name in sorted(FOLDED - entries.keys()))
     refused = [
         f"- {', '.join(f'`{name}`' for name in chosen)}: {reason}; {hint}."
@@ -90,7 +92,12 @@ def operator_table() -> str:
             "## Refused",
             "",
             *refused,
-            "- every other operator, and every operator of another domain.",
+            "- every other operator, and every operator of another domain that is not among the next.",
+            "",
+            "## onnxruntime's own",
+            "",
+            "What its optimiser joins is read as the operators of the standard for which it stands, also in a file that "
+            f"it wrote: {own}. Its LayerNormalization in opsets before 17 is one of them.",
             "",
             _NOTES.rstrip(),
             "",
