@@ -96,8 +96,8 @@ def operator_table() -> str:
             "",
             "## onnxruntime's own",
             "",
-            "What its optimiser joins is read as the operators of the standard for which it stands, also in a file that "
-            f"it wrote: {own}. Its LayerNormalization in opsets before 17 is one of them.",
+            "What its optimiser joins is read as the operators of the standard for which it stands, also in a file "
+            f"that it wrote: {own}. Its LayerNormalization in opsets before 17 is one of them.",
             "",
             _NOTES.rstrip(),
             "",
