@@ -26,8 +26,7 @@ def with_action_map(network: Network, spec: PolicySpecification | None) -> Netwo
     if spec is None or spec.action_map is None:
         return network
     size = network.output_size
-    assembly = Assembly(network.input_size, network.nodes[0].precision)
-    assembly.nodes = list(network.nodes)
+    assembly = Assembly.behind(network)
     raw = Computed(len(network.nodes) - 1, (size,), network.nodes[-1].precision)
     value = assembly.cast(raw, "float64")
     terms = [Term(value, np.diag(np.array(spec.action_map.scale)))]

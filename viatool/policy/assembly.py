@@ -152,6 +152,15 @@ class Assembly:
         self._calls = [""]
         self._entries = 0
 
+    @classmethod
+    def behind(cls, network: Network) -> Assembly:
+        """Return one that goes on behind the nodes of a network."""
+        assembly = cls(network.input_size, network.nodes[0].precision)
+        assembly.nodes = list(network.nodes)
+        unnamed = len(network.nodes) - len(network.calls)
+        assembly._calls = [*network.calls, *[""] * unnamed]
+        return assembly
+
     def affine(
         self,
         terms: Sequence[Term],
