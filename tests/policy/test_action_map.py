@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tests.policy.models import save, two_layers
+from tests.policy.rewritten import layer_norm
 from viatool.errors import PolicyError
 from viatool.policy import ActionChannel, ActionMap, ObservationChannel, PolicySpecification, load_policy
 from viatool.taylor import reach
@@ -54,6 +55,18 @@ def test_bounds_hold_for_the_mapped_actions(clip: bool, tmp_path: Path) -> None:
     if clip:
         assert (sets.lower >= np.array([0.0, -0.9]) - 1e-4).all()
         assert (sets.upper <= np.array([0.3, 0.8]) + 1e-4).all()
+
+
+def test_what_runs_in_place_of_the_file_is_mapped_as_well(tmp_path: Path) -> None:
+    path = save(layer_norm(4.0), tmp_path)
+    channels = [ActionChannel(name=f"a{k}", unit="m/s", lower=-9.0, upper=9.0) for k in range(4)]
+    mapped = ActionMap(scale=[0.25] * 4, offset=[0.5] * 4, clip=False)
+    spec = specification(False).model_copy(update={"action": channels, "action_map": mapped})
+    (raw,), policy = load_policy(path).rewritten, load_policy(path, spec)
+    (network,) = policy.rewritten
+    np.testing.assert_allclose(network(OBSERVATIONS), 0.25 * raw(OBSERVATIONS) + 0.5, rtol=1e-12)
+    np.testing.assert_allclose(network(OBSERVATIONS), policy.run(OBSERVATIONS), rtol=1e-4, atol=1e-5)
+    assert policy.network.label(1) == load_policy(path).network.label(1) != "node 1 of the network"
 
 
 def test_a_sidecar_file_replaces_what_the_model_says(tmp_path: Path) -> None:
