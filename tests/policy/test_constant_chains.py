@@ -18,7 +18,7 @@ import onnx
 import pytest
 from numpy.typing import NDArray
 
-from tests.policy.models import model_of, node, save
+from tests.policy.models import model_of, node, save, weights
 from tests.policy.test_merged_terms import programs
 from tests.taylor.containment import Bare
 from viatool.errors import PolicyError
@@ -194,3 +194,22 @@ def test_a_constant_counts_what_it_was_before_it_cancelled(
 
     monkeypatch.setattr(linear, "counted", cancelled)
     assert largest_escape(CHAINS["what is left of a sum"], USES["Add"], "float32", tmp_path) > 0
+
+
+@pytest.mark.parametrize("rows", [2, 3])
+def test_a_transposed_weight_keeps_the_magnitude_of_each_element(tmp_path: Path, rows: int) -> None:
+    """What was added up before it cancelled is turned along with the element that it belongs to."""
+    large = np.zeros((rows, 2), dtype=np.float32)
+    large[0, 1] = 1e4
+    small = weights(1, rows, 2)
+    chain = [node("Add", ["a", "b"], ["s"]), node("Sub", ["s", "a"], ["w"])]
+    deviations = []
+    for transposed in (False, True):
+        stored = {"a": large, "b": small} if transposed else {"a": large.T, "b": small.T}
+        model = model_of(
+            [*chain, node("Gemm", ["x", "w"], ["y"], transB=int(transposed))], stored, shape=(1, 2)
+        )
+        policy = load_policy(save(model, tmp_path))
+        deviations.append(reach(policy, [[1.0, 0.5]], 0.01, refine="none").deviation)
+    np.testing.assert_allclose(deviations[1], deviations[0], rtol=1e-9)
+    assert deviations[0][0, 0] > 20 * deviations[0][0, 1]

@@ -6,7 +6,7 @@ import math
 import os
 import stat
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -70,6 +70,11 @@ class Constant:
     def shape(self) -> tuple[int, ...]:
         """Return the shape of the tensor."""
         return cast(tuple[int, ...], self.array.shape)
+
+    def rearranged(self, move: Callable[[Array], Array]) -> Constant:
+        """Return the constant with its elements elsewhere, each with its own magnitude."""
+        magnitude = None if self.magnitude is None else move(self.magnitude)
+        return replace(self, array=move(self.array), magnitude=magnitude)
 
 
 def dtype_name(element_type: int) -> str | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -131,7 +130,7 @@ def _matrix(call: Call, index: int, transposed: bool) -> Value:
     if not transposed:
         return value
     if isinstance(value, Constant):
-        return replace(value, array=value.array.T)
+        return value.rearranged(np.transpose)
     order = np.arange(value.size).reshape(value.shape).T
     return call.assembly.copies([(value, order.ravel())], np.zeros(value.size), order.shape, value.precision)
 
@@ -139,7 +138,7 @@ def _matrix(call: Call, index: int, transposed: bool) -> Value:
 def _promoted(value: Value, axis: int) -> Value:
     shape = (1, *value.shape) if axis == 0 else (*value.shape, 1)
     if isinstance(value, Constant):
-        return replace(value, array=value.array.reshape(shape))
+        return value.rearranged(lambda array: array.reshape(shape))
     return value.reshaped(shape)
 
 
