@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 import subprocess
 import sys
+from collections import defaultdict
 from pathlib import Path
 
 import pytest
@@ -95,3 +97,12 @@ def test_ci_runs_the_tests_of_the_readme_and_those_that_are_slow() -> None:
 def test_the_changelog_and_the_citation_name_the_version() -> None:
     assert f"## {viatool.__version__} " in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     assert f"version: {viatool.__version__}" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+
+
+def test_every_public_class_has_a_name_of_its_own() -> None:
+    places = defaultdict(list)
+    for path in sorted((ROOT / "viatool").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                places[node.name].append(path.relative_to(ROOT).as_posix())
+    assert {name: files for name, files in places.items() if len(files) > 1} == {}

@@ -16,20 +16,20 @@ import pytest
 from viatool import load_map, load_policy
 from viatool.cli.failures import INTERNAL_ERROR, explain
 from viatool.errors import BoundsError
+from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.horizon import Horizon
 from viatool.loop.outline_retreat import keep_outline_away
-from viatool.loop.question import Question
 from viatool.loop.retreat import keep_away
-from viatool.loop.sectors import Parts, cut_by_heading
+from viatool.loop.sectors import TubeParts, cut_by_heading
 from viatool.loop.successor import states_of, step
-from viatool.loop.tube import Loop
+from viatool.loop.tube import TubeFollower
 from viatool.motion.manoeuvre import Manoeuvre
 from viatool.places.mesh import CellSet, Mesh
 from viatool.places.over_time import _within
 from viatool.places.passages import follow
 from viatool.places.search import search
 from viatool.places.tree import Lattice
-from viatool.safety import Case, Judgement, Situations, find_contested, judge, prove, sample, settle
+from viatool.safety import JudgedStates, Judgement, ScenePoses, find_contested, judge, prove, sample, settle
 from viatool.safety.judgement import Contested
 from viatool.safety.proof import prove_clearance
 from viatool.sets.bounds import require_ordered
@@ -41,7 +41,7 @@ from viatool.setting.wishes import Wishes
 from viatool.sight.glimpses import Rays
 from viatool.sight.scan import enclose_scan
 from viatool.sight.shapes import Shapes
-from viatool.verification.horizon import HorizonQuestion
+from viatool.verification.horizon import HorizonExamination
 from viatool.world import Footprint, Lidar
 
 POLICY, LAB = load_policy(Path("policies/via.onnx")), load_map(Path("maps/lab.yaml"))
@@ -70,12 +70,12 @@ def setting(**changes):
 
 
 def question(**changes):
-    return Question.of(POLICY, setting(**changes), SCENARIO)
+    return ClosedLoop.of(POLICY, setting(**changes), SCENARIO)
 
 
 def case(poses=FREE, previous=SLOW, **changes):
     asked = rules(**changes)
-    return Case(asked, Situations.of(ROOM, [None], poses, ROWS), asked.dead_time.queue(previous))
+    return JudgedStates(asked, ScenePoses.of(ROOM, [None], poses, ROWS), asked.dead_time.queue(previous))
 
 
 def cells(poses=FREE, radii=SMALL, before_lower=0.0 * SLOW, before_upper=SLOW):
@@ -83,12 +83,12 @@ def cells(poses=FREE, radii=SMALL, before_lower=0.0 * SLOW, before_upper=SLOW):
 
 
 def loop():
-    return Loop(question(), 0.5, Horizon(2))
+    return TubeFollower(question(), 0.5, Horizon(2))
 
 
 def clearance(poses=FREE, radii=SMALL, lower=0.0 * SLOW, upper=SLOW, threshold=0.1, footprint=None):
-    situations = replace(Situations.of(ROOM, [None], poses, ROWS), radii=radii)
-    asked = situations, lower, upper, threshold, Manoeuvre(0.1), footprint or Footprint()
+    placed = replace(ScenePoses.of(ROOM, [None], poses, ROWS), radii=radii)
+    asked = placed, lower, upper, threshold, Manoeuvre(0.1), footprint or Footprint()
     return prove_clearance(*asked).proved
 
 
@@ -123,7 +123,7 @@ def successors(**cell):
 
 
 def arrived(lower=AT_GOAL[0], upper=AT_GOAL[1]):
-    return loop().arrived(Parts(np.arange(3), lower, upper))
+    return loop().arrived(TubeParts(np.arange(3), lower, upper))
 
 
 def sectors(lower=ENDS[0], upper=ENDS[1]):
@@ -171,8 +171,8 @@ def near_goal(origin=ONCE):
 
 
 def out_of_reach(poses=FREE):
-    asked = HorizonQuestion(POLICY, setting(), Horizon(1))
-    return asked.out_of_reach(Situations.of(ROOM, [None], poses, ROWS))
+    asked = HorizonExamination(POLICY, setting(), Horizon(1))
+    return asked.out_of_reach(ScenePoses.of(ROOM, [None], poses, ROWS))
 
 
 def seen(poses=FREE, radii=SMALL):
@@ -293,9 +293,9 @@ def test_no_clearance_is_more_than_what_is_no_number(threshold, footprint):
 
 def test_nan_refutes_nothing():
     """A state is called unsafe only for a number that is too small."""
-    situations = Situations.of(ROOM, [None], np.full((3, 3), np.nan), ROWS)
+    placed = ScenePoses.of(ROOM, [None], np.full((3, 3), np.nan), ROWS)
     with np.errstate(invalid="ignore"):
-        proof = prove_clearance(situations, 0.0 * SLOW, SLOW, 0.1, Manoeuvre(0.1), Footprint())
+        proof = prove_clearance(placed, 0.0 * SLOW, SLOW, 0.1, Manoeuvre(0.1), Footprint())
     assert not proof.proved.any()
     assert not proof.refuted.any()
 

@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 from viatool import load_map, load_policy
-from viatool.places import Budget, Campaign, certify
+from viatool.places import Campaign, SearchBudget, certify
 from viatool.schedule import Deadline, open_scheduler
 
 
@@ -28,7 +28,7 @@ def main() -> None:
         for seconds in given.seconds:
             start, until = time.perf_counter(), Deadline.after(seconds)
             found = certify(
-                policy, world, world.scenarios[0], eps=given.eps, budget=Budget(until),
+                policy, world, world.scenarios[0], eps=given.eps, budget=SearchBudget(until),
                 campaign=Campaign(open_scheduler(workers)),
             )  # fmt: skip
             taken = time.perf_counter() - start

@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 
 from viatool import load_map, load_policy
-from viatool.places import Budget, Resolution, certify
+from viatool.places import Resolution, SearchBudget, certify
 
 
 def main() -> None:
@@ -33,7 +33,7 @@ def main() -> None:
         start = time.process_time()
         found = certify(
             policy, world, scenario, eps=given.eps, resolution=Resolution(given.smallest, given.halvings),
-            budget=Budget(share=given.sample), seed=given.seed,
+            budget=SearchBudget(share=given.sample), seed=given.seed,
         )  # fmt: skip
         seconds = time.process_time() - start
         for name in sums:

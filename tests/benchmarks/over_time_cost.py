@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from viatool import load_map, load_policy
-from viatool.loop.question import Question
+from viatool.loop.closed_loop import ClosedLoop
 from viatool.places.mesh import CellSet, Mesh, boxes_between
 from viatool.places.passages import follow
 from viatool.places.tree import Lattice
@@ -30,21 +30,21 @@ def main() -> None:
     options.add_argument("--cells", type=int, default=1500)
     given = options.parse_args()
     policy, world = load_policy(given.policy), load_map(given.map)
-    question = Question.of(policy, Setting.of(policy, world, given.eps), world.scenarios[0])
+    loop = ClosedLoop.of(policy, Setting.of(policy, world, given.eps), world.scenarios[0])
     generator = np.random.default_rng(0)
     print(
         "side m   free cells   ms a cell for 1, 2, 4 intervals   whole map, CPU min   cells led to   sums MB"
     )
     for side in (0.125, 0.0625, 0.03125):
-        lattice = Lattice.over(world.bounds, (question.rules.lower, question.rules.upper), (side, side, 0))
+        lattice = Lattice.over(world.bounds, (loop.rules.lower, loop.rules.upper), (side, side, 0))
         mesh = Mesh.of(lattice)
         drawn = generator.integers(0, len(mesh), 4 * given.cells)
-        free = ~question.blocked(boxes_between(*mesh.bounds(drawn)).poses)
+        free = ~loop.blocked(boxes_between(*mesh.bounds(drawn)).poses)
         cells, share = drawn[free][: given.cells], float(free.mean())
         spent = []
         for intervals in (1, 2, 4):
             start = time.process_time()
-            found = follow(question, mesh, cells, intervals=intervals)
+            found = follow(loop, mesh, cells, intervals=intervals)
             spent.append((time.process_time() - start) / len(cells))
             if intervals == 1:
                 ranges = found.ranges[0]

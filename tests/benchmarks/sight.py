@@ -35,7 +35,7 @@ def main() -> None:
     found = {side: [] for side in SIDES}
     seconds, cast, outside, cells = {"enclose": 0.0, "cast": 0.0}, 0, 0, 0
     while cast < given.rays:
-        world, scenario, lidar = situation(generator)
+        world, scenario, lidar = random_scene(generator)
         shapes, scenes = outlines(world, scenario), Scenes.of(world, [scenario])
         for side in SIDES:
             boxes = boxes_in(world, scenario, generator, 100, sizes=(0.5 * side,))
@@ -72,7 +72,7 @@ def main() -> None:
         )
 
 
-def situation(generator):
+def random_scene(generator):
     """A map, a scenario and a LiDAR."""
     kind = generator.integers(3)
     if kind == 2:

@@ -22,7 +22,7 @@ from viatool.loop.horizon import Horizon
 from viatool.setting.received import commands_observed
 from viatool.setting.setting import Setting
 from viatool.simulate import roll_out
-from viatool.verification.horizon import HorizonQuestion
+from viatool.verification.horizon import HorizonExamination
 from viatool.world import Scenes, bin_ranges
 
 TARGETS = (0.2, 0.4, 0.6, 0.8, 1.0)  # shares of the horizon at which the adversary aims
@@ -45,12 +45,12 @@ def main() -> None:
     world, policy = load_map(given.map), load_policy(given.policy)
     trajectory = roll_out(policy, world, seed=given.seed)
     setting = Setting.of(policy, world, given.eps)
-    outlook = HorizonQuestion(policy, setting, Horizon(given.steps))
+    examination = HorizonExamination(policy, setting, Horizon(given.steps))
     chosen = np.arange(0, len(trajectory), given.every)
     poses, episode = trajectory.poses[chosen], trajectory.episode[chosen]
     previous = commands_observed(setting, trajectory)[chosen]
     start = time.process_time()
-    tubes, crashes = outlook.examine(
+    tubes, crashes = examination.examine(
         trajectory.scenarios, poses, previous, episode, np.ones(len(chosen), dtype=bool), first=0, seed=0
     )
     tube_seconds = time.process_time() - start

@@ -9,7 +9,16 @@ import numpy as np
 import pytest
 
 from viatool import load_map
-from viatool.channels import BoxView, Extent, Quantities, Quantity, Recorded, View, kinds, see_precisely
+from viatool.channels import (
+    BoxView,
+    Extent,
+    Quantities,
+    Quantity,
+    RecordedInstants,
+    View,
+    kinds,
+    see_precisely,
+)
 from viatool.loop.observation import Sensors
 from viatool.policy import LidarSpecification, ObservationChannel
 from viatool.sets.forms import Forms, PoseBoxes
@@ -142,7 +151,9 @@ def test_a_recording_of_a_simulated_drive_gives_what_was_measured():
             Scans(stamps, stamps, tuple(ranges), geometry, "laser"), channel.lidar, 0.0, 1, Readings()
         )
 
-    found = OBSERVED.record(Recorded(view.poses, np.array(SCENARIO.goal), view.previous, recorded_scan))
+    found = OBSERVED.record(
+        RecordedInstants(view.poses, np.array(SCENARIO.goal), view.previous, recorded_scan)
+    )
     np.testing.assert_allclose(found, OBSERVED.measure(view), atol=1e-5)
 
 

@@ -8,7 +8,7 @@ import pytest
 from tests.channels.square import COLLISION, HALF, lidar, linear_policy, readings, square
 from viatool import roll_out, verify
 from viatool.errors import PolicyError
-from viatool.places import Budget, Resolution, certify
+from viatool.places import Resolution, SearchBudget, certify
 from viatool.policy import ObservationChannel
 from viatool.simulate import Conditions, Places, make_simulator
 from viatool.trajectory import BagSettings
@@ -124,7 +124,7 @@ def test_verdicts_rest_on_both(policy, world, recorded):
 def test_certified_cells_are_safe_by_both(policy, world):
     certificate = certify(
         policy, world, world.scenarios[0], eps=EPS, criterion="swept", resolution=Resolution(0.05, 0),
-        budget=Budget(share=0.1), seed=1,
+        budget=SearchBudget(share=0.1), seed=1,
     )  # fmt: skip
     table = certificate.cell_table()
     proved = table["status"] == "certified"

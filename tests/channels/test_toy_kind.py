@@ -9,7 +9,7 @@ from tests.channels.square import COLLISION, HALF, lidar, linear_policy, reading
 from viatool import roll_out, verify
 from viatool.channels import Quantity, kinds, observes, quantity
 from viatool.errors import PolicyError
-from viatool.places import Budget, Resolution, certify
+from viatool.places import Resolution, SearchBudget, certify
 from viatool.policy import ObservationChannel
 from viatool.sets.forms import Forms
 
@@ -59,7 +59,7 @@ def test_a_toy_kind_is_driven_verified_and_certified(tmp_path):
     assert (v <= upper[:, 0]).all()
     certificate = certify(
         policy, world, world.scenarios[0], eps=0.001, criterion="swept", resolution=Resolution(0.1, 0),
-        budget=Budget(share=0.05),
+        budget=SearchBudget(share=0.05),
     )  # fmt: skip
     table = certificate.cell_table()
     proved = table["status"] == "certified"

@@ -12,7 +12,7 @@ from viatool import load_map, verify
 from viatool.errors import MapError
 from viatool.world import MapFile, Scenes
 
-UNION = "Obstacle = Annotated[Circle | Box | Polygon | Wall, "
+UNION = "Obstacle = Annotated[Circle | Rectangle | Polygon | Wall, "
 FILES = {
     "viatool/world/obstacle_shapes.py": {
         UNION: '''\
@@ -33,7 +33,7 @@ class Ellipse(Outlined):
         return simple_polygon(np.array(self.center) + corners, self.name or "ellipse")
 
 
-Obstacle = Annotated[Circle | Box | Polygon | Wall | Ellipse, '''
+Obstacle = Annotated[Circle | Rectangle | Polygon | Wall | Ellipse, '''
     }
 }
 CENTRE, RADII, YAW = (0.0, 0.75), (0.6, 0.3), 0.4

@@ -11,11 +11,11 @@ from tests.loop.plant import Plant
 from tests.motion.toys import integrated
 from viatool import load_map, load_policy
 from viatool.errors import BoundsError
+from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.horizon import Horizon
-from viatool.loop.question import Question
-from viatool.loop.tube import Loop
+from viatool.loop.tube import TubeFollower
 from viatool.motion import twists
-from viatool.places import Outlook, Resolution, certify
+from viatool.places import Lookahead, Resolution, certify
 from viatool.policy.network import Affine, Input, Network
 from viatool.policy.writer import write_onnx
 from viatool.setting.setting import Setting
@@ -61,8 +61,8 @@ DRIVES = {
 def leaves(path, name, steps=6):
     """How far runs leave their tubes at most, and how many intervals the tubes have."""
     policy = policy_of(path / "policy.onnx", *DRIVES[name])
-    loop = Loop(
-        Question.of(policy, Setting.of(policy, WORLD, EPS), SCENARIO), 0.3, Horizon(steps, 0.001, 0.001)
+    loop = TubeFollower(
+        ClosedLoop.of(policy, Setting.of(policy, WORLD, EPS), SCENARIO), 0.3, Horizon(steps, 0.001, 0.001)
     )
     generator = np.random.default_rng(0)
     start = generator.uniform((-1.5, -1.5, -3.0), (1.5, 1.5, 3.0), (12, 3))
@@ -99,8 +99,8 @@ def test_cells_last_as_long_as_their_runs_keep_their_clearance(tmp_path, name):
     policy = policy_of(tmp_path / "policy.onnx", *DRIVES[name])
     found = certify(
         policy, WORLD, SCENARIO, eps=EPS, criterion="swept", resolution=Resolution(0.5, 0),
-        outlook=Outlook(steps=3, for_ever=True, lookahead=2, goal_radius=0.3),
-    ).prospect  # fmt: skip
+        lookahead=Lookahead(steps=3, for_ever=True, intervals=2, goal_radius=0.3),
+    ).lasting  # fmt: skip
     claimed = np.minimum(found.intervals, 3)
     rows = np.flatnonzero(found.free & (claimed > 0))
     generator, robot = np.random.default_rng(1), Plant(policy, WORLD, SCENARIO, EPS)

@@ -12,12 +12,12 @@ import pytest
 from tests.loop.plant import Plant
 from tests.safety.brute_force import drive_all
 from viatool import load_map, load_policy
-from viatool.loop.question import Question
+from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.waiting import after_waiting
 from viatool.motion.differential import DifferentialDrive
 from viatool.motion.law import Kinematics
 from viatool.motion.manoeuvre import Manoeuvre
-from viatool.places import Budget, Resolution, certify
+from viatool.places import Resolution, SearchBudget, certify
 from viatool.sets.forms import PoseBoxes
 from viatool.world import Footprint, simple_polygon
 
@@ -71,7 +71,7 @@ def test_driving_catches_a_box_without_one_of_its_terms(monkeypatch, rule):
 def case(request):
     """A certificate, and the same robot by school formulas."""
     found = certify(
-        POLICY, ROOM, SCENARIO, eps=0.01, resolution=Resolution(0.1, 0), budget=Budget(share=0.02), seed=2,
+        POLICY, ROOM, SCENARIO, eps=0.01, resolution=Resolution(0.1, 0), budget=SearchBudget(share=0.02), seed=2,
         **SETTINGS[request.param],
     )  # fmt: skip
     return found, plant_of(request.param)
@@ -112,7 +112,7 @@ def test_counterexamples_violate_in_the_simulator_as_well(case):
 
 def test_sampling_catches_certificates_that_forget_the_dead_time(monkeypatch):
     monkeypatch.setattr(
-        Question,
+        ClosedLoop,
         "holds",
         lambda asked, cells, *ends: asked._keep_clear(cells.poses, asked.rules.manoeuvre, *ends),
     )
@@ -122,7 +122,7 @@ def test_sampling_catches_certificates_that_forget_the_dead_time(monkeypatch):
         SCENARIO,
         eps=0.01,
         resolution=Resolution(0.08, 0),
-        budget=Budget(share=0.05),
+        budget=SearchBudget(share=0.05),
         delay=DELAY,
     )
     assert worst_of(found, plant_of("delay"), 2500) < -1e-3
@@ -135,7 +135,7 @@ def test_the_command_before_counts_where_it_leads_into_a_wall():
     from viatool.setting.wishes import Wishes
 
     wishes = Wishes("braking", delay=DELAY)
-    asked = Question.of(POLICY, Setting.of(POLICY, ROOM, 0.01, wishes), SCENARIO)
+    asked = ClosedLoop.of(POLICY, Setting.of(POLICY, ROOM, 0.01, wishes), SCENARIO)
     boxes = PoseBoxes(np.array([[1.5, 0.0, 0.0]] * 2), np.full((2, 3), 0.01))
     before = np.array([[0.0, 0.0], [0.5, 0.0]])
     stop = np.zeros((2, 2))

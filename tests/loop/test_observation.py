@@ -8,7 +8,7 @@ import pytest
 from tests.sight.ray_oracle import outlines, scan
 from viatool import load_map, load_policy
 from viatool.channels import goal_forms
-from viatool.loop.question import Question
+from viatool.loop.closed_loop import ClosedLoop
 from viatool.sets.forms import PoseBoxes
 from viatool.sets.states import StateBoxes
 from viatool.setting.setting import Setting
@@ -20,7 +20,7 @@ EPS = 0.01
 
 
 def question():
-    return Question.of(POLICY, Setting.of(POLICY, LAB, EPS, Wishes("braking")), SCENARIO)
+    return ClosedLoop.of(POLICY, Setting.of(POLICY, LAB, EPS, Wishes("braking")), SCENARIO)
 
 
 def cells(generator, count=150, side=0.03):
@@ -28,7 +28,7 @@ def cells(generator, count=150, side=0.03):
     centre = generator.uniform((-4.4, -4.4, -3.0), (4.4, 4.4, 3.0), (10 * count, 3))
     centre[::9, :2] = np.array(SCENARIO.goal) + generator.uniform(-0.1, 0.1, (len(centre[::9]), 2))
     asked = question()
-    free = asked.situation.scenes.clearance(centre[:, :2], np.zeros(len(centre), np.int64)) > 0.4
+    free = asked.geometry.scenes.clearance(centre[:, :2], np.zeros(len(centre), np.int64)) > 0.4
     centre = centre[free][:count]
     lower = generator.uniform((0.0, -1.0), (0.4, 0.6), (count, 2))
     radius = np.tile([side, side, side], (count, 1))

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from viatool import load_map, load_policy
-from viatool.loop.question import Question
+from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.successor import states_of, step
 from viatool.policy import Affine, Network, Policy
 from viatool.sets.forms import PoseBoxes
@@ -30,10 +30,10 @@ OTHER = other_program()
 REWRITTEN = replace(POLICY, rewritten=(OTHER,))
 
 
-def question(policy: Policy) -> Question:
+def closed_loop(policy: Policy) -> ClosedLoop:
     """Ask of a policy; of the other program alone, which no runtime here runs, in exact arithmetic."""
     arithmetic = "real" if policy.network is OTHER else "float32"
-    return Question.of(policy, Setting.of(policy, ROOM, 0.01), SCENARIO, arithmetic)
+    return ClosedLoop.of(policy, Setting.of(policy, ROOM, 0.01), SCENARIO, arithmetic)
 
 
 def cells() -> StateBoxes:
@@ -45,14 +45,14 @@ def cells() -> StateBoxes:
 
 def commands_beyond(policy: Policy) -> float:
     """By how much bounds of the other program's commands leave the policy's."""
-    found, other = (question(one).commands(cells()) for one in (policy, replace(POLICY, network=OTHER)))
+    found, other = (closed_loop(one).commands(cells()) for one in (policy, replace(POLICY, network=OTHER)))
     return float(np.maximum(other.upper - found.upper, found.lower - other.lower).max())
 
 
 def successors_beyond(policy: Policy) -> float:
     """By how much forms of the other program's commands leave the policy's where no symbol moves either."""
     found, other = (
-        step(question(one), states_of(cells())).states for one in (policy, replace(POLICY, network=OTHER))
+        step(closed_loop(one), states_of(cells())).states for one in (policy, replace(POLICY, network=OTHER))
     )
     apart = np.abs(other.centre - found.centre)[:, 3:]
     spread = np.abs(found.slope).sum(axis=1)[:, 3:] + found.rest[:, 3:]
@@ -66,7 +66,7 @@ def test_commands_hold_for_every_program() -> None:
 
 def test_successors_hold_for_every_program() -> None:
     assert successors_beyond(REWRITTEN) <= 0.0
-    found, alone = (step(question(one), states_of(cells())) for one in (REWRITTEN, POLICY))
+    found, alone = (step(closed_loop(one), states_of(cells())) for one in (REWRITTEN, POLICY))
     assert (found.lower <= alone.lower).all()
     assert (found.upper >= alone.upper).all()
     assert float((found.upper - alone.upper).max()) > 0.02

@@ -8,7 +8,7 @@ import pytest
 
 from tests.loop.plant import Plant
 from viatool import load_map, load_policy
-from viatool.loop.question import Question
+from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.successor import fold, hull, states_of, step
 from viatool.motion import twists
 from viatool.motion.kinematics import DIFFERENTIAL
@@ -20,13 +20,13 @@ from viatool.setting.setting import Setting
 ROOM, POLICY = load_map(Path("maps/room.yaml")), load_policy(Path("policies/via.onnx"))
 SCENARIO = ROOM.scenarios[0]
 ROBOT = Plant(POLICY, ROOM, SCENARIO, 0.01)
-QUESTION = Question.of(POLICY, Setting.of(POLICY, ROOM, 0.01), SCENARIO)
+QUESTION = ClosedLoop.of(POLICY, Setting.of(POLICY, ROOM, 0.01), SCENARIO)
 
 
 def cells(generator, count, side, share):
     """StateBoxes where the robot may stand; the previous command within a share of its range."""
     centre = generator.uniform((-1.6, -1.6, -3.2), (1.6, 1.6, 3.2), (6 * count, 3))
-    free = QUESTION.situation.scenes.clearance(centre[:, :2], np.zeros(len(centre), np.int64)) > 0.4
+    free = QUESTION.geometry.scenes.clearance(centre[:, :2], np.zeros(len(centre), np.int64)) > 0.4
     centre = centre[free][:count]
     lower = generator.uniform((0.0, -1.0), (0.5 * (1 - share), 1.0 - 2.0 * share), (count, 2))
     radius = np.full((count, 3), 0.5 * side)

@@ -7,9 +7,9 @@ import pytest
 
 from tests.loop.noisy_runs import arc, runs, sensor_errors
 from viatool import load_map, load_policy
+from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.horizon import Horizon
-from viatool.loop.question import Question
-from viatool.loop.tube import Loop
+from viatool.loop.tube import TubeFollower
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
 from viatool.simulate import roll_out
@@ -22,8 +22,8 @@ ROUNDING = 1e-7  # of a grazing ray, times what the policy makes of it
 
 
 def loop(scenario=LAB.scenarios[0], eps=EPS, **horizon):
-    question = Question.of(POLICY, Setting.of(POLICY, LAB, eps), scenario)
-    return Loop(question, 0.5, Horizon(**({"steps": STEPS} | horizon)))
+    loop = ClosedLoop.of(POLICY, Setting.of(POLICY, LAB, eps), scenario)
+    return TubeFollower(loop, 0.5, Horizon(**({"steps": STEPS} | horizon)))
 
 
 def states(episode, count):
@@ -41,7 +41,7 @@ def noisy(some, poses, previous, seed=0):
     starts = (poses[:, None] + z * error).reshape(-1, 3)
     errors = sensor_errors(generator, Setting.of(POLICY, LAB, EPS).radii, count * RUNS, some.horizon.steps)
     errors = errors.reshape(RUNS, count, *errors.shape[1:]).swapaxes(0, 1).reshape(errors.shape)
-    scenario = next(s for s in LAB.scenarios if s.goal == tuple(some.question.sensors.goal))
+    scenario = next(s for s in LAB.scenarios if s.goal == tuple(some.loop.sensors.goal))
     found = runs(POLICY, LAB, scenario, (starts, np.repeat(previous, RUNS, axis=0)), errors)
     return tuple(part.reshape(count, RUNS, *part.shape[1:]) for part in found)
 
@@ -73,19 +73,19 @@ def test_noisy_runs_stay_in_their_tubes(episode, error):
 
 
 def blind_to_errors(some):
-    object.__setattr__(some.question.setting.errors, "radii", np.zeros(26))
+    object.__setattr__(some.loop.setting.errors, "radii", np.zeros(26))
 
 
 def blind_to_jumps(some):
     """As if every reading were linear in the pose."""
-    sensors = some.question.sensors
+    sensors = some.loop.sensors
 
     class Linear(type(sensors)):
         def enclose(self, *sets):
             forms = super().enclose(*sets)
             return type(forms)(forms.centre, forms.slope, 0.0 * forms.rest)
 
-    object.__setattr__(some.question, "sensors", Linear(**vars(sensors)))
+    object.__setattr__(some.loop, "sensors", Linear(**vars(sensors)))
 
 
 def forgets_the_pose_error(some):
@@ -128,8 +128,8 @@ def test_no_run_comes_nearer_than_the_clearance_of_its_tube(criterion):
     world = LAB.with_clearance(
         float(np.median(here)) - 0.05, 5.0
     )  # some tubes begin, and some come, too near
-    question = Question.of(POLICY, Setting.of(POLICY, world, EPS, Wishes(criterion)), scenario)
-    some = Loop(question, 0.5, Horizon(STEPS))
+    loop = ClosedLoop.of(POLICY, Setting.of(POLICY, world, EPS, Wishes(criterion)), scenario)
+    some = TubeFollower(loop, 0.5, Horizon(STEPS))
     tubes, (found, commands) = some.follow(poses, previous), noisy(some, poses, previous)
     left = np.inf
     for share in (0.25, 0.5, 0.75, 1.0):  # of the interval, back from its end

@@ -15,7 +15,7 @@ from viatool.errors import ConfigurationError
 from viatool.loop.horizon import Horizon
 from viatool.motion.kinematics import KINEMATICS, kinematics_of
 from viatool.motion.law import Axis
-from viatool.places import Budget, Resolution, certify
+from viatool.places import Resolution, SearchBudget, certify
 from viatool.places.findings import CERTIFIED, SETTLED
 from viatool.setting.rules import Rules
 from viatool.simulate import NavigationSimulator, roll_out
@@ -102,8 +102,8 @@ def test_tubes_hold_its_runs():
 def test_cells_are_certified_and_their_states_keep_their_clearance():
     world, scenario = crab(ROOM), ROOM.scenarios[0]
     found = certify(
-        POLICY, world, scenario, eps=EPS, criterion="braking", resolution=Resolution(0.1, 0), budget=Budget(share=0.02),
-        seed=1,
+        POLICY, world, scenario, eps=EPS, criterion="braking", resolution=Resolution(0.1, 0),
+        budget=SearchBudget(share=0.02), seed=1,
     )  # fmt: skip
     robot, findings = CrabPlant(POLICY, world, scenario, EPS), found.findings
     some = np.flatnonzero((findings.status == CERTIFIED) | (findings.status == SETTLED))

@@ -11,8 +11,8 @@ from tests.loop.plant import Plant
 from viatool import load_map, load_policy
 from viatool.errors import ConfigurationError, EmptyEvaluationError
 from viatool.loop.refuting import observe
-from viatool.places import STATUSES, Budget, Campaign, Resolution, campaign, certify
-from viatool.safety import Situations
+from viatool.places import STATUSES, Campaign, Resolution, SearchBudget, campaign, certify
+from viatool.safety import ScenePoses
 from viatool.schedule import Deadline, Processes, Serial
 from viatool.world import Scenario
 
@@ -23,7 +23,13 @@ SCENARIO = ROOM.scenarios[0]
 @pytest.fixture(scope="module")
 def certificate():
     return certify(
-        POLICY, ROOM, SCENARIO, eps=0.01, resolution=Resolution(0.05, 0), budget=Budget(share=0.03), seed=3
+        POLICY,
+        ROOM,
+        SCENARIO,
+        eps=0.01,
+        resolution=Resolution(0.05, 0),
+        budget=SearchBudget(share=0.03),
+        seed=3,
     )
 
 
@@ -46,7 +52,7 @@ def test_every_counterexample_is_free_within_its_cell_and_violates_again(certifi
     assert len(found.pose) > 50
     assert (states >= lower - 1e-9).all()
     assert (states <= upper + 1e-9).all()
-    here = Situations.of(ROOM, [SCENARIO], found.pose, np.zeros(len(found.pose), np.int64))
+    here = ScenePoses.of(ROOM, [SCENARIO], found.pose, np.zeros(len(found.pose), np.int64))
     assert (here.scenes.clearance(found.pose[:, :2], here.scene) > 0.4).all()
     actions = np.clip(POLICY.run(found.observation)[:, certificate.setting.columns], [0.0, -1.0], [0.5, 1.0])
     np.testing.assert_allclose(actions, found.action, atol=1e-6)
@@ -73,7 +79,7 @@ def test_volumes_are_exact_and_add_up(certificate):
 
 def test_workers_and_interruptions_change_nothing(monkeypatch, tmp_path):
     monkeypatch.setattr(campaign, "_ROOTS_AT_ONCE", 2)
-    share = Budget(share=0.4)  # four pieces
+    share = SearchBudget(share=0.4)  # four pieces
 
     def run(scheduler, budget, *, resume):
         return certify(
@@ -100,10 +106,12 @@ def test_when_the_time_is_up_the_first_roots_are_reported_whoever_worked():
     looks = itertools.count()
     run = {"eps": 0.01, "resolution": Resolution(0.05, 0), "seed": 3}
     until = Deadline.after(120.0, lambda: float(next(looks)))
-    part = certify(POLICY, ROOM, SCENARIO, budget=Budget(until), **run)
+    part = certify(POLICY, ROOM, SCENARIO, budget=SearchBudget(until), **run)
     assert 4 < part.examined < part.roots
     assert next(looks) < 145
-    same = certify(POLICY, ROOM, SCENARIO, budget=Budget(share=(part.examined - 0.5) / part.roots), **run)
+    same = certify(
+        POLICY, ROOM, SCENARIO, budget=SearchBudget(share=(part.examined - 0.5) / part.roots), **run
+    )
     assert same.examined == part.examined
     assert {name: part.units[name] for name in ("blocked", "uncontested", "certified")} == {
         name: same.units[name] for name in ("blocked", "uncontested", "certified")
@@ -133,14 +141,14 @@ def test_a_budget_too_short_for_one_root_is_named_as_the_cause(seconds, schedule
     with pytest.raises(EmptyEvaluationError, match=words) as caught:
         certify(
             POLICY, ROOM, SCENARIO, eps=0.01, resolution=Resolution(0.25, 0),
-            budget=Budget(Deadline.after(seconds)), campaign=Campaign(scheduler),
+            budget=SearchBudget(Deadline.after(seconds)), campaign=Campaign(scheduler),
         )  # fmt: skip
     assert hint in caught.value.hint
 
 
 def test_a_budget_of_cells_is_the_same_for_every_scheduler(monkeypatch):
     monkeypatch.setattr(campaign, "_ROOTS_AT_ONCE", 1)
-    run = {"eps": 0.01, "resolution": Resolution(0.25, 0), "budget": Budget(cells=1000), "seed": 3}
+    run = {"eps": 0.01, "resolution": Resolution(0.25, 0), "budget": SearchBudget(cells=1000), "seed": 3}
     found = [
         certify(POLICY, ROOM, SCENARIO, campaign=Campaign(who), **run) for who in (Serial(), Processes(2))
     ]

@@ -10,9 +10,9 @@ from tests.benchmarks.forever import CellList, Robots, attack
 from tests.loop.plant import Plant
 from viatool import load_map, load_policy
 from viatool.errors import ConfigurationError
-from viatool.loop.question import Question
-from viatool.places import Campaign, Outlook, Resolution, certify, over_time
-from viatool.places.forever import FOR_EVER, Loop
+from viatool.loop.closed_loop import ClosedLoop
+from viatool.places import Campaign, Lookahead, Resolution, certify, over_time
+from viatool.places.forever import FOR_EVER, CellTransitions
 from viatool.places.mesh import CellSet, Mesh, Ranges
 from viatool.places.over_time import look_ahead
 from viatool.places.passages import Passages
@@ -35,17 +35,17 @@ def constant(path, speed, turn):
     return load_policy(path)
 
 
-def prospect(policy, side=0.25, **asked):
+def lasting(policy, side=0.25, **asked):
     certificate = certify(
         policy, ROOM, SCENARIO, eps=0.01, criterion="swept", resolution=Resolution(side, 0),
-        outlook=Outlook(**asked),
+        lookahead=Lookahead(**asked),
     )  # fmt: skip
-    return certificate.prospect
+    return certificate.lasting
 
 
 def test_a_robot_that_turns_on_the_spot_is_safe_for_ever_wherever_it_is_free(tmp_path):
     """Also across theta = pi, where headings go round; it neither moves nor is anything left to rounding."""
-    found = prospect(constant(tmp_path / "spin.onnx", -0.25, 0.75), for_ever=True, lookahead=1)
+    found = lasting(constant(tmp_path / "spin.onnx", -0.25, 0.75), for_ever=True, intervals=1)
     assert found.free.sum() > 1500
     np.testing.assert_array_equal(found.for_ever, found.free)
 
@@ -73,13 +73,13 @@ def ahead(tmp_path_factory):
 def certificate(ahead):
     return certify(
         ahead, ROOM, SCENARIO, eps=0.01, criterion="swept", resolution=Resolution(0.25, 0),
-        outlook=Outlook(steps=8, for_ever=True, lookahead=4, goal_radius=0.8),
+        lookahead=Lookahead(steps=8, for_ever=True, intervals=4, goal_radius=0.8),
     )  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def straight(certificate):
-    return certificate.prospect
+    return certificate.lasting
 
 
 @pytest.fixture
@@ -88,8 +88,8 @@ def look(ahead, certificate):
 
     def look(campaign=None, until=NEVER, **asked):
         return look_ahead(
-            Question.of(ahead, certificate.setting, SCENARIO), certificate.lattice, certificate.findings,
-            SCENARIO.goal, replace(certificate.prospect.outlook, **asked), campaign or Campaign(), until=until,
+            ClosedLoop.of(ahead, certificate.setting, SCENARIO), certificate.lattice, certificate.findings,
+            SCENARIO.goal, replace(certificate.lasting.lookahead, **asked), campaign or Campaign(), until=until,
         )  # fmt: skip
 
     return look
@@ -116,7 +116,7 @@ def test_a_robot_that_drives_straight_lasts_as_long_as_its_way_is_free(straight)
 
 
 def test_more_steps_are_never_more_cells_and_for_ever_is_among_all(straight):
-    counts = [number for _, number in straight.lasting()]
+    counts = [number for _, number in straight.by_steps()]
     assert counts == sorted(counts, reverse=True)
     assert counts[0] > counts[-1] >= straight.for_ever.sum() > 0
     table = straight.cell_table()
@@ -132,7 +132,7 @@ def loop(leads, exempt, kept=None):
     kept = np.ones(count, np.int16) if kept is None else np.array(kept, np.int16)
     owner = np.flatnonzero(~np.array(exempt))
     ranges = [Ranges(ends[0][owner], ends[1][owner])]
-    return Loop(cells, np.array(exempt), Passages(owner, ranges, kept[owner]))
+    return CellTransitions(cells, np.array(exempt), Passages(owner, ranges, kept[owner]))
 
 
 def test_what_leads_out_of_the_set_is_removed_until_nothing_does():
@@ -185,9 +185,9 @@ def test_ranges_hold_every_state_between_their_ends():
 def test_cells_of_leaves_are_as_the_leaves_say():
     certificate = certify(
         VIA, ROOM, SCENARIO, eps=0.01, criterion="swept", resolution=Resolution(0.5, 1),
-        outlook=Outlook(steps=1, lookahead=1),
+        lookahead=Lookahead(steps=1, intervals=1),
     )  # fmt: skip
-    found, units = certificate.prospect, certificate.units
+    found, units = certificate.lasting, certificate.units
     names = ("blocked", "uncontested", "certified", "refuted", "unknown")
     status = found.mesh.statuses(certificate.lattice, certificate.findings)
     np.testing.assert_array_equal(np.bincount(status, minlength=5), [units[name] for name in names])
@@ -212,7 +212,7 @@ def test_a_coarser_cell_is_as_bad_as_the_worst_leaf_in_it(certificate):
 
 def test_workers_change_nothing(look, monkeypatch):
     monkeypatch.setattr(over_time, "_CELLS_AT_ONCE", 500)
-    alone, shared = look(lookahead=1), look(Campaign(Processes(2)), lookahead=1)
+    alone, shared = look(intervals=1), look(Campaign(Processes(2)), intervals=1)
     np.testing.assert_array_equal(shared.intervals, alone.intervals)
 
 
@@ -255,11 +255,11 @@ def test_what_was_not_followed_in_time_is_not_claimed(look, straight, seconds, m
 
 @pytest.mark.parametrize(
     ("asked", "words"),
-    [({"steps": -1}, "counted"), ({"lookahead": 0}, "followed"), ({"goal_radius": -1.0}, "radius")],
+    [({"steps": -1}, "counted"), ({"intervals": 0}, "followed"), ({"goal_radius": -1.0}, "radius")],
 )
 def test_what_cannot_be_asked_is_refused(asked, words):
     with pytest.raises(ConfigurationError, match=words):
-        Outlook(**asked)
+        Lookahead(**asked)
 
 
 def test_robots_do_not_leave_the_set_under_errors_chosen_to_do_harm(tmp_path):
@@ -277,7 +277,7 @@ def test_robots_do_not_leave_the_set_under_errors_chosen_to_do_harm(tmp_path):
     )
     write_onnx(network, VIA.spec, tmp_path / "careful.onnx")
     policy = load_policy(tmp_path / "careful.onnx")
-    found = prospect(policy, side=0.125, for_ever=True, lookahead=1)
+    found = lasting(policy, side=0.125, for_ever=True, intervals=1)
     assert found.for_ever.sum() > 1000
     robots, cells = Robots(policy, ROOM, SCENARIO, 0.01, steps=5), CellList(found.cell_table())
     assert len(cells) == found.for_ever.sum()

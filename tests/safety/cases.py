@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tests.safety.brute_force import clearance, drive_all, drive_and_stop, rim_of
-from viatool.safety import Case, Situations
+from viatool.safety import JudgedStates, ScenePoses
 from viatool.setting.rules import Rules
 
 
@@ -26,18 +26,18 @@ def make_cases(world, criterion, seed, count=60, reach=0.12, scenario=None, **ru
     generator = np.random.default_rng(seed)
     rules = Rules.of(world, criterion, **rules)
     poses = near_states(world, scenario, rules.footprint, generator, count, reach)
-    situations = Situations.of(world, [scenario], poses, np.zeros(count, dtype=np.int64))
+    placed = ScenePoses.of(world, [scenario], poses, np.zeros(count, dtype=np.int64))
     spread = rules.upper - rules.lower
     centre = generator.uniform(rules.lower - 0.1 * spread, rules.upper + 0.1 * spread, (count, 2))
     radius = generator.choice([0.0, 0.01, 0.15], (count, 2)) * spread
     under_way = generator.uniform(rules.lower, rules.upper, (count, rules.dead_time.commands, 2))
-    return Case(rules, situations, under_way), centre - radius, centre + radius
+    return JudgedStates(rules, placed, under_way), centre - radius, centre + radius
 
 
 def driven(case, index, commands):
     """Brute-force poses (A, T, 3) of A commands in one state, over all that the criterion asks."""
     rules, count = case.rules, len(commands)
-    start, waiting = np.tile(case.situations.poses[index], (count, 1)), []
+    start, waiting = np.tile(case.observing.poses[index], (count, 1)), []
     whole = int(rules.delay / rules.interval + 1e-9)
     pieces = [rules.delay - whole * rules.interval] + [rules.interval] * whole
     for seconds, command in zip([s for s in pieces if s > 1e-9], case.under_way[index], strict=True):

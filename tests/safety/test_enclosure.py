@@ -8,7 +8,7 @@ from viatool.motion import twists
 from viatool.motion.differential import DifferentialDrive
 from viatool.motion.manoeuvre import Manoeuvre
 from viatool.safety.enclosure import MotionBoxes, enclose
-from viatool.safety.situations import Situations
+from viatool.safety.scene_poses import ScenePoses
 
 GRID = np.linspace(0.0, 1.0, 7)
 
@@ -26,8 +26,8 @@ def setting(seed, footprint, count=40):
     generator = np.random.default_rng(seed)
     world = random_world(seed)
     poses = np.column_stack([generator.uniform(-2.6, 2.6, (count, 2)), generator.uniform(-4, 4, count)])
-    situations = Situations.of(world, [None], poses, np.zeros(count, dtype=np.int64))
-    return world, situations, random_cells(generator, count)
+    placed = ScenePoses.of(world, [None], poses, np.zeros(count, dtype=np.int64))
+    return world, placed, random_cells(generator, count)
 
 
 def dense_poses(cells, index, pose, manoeuvre):
@@ -42,10 +42,10 @@ def excess(footprint, manoeuvre, seeds=range(8)):
     """The largest amount by which `least` exceeds a clearance that is found inside a cell."""
     worst = -np.inf
     for seed in seeds:
-        world, situations, cells = setting(seed, footprint)
-        found = enclose(cells, situations, manoeuvre, footprint)
+        world, placed, cells = setting(seed, footprint)
+        found = enclose(cells, placed, manoeuvre, footprint)
         for index in range(len(cells)):
-            poses = dense_poses(cells, index, situations.poses[index], manoeuvre)
+            poses = dense_poses(cells, index, placed.poses[index], manoeuvre)
             worst = max(worst, found.least[index] - clearance(world, poses, footprint).min())
     return worst
 
@@ -70,13 +70,13 @@ def test_bounds_hold_for_commands_that_turn_by_more_than_a_circle(name):
 @pytest.mark.parametrize("name", ["circle", "square"])
 @pytest.mark.parametrize("column", range(3))
 def test_ends_that_are_crossed_or_nan_prove_and_refute_nothing(name, column):
-    _, situations, cells = setting(0, FOOTPRINTS[name])
+    _, placed, cells = setting(0, FOOTPRINTS[name])
     crossed, lost = cells.lower.copy(), cells.lower.copy()
     crossed[:, column] = cells.upper[:, column] + 0.5
     lost[:, column] = np.nan
     for lower in (crossed, lost):
         found = enclose(
-            MotionBoxes(cells.state, lower, cells.upper), situations, Manoeuvre(0.1), FOOTPRINTS[name]
+            MotionBoxes(cells.state, lower, cells.upper), placed, Manoeuvre(0.1), FOOTPRINTS[name]
         )
         assert not (found.least > -1e9).any()
         assert not (found.attained < 1e9).any()
@@ -140,12 +140,12 @@ def test_brute_force_catches_a_bound_without_one_of_its_terms(monkeypatch, name)
 def test_the_centre_command_attains_what_it_is_said_to_attain(name):
     footprint, manoeuvre = FOOTPRINTS[name], Manoeuvre(0.3)
     for seed in range(4):
-        world, situations, cells = setting(seed, footprint)
-        found = enclose(cells, situations, manoeuvre, footprint)
+        world, placed, cells = setting(seed, footprint)
+        found = enclose(cells, placed, manoeuvre, footprint)
         centre = 0.5 * (cells.lower + cells.upper)
         for index, (v, w, _) in enumerate(centre):
             fractions = np.linspace(cells.lower[index, 2], cells.upper[index, 2], 101)
-            poses = drive(situations.poses[index], v, w, fractions * 0.3)
+            poses = drive(placed.poses[index], v, w, fractions * 0.3)
             assert clearance(world, poses, footprint).min() <= max(found.attained[index], 0.0) + 1e-4
 
 
@@ -153,11 +153,11 @@ def attained_too_low():
     """By how much the centre command keeps more than it is said to attain at most, on arcs that bend much."""
     footprint, manoeuvre, worst = FOOTPRINTS["circle"], Manoeuvre(1.0), -np.inf
     for seed in range(4):
-        world, situations, _ = setting(seed, footprint)
-        command = np.random.default_rng(seed).uniform((0.5, 1.0), (1.0, 2.0), (len(situations), 2))
-        found = enclose(MotionBoxes.whole(command, command), situations, manoeuvre, footprint)
+        world, placed, _ = setting(seed, footprint)
+        command = np.random.default_rng(seed).uniform((0.5, 1.0), (1.0, 2.0), (len(placed), 2))
+        found = enclose(MotionBoxes.whole(command, command), placed, manoeuvre, footprint)
         for index, (v, w) in enumerate(command):
-            poses = drive(situations.poses[index], v, w, np.linspace(0.0, 1.0, 201))
+            poses = drive(placed.poses[index], v, w, np.linspace(0.0, 1.0, 201))
             left = clearance(world, poses, footprint).min()
             worst = max(worst, left - max(found.attained[index], 0.0))
     return worst

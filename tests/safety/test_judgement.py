@@ -18,7 +18,7 @@ from tests.safety import brute_force
 from tests.safety.brute_force import FOOTPRINTS, clearance, drive_all, random_world
 from tests.safety.cases import make_cases, worst_found
 from viatool.motion.manoeuvre import Manoeuvre
-from viatool.safety import Case, find_contested, judge, judgement, settle
+from viatool.safety import JudgedStates, find_contested, judge, judgement, settle
 from viatool.safety.judgement import Contested
 from viatool.safety.proof import Proof
 from viatool.setting.criteria import Criterion
@@ -63,7 +63,7 @@ def nine(name):
     for index in range(COUNT):
         v, w = ([low[index, k], 0.5 * (low[index, k] + high[index, k]), high[index, k]] for k in (0, 1))
         commands = np.array([(a, b) for a in v for b in w])
-        start = np.tile(case.situations.poses[index], (9, 1))
+        start = np.tile(case.observing.poses[index], (9, 1))
         poses = drive_all(start, *commands.T, rules.interval * np.arange(11)[None] / 10)
         worst.append(clearance(world, poses.reshape(-1, 3), rules.footprint).min())
     return np.array(worst)
@@ -150,8 +150,8 @@ def all_proved(case, threshold):
 
 
 MUTANTS = {
-    "no dead time": ("later", Case, "prove_waiting", lambda right: all_proved),
-    "acting at once": ("later", Case, "acting", lambda right: property(lambda case: case.situations)),
+    "no dead time": ("later", JudgedStates, "prove_waiting", lambda right: all_proved),
+    "acting at once": ("later", JudgedStates, "acting", lambda right: property(lambda case: case.observing)),
     "clipped to less": (
         "swept", Rules, "clip", lambda right: lambda rules, actions: 0.5 * right(rules, actions),
     ),

@@ -10,7 +10,7 @@ from viatool.motion.law import Kinematics
 from viatool.motion.manoeuvre import Manoeuvre
 from viatool.safety.enclosure import MotionBoxes, enclose
 from viatool.safety.proof import prove_clearance
-from viatool.safety.situations import Situations
+from viatool.safety.scene_poses import ScenePoses
 
 CORNERS = np.array(np.meshgrid(*[[-1.0, 1.0]] * 5, indexing="ij")).reshape(5, -1).T  # v, omega, x, y, theta
 
@@ -25,16 +25,16 @@ def setting(seed, count=24, turning=False):
     upper = lower + generator.uniform(0.0, 0.2, (count, 2))
     if turning:
         radii, upper = radii * [0.0, 0.0, 1.0], lower
-    situations = Situations.of(world, [None], poses, np.zeros(count, dtype=np.int64))
-    return world, replace(situations, radii=radii), lower, upper
+    placed = ScenePoses.of(world, [None], poses, np.zeros(count, dtype=np.int64))
+    return world, replace(placed, radii=radii), lower, upper
 
 
-def found_within(world, situations, lower, upper, manoeuvre, footprint):
+def found_within(world, placed, lower, upper, manoeuvre, footprint):
     """The least clearance that the corners of each box reach at the begin, the middle and the end of the path."""
     count = len(lower)
     share = CORNERS[None]
     command = 0.5 * (lower + upper)[:, None] + 0.5 * (upper - lower)[:, None] * share[..., :2]
-    start = situations.poses[:, None] + situations.radii[:, None] * share[..., 2:]
+    start = placed.poses[:, None] + placed.radii[:, None] * share[..., 2:]
     v, w = command.reshape(-1, 2).T
     seconds = manoeuvre.seconds(np.abs(v), np.abs(w))[:, None] * [0.0, 0.5, 1.0]
     poses = drive_all(start.reshape(-1, 3), v, w, seconds, np.float64)
@@ -45,9 +45,9 @@ def excess(name, manoeuvre, seeds=range(3), **options):
     """The largest amount by which the least clearance exceeds one that is found inside a box."""
     footprint, worst = FOOTPRINTS[name], -np.inf
     for seed in seeds:
-        world, situations, lower, upper = setting(seed, **options)
-        found = enclose(MotionBoxes.whole(lower, upper, situations.radii), situations, manoeuvre, footprint)
-        attained = found_within(world, situations, lower, upper, manoeuvre, footprint)
+        world, placed, lower, upper = setting(seed, **options)
+        found = enclose(MotionBoxes.whole(lower, upper, placed.radii), placed, manoeuvre, footprint)
+        attained = found_within(world, placed, lower, upper, manoeuvre, footprint)
         worst = max(worst, float((found.least - attained).max()))
     return worst
 
@@ -72,9 +72,9 @@ def test_brute_force_catches_a_bound_that_forgets_other_headings(monkeypatch):
 
 def test_what_is_proved_of_a_box_is_proved_of_its_corners():
     manoeuvre, footprint, threshold = Manoeuvre(0.3), FOOTPRINTS["point"], 0.05
-    world, situations, lower, upper = setting(0, count=60)
-    proof = prove_clearance(situations, lower, upper, threshold, manoeuvre, footprint)
-    attained = found_within(world, situations, lower, upper, manoeuvre, footprint)
+    world, placed, lower, upper = setting(0, count=60)
+    proof = prove_clearance(placed, lower, upper, threshold, manoeuvre, footprint)
+    attained = found_within(world, placed, lower, upper, manoeuvre, footprint)
     assert proof.proved.sum() > 10
     assert (attained[proof.proved] > threshold).all()
     assert not (proof.proved & proof.refuted).any()

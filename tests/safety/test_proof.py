@@ -5,8 +5,8 @@ import pytest
 
 from tests.safety.brute_force import FOOTPRINTS, random_world
 from tests.safety.cases import make_cases, worst_found
-from viatool.safety import Case, Situations, prove, sample, settle
-from viatool.safety.proof import Effort, prove_clearance
+from viatool.safety import JudgedStates, ScenePoses, prove, sample, settle
+from viatool.safety.proof import ProofEffort, prove_clearance
 from viatool.setting.rules import Rules
 
 
@@ -58,21 +58,21 @@ def test_a_larger_clearance_is_never_easier():
 def test_an_obstacle_within_the_footprint_fails_though_the_outline_is_clear():
     world, _, _, _ = cases(0, FOOTPRINTS["point"], "swept")
     x, y, _ = world.obstacles.circles[0]
-    situations = Situations.of(world, [None], np.array([[x, y, 0.0]]), np.zeros(1, dtype=np.int64))
+    placed = ScenePoses.of(world, [None], np.array([[x, y, 0.0]]), np.zeros(1, dtype=np.int64))
     rules = Rules.of(
         world.with_clearance(0.0, 0.0), footprint=[[-2.9, -2.9], [2.9, -2.9], [2.9, 2.9], [-2.9, 2.9]]
     )
-    assert not prove(Case(rules, situations), np.zeros((1, 2)), np.zeros((1, 2)), 0.0).proved[0]
+    assert not prove(JudgedStates(rules, placed), np.zeros((1, 2)), np.zeros((1, 2)), 0.0).proved[0]
 
 
 @pytest.mark.parametrize(
-    "effort", [Effort(levels=0), Effort(levels=2), Effort(cells=1), Effort(tolerance=1.0)]
+    "effort", [ProofEffort(levels=0), ProofEffort(levels=2), ProofEffort(cells=1), ProofEffort(tolerance=1.0)]
 )
 def test_less_effort_proves_and_refutes_less(effort):
     """What is given up, for whatever reason, is neither proved nor refuted."""
     _, case, lower, upper = cases(7, FOOTPRINTS["point"], "swept")
     rules = case.rules
-    asked = case.situations, rules.clip(lower), rules.clip(upper), 0.1, rules.manoeuvre, rules.footprint
+    asked = case.observing, rules.clip(lower), rules.clip(upper), 0.1, rules.manoeuvre, rules.footprint
     whole, less = prove_clearance(*asked), prove_clearance(*asked, effort)
     assert (less.proved <= whole.proved).all()
     assert (less.refuted <= whole.refuted).all()

@@ -13,7 +13,7 @@ from viatool.channels.previous import PreviousAngular, PreviousCommand, Previous
 from viatool.channels.quantities import Quantities
 from viatool.channels.quantity import Fixed, Quantity, kind_named, kinds, observes, quantity_of
 from viatool.channels.unmeasured import Budget, Other
-from viatool.channels.views import BoxView, Extent, Recorded, View, see, see_precisely
+from viatool.channels.views import BoxView, Extent, RecordedInstants, View, see, see_precisely
 
 __all__ = [
     "BoxView",
@@ -33,7 +33,7 @@ __all__ = [
     "PreviousLinear",
     "Quantities",
     "Quantity",
-    "Recorded",
+    "RecordedInstants",
     "View",
     "kind_named",
     "kinds",

@@ -5,16 +5,12 @@ from __future__ import annotations
 from typing import Annotated
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+from pydantic import Field, FiniteFloat, model_validator
+
+from viatool.world.fields import Strict
 
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 NonNegative = Annotated[FiniteFloat, Field(ge=0)]
-
-
-class Strict(BaseModel):
-    """A typed model that takes no key which it does not know, and does not change."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 class LidarSpecification(Strict):

@@ -8,7 +8,7 @@ import numpy as np
 
 from viatool.arrays import Floats, Indices, Reals
 from viatool.channels.quantity import Quantity, observes
-from viatool.channels.views import BoxView, Extent, Recorded, View
+from viatool.channels.views import BoxView, Extent, RecordedInstants, View
 from viatool.sets.forms import Forms
 
 
@@ -22,7 +22,7 @@ class GoalQuantity(Quantity):
         """Return the number as seen from where the robots think they are."""
         return np.asarray(getattr(view.goal, self.part))
 
-    def record(self, recorded: Recorded) -> Floats:
+    def record(self, recorded: RecordedInstants) -> Floats:
         """Return the number as seen from the recorded poses."""
         return np.asarray(getattr(recorded.goals, self.part))
 

@@ -11,7 +11,7 @@ from viatool.arrays import Floats, Indices, Reals
 from viatool.channels.channel import Channel
 from viatool.channels.fan import Fan
 from viatool.channels.quantity import Part, Quantity, observes
-from viatool.channels.views import BoxView, Extent, Recorded, View
+from viatool.channels.views import BoxView, Extent, RecordedInstants, View
 from viatool.errors import PolicyError
 from viatool.sets.forms import Forms
 from viatool.sight.scan import enclose_scan
@@ -69,7 +69,7 @@ class LidarReadings(Quantity):
         """Return the least range of each bin; in an obstacle and off the map, the least that the LiDAR reads."""
         return self.fan.read(view.eyes(self.fan, view))
 
-    def record(self, recorded: Recorded) -> Floats:
+    def record(self, recorded: RecordedInstants) -> Floats:
         """Return the bins of the recorded scans."""
         return recorded.scan(self.channel)
 

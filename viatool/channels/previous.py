@@ -8,7 +8,7 @@ import numpy as np
 
 from viatool.arrays import Floats, Indices, Reals
 from viatool.channels.quantity import Quantity, observes
-from viatool.channels.views import BoxView, Extent, Recorded, View
+from viatool.channels.views import BoxView, Extent, RecordedInstants, View
 from viatool.sets.forms import Forms
 
 
@@ -25,7 +25,7 @@ class PreviousCommand(Quantity):
         """Return the command before."""
         return view.previous[:, self.axis]
 
-    def record(self, recorded: Recorded) -> Floats:
+    def record(self, recorded: RecordedInstants) -> Floats:
         """Return the recorded command before."""
         return recorded.previous[:, self.axis]
 

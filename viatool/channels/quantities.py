@@ -15,7 +15,7 @@ from viatool.arrays import Floats, Indices
 from viatool.channels.channel import Channel
 from viatool.channels.lidar import LidarReadings
 from viatool.channels.quantity import Part, Quantity, quantity_of
-from viatool.channels.views import BoxView, Extent, Recorded, View
+from viatool.channels.views import BoxView, Extent, RecordedInstants, View
 from viatool.sets.forms import Forms
 from viatool.world import Robot
 
@@ -80,7 +80,7 @@ class Quantities:
         """Return what B robots observe, (B, n): float64 holding float32 numbers, as a float32 policy receives."""
         return self._filled(len(view), lambda quantity: quantity.measure(view))
 
-    def record(self, recorded: Recorded) -> Floats:
+    def record(self, recorded: RecordedInstants) -> Floats:
         """Return what was observed at S instants of a recording, (S, n), as `measure` does; NaN where unknown."""
         return self._filled(len(recorded.poses), lambda quantity: quantity.record(recorded))
 

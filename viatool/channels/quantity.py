@@ -16,7 +16,7 @@ import numpy as np
 
 from viatool.arrays import Floats, Indices, Reals
 from viatool.channels.channel import Channel
-from viatool.channels.views import BoxView, Extent, Recorded, View
+from viatool.channels.views import BoxView, Extent, RecordedInstants, View
 from viatool.errors import PolicyError
 from viatool.sets.forms import Forms
 from viatool.world import Robot
@@ -75,7 +75,7 @@ class Quantity(ABC):
         """Return what B robots observe in a simulation, (B, k) or (B,), without what sensors err."""
         raise self.lacks("measure")
 
-    def record(self, recorded: Recorded) -> Floats:
+    def record(self, recorded: RecordedInstants) -> Floats:
         """Return what was observed at S instants of a recording, (S, k) or (S,)."""
         raise self.lacks("record")
 
@@ -124,7 +124,7 @@ class Fixed(Quantity):
         """Return the constant."""
         return np.full((len(view), self.channel.size), self._value)
 
-    def record(self, recorded: Recorded) -> Floats:
+    def record(self, recorded: RecordedInstants) -> Floats:
         """Return the constant."""
         return np.full((len(recorded.poses), self.channel.size), self._value)
 

@@ -61,7 +61,7 @@ class View:
     poses : ndarray
         (B, 3) x, y, theta; metres and radians.
     scene : ndarray
-        (B,) which situation of the geometry each of them is in.
+        (B,) which scene of the geometry each of them is in.
     goals : ndarray
         (B, 2) metres.
     previous : ndarray
@@ -149,7 +149,7 @@ class BoxView:
 
 
 @dataclass(frozen=True, eq=False)
-class Recorded:
+class RecordedInstants:
     """S instants of a recording.
 
     Parameters

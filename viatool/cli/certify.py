@@ -145,7 +145,7 @@ def command(ctx: click.Context, /, **given: Any) -> None:
     The free space is cut into cells of x, y, heading and previous command. Each becomes uncontested (no command
     could endanger it), certified (proved for all of it), refuted (with a replayable counterexample) or unknown.
     """
-    from viatool.places import Budget, Campaign, Outlook, Resolution, certify
+    from viatool.places import Campaign, Lookahead, Resolution, SearchBudget, certify
     from viatool.policy import load_policy
     from viatool.report import evaluate
     from viatool.report.places.run import PlacesRun
@@ -164,10 +164,10 @@ def command(ctx: click.Context, /, **given: Any) -> None:
             scenario,
             eps=options.plain_eps(given["eps"]),
             resolution=Resolution(given["smallest"], given["halvings"]),
-            budget=Budget(until, given["budget_cells"] or 2**62, given["sample"]),
-            outlook=Outlook(
+            budget=SearchBudget(until, given["budget_cells"] or 2**62, given["sample"]),
+            lookahead=Lookahead(
                 for_ever=given["forever"],
-                lookahead=given["lookahead"],
+                intervals=given["lookahead"],
                 coarser=given["coarser"],
                 **{name: given[name] for name in ("steps", "goal_radius") if given[name] is not None},
             ),

@@ -1,4 +1,4 @@
-"""What the policy observes in one situation: at poses, and over sets of states."""
+"""What the policy observes in one scenario: at poses, and over sets of states."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from viatool.world import Scenes
 
 @dataclass(frozen=True, eq=False)
 class Sensors:
-    """What the policy observes in one situation.
+    """What the policy observes in one scenario.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ class Sensors:
     shapes : Shapes
         What there is to be seen, for sets of poses.
     scenes : Scenes
-        The same for poses; its only situation.
+        The same for poses; its only scene.
     goal : ndarray
         (2,) metres.
     dry : bool

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from viatool.arrays import Floats, Indices
-from viatool.loop.question import Commands, Question
+from viatool.loop.closed_loop import ClosedLoop, CommandBounds
 from viatool.rounding import AS_RECEIVED
-from viatool.safety import Case, Witnesses, search_witnesses
+from viatool.safety import JudgedStates, Witnesses, search_witnesses
 from viatool.schedule import check_time
 from viatool.sets.forms import PoseBoxes
 from viatool.sets.states import StateBoxes
@@ -44,16 +44,16 @@ class Refutations:
         return len(self.witnesses)
 
 
-def refute(question: Question, cells: StateBoxes, commands: Commands, *, seed: int = 0) -> Refutations:
+def refute(loop: ClosedLoop, cells: StateBoxes, commands: CommandBounds, *, seed: int = 0) -> Refutations:
     """Look for a counterexample in every cell.
 
     Parameters
     ----------
-    question : Question
+    loop : ClosedLoop
         What is asked.
     cells : StateBoxes
         C cells.
-    commands : Commands
+    commands : CommandBounds
         What the policy can command there, which says where to aim.
     seed : int
         Of random observations.
@@ -68,62 +68,58 @@ def refute(question: Question, cells: StateBoxes, commands: Commands, *, seed: i
     Sound: yes. The pose lies in the cell and keeps the collision distance by `_FREE`; the observation lies within
     eps of what perfect sensors read there, rounded to float32; the command comes from onnxruntime, and fails.
     """
-    setting, rules = question.setting, question.rules
+    setting, rules = loop.setting, loop.rules
     previous = 0.5 * (cells.previous_lower + cells.previous_upper)
-    row, place = _nearest_places(question, cells.poses)
+    row, place = _nearest_places(loop, cells.poses)
     check_time()
-    poses = _worst_poses(question, cells.poses.select(row), place, previous[row])
+    poses = _worst_poses(loop, cells.poses.select(row), place, previous[row])
     if not len(row):
         return Refutations(poses, previous[row], Witnesses.join([], len(setting.radii)))
-    observations = observe(question, poses, previous[row]).astype(setting.number).astype(np.float64)
+    observations = observe(loop, poses, previous[row]).astype(setting.number).astype(np.float64)
     radii = np.maximum(setting.radii - AS_RECEIVED * (1.0 + np.abs(observations).max(axis=0)), 0.0)
-    situations = replace(question.situation, poses=poses, scene=np.zeros(len(row), np.int64), radii=None)
-    case = Case(rules, situations, rules.dead_time.queue(previous[row]))
+    placed = replace(loop.geometry, poses=poses, scene=np.zeros(len(row), np.int64), radii=None)
+    judged = JudgedStates(rules, placed, rules.dead_time.queue(previous[row]))
     check_time()
     found = search_witnesses(
-        question.policy, setting.columns, case, np.arange(len(row)), observations, radii,
+        loop.policy, setting.columns, judged, np.arange(len(row)), observations, radii,
         commands.lower[row], commands.upper[row], seed=seed,
     )  # fmt: skip
     return Refutations(poses[found.state], previous[row][found.state], replace(found, state=row[found.state]))
 
 
-def observe(question: Question, poses: Floats, previous: Floats) -> Floats:
+def observe(loop: ClosedLoop, poses: Floats, previous: Floats) -> Floats:
     """Return what perfect sensors read at poses (B, 3) after commands (B, 2), (B, n) in float64 rays."""
-    return question.sensors.measure(poses, previous)
+    return loop.sensors.measure(poses, previous)
 
 
-def _worst_poses(question: Question, boxes: PoseBoxes, place: Floats, previous: Floats) -> Floats:
+def _worst_poses(loop: ClosedLoop, boxes: PoseBoxes, place: Floats, previous: Floats) -> Floats:
     """Return the free pose at a place (W, 2) of each box whose nominal command comes nearest, (W, 3)."""
     if not len(boxes):
         return np.zeros((0, 3))
-    rules, count = question.rules, len(boxes)
+    rules, count = loop.rules, len(boxes)
     places = np.repeat(place[:, None], len(_TURNS), axis=1)
     heading = boxes.centre[:, 2, None] + _INSIDE * _TURNS * boxes.radius[:, 2, None]
     poses = np.concatenate([places, heading[:, :, None]], axis=2)  # (W, 3, 3)
     flat = poses.reshape(-1, 3)
     before = np.repeat(previous, len(_TURNS), axis=0)
-    actions = rules.clip(
-        question.policy.network(observe(question, flat, before))[:, question.setting.columns]
-    )
-    situations = replace(question.situation, poses=flat, scene=np.zeros(len(flat), np.int64), radii=None)
-    case = Case(rules, situations, rules.dead_time.queue(before))
-    left = case.clearance(case.paths(actions[:, None], _FRACTIONS)).reshape(count, len(_TURNS), -1)
-    free = (
-        _clearance(question, poses) > rules.clearance.collision + _FREE
-    )  # corners may be nearer when turned
+    actions = rules.clip(loop.policy.network(observe(loop, flat, before))[:, loop.setting.columns])
+    placed = replace(loop.geometry, poses=flat, scene=np.zeros(len(flat), np.int64), radii=None)
+    judged = JudgedStates(rules, placed, rules.dead_time.queue(before))
+    left = judged.clearance(judged.paths(actions[:, None], _FRACTIONS)).reshape(count, len(_TURNS), -1)
+    free = _clearance(loop, poses) > rules.clearance.collision + _FREE  # corners may be nearer when turned
     least = np.where(free, left.min(axis=2), np.inf)
     return np.asarray(poses[np.arange(count), least.argmin(axis=1)])
 
 
-def _nearest_places(question: Question, boxes: PoseBoxes) -> tuple[Indices, Floats]:
+def _nearest_places(loop: ClosedLoop, boxes: PoseBoxes) -> tuple[Indices, Floats]:
     """Return the free place of each box that is nearest to an obstacle: the boxes (W,) and places (W, 2).
 
     At the rim of the free space it is found by bisection between a free and a blocked place.
     """
-    least = question.rules.clearance.collision + _FREE
+    least = loop.rules.clearance.collision + _FREE
     headings = np.broadcast_to(boxes.centre[:, None, 2:], (len(boxes), len(_CORNERS), 1))
     places = boxes.centre[:, None, :2] + _INSIDE * _CORNERS * boxes.radius[:, None, :2]
-    left = _clearance(question, np.concatenate([places, headings], axis=2))
+    left = _clearance(loop, np.concatenate([places, headings], axis=2))
     row = np.flatnonzero((left > least).any(axis=1))
     left, places, index = left[row], places[row], np.arange(len(row))
     free = places[index, np.where(left > least, left, np.inf).argmin(axis=1)]
@@ -132,15 +128,15 @@ def _nearest_places(question: Question, boxes: PoseBoxes) -> tuple[Indices, Floa
     inner, outer, turn = free[rim], blocked[rim], boxes.centre[row[rim], 2:]
     for _ in range(_BISECTIONS):
         middle = 0.5 * (inner + outer)
-        there = _clearance(question, np.concatenate([middle, turn], axis=1)) > least
+        there = _clearance(loop, np.concatenate([middle, turn], axis=1)) > least
         inner, outer = np.where(there[:, None], middle, inner), np.where(there[:, None], outer, middle)
     free[rim] = inner
     return row, free
 
 
-def _clearance(question: Question, poses: Floats) -> Floats:
+def _clearance(loop: ClosedLoop, poses: Floats) -> Floats:
     """Return the clearance of the footprint at poses (..., 3)."""
     flat = poses.reshape(-1, 3)
     scene = np.zeros(len(flat), np.int64)
-    found = question.situation.scenes.footprint_clearance(flat, question.rules.footprint, scene)
+    found = loop.geometry.scenes.footprint_clearance(flat, loop.rules.footprint, scene)
     return np.asarray(found.reshape(poses.shape[:-1]))

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from viatool.arrays import Booleans, Floats, Indices
+from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.horizon import Crashes
-from viatool.loop.question import Question
 from viatool.loop.refuting import observe
-from viatool.loop.tube import Loop
+from viatool.loop.tube import TubeFollower
 from viatool.rounding import AS_RECEIVED
-from viatool.safety import Case
+from viatool.safety import JudgedStates
 from viatool.safety.witness import MARGIN
 
 _FRACTIONS = np.linspace(0.0, 1.0, 11)
@@ -46,12 +46,12 @@ class Runs:
     clearance: Floats
 
 
-def drive(loop: Loop, poses: Floats, previous: Floats, errors: Floats) -> Runs:
+def drive(follower: TubeFollower, poses: Floats, previous: Floats, errors: Floats) -> Runs:
     """Drive the deployed program.
 
     Parameters
     ----------
-    loop : Loop
+    follower : TubeFollower
         Policy, sensors and goal.
     poses, previous : ndarray
         (R, 3) and (R, 2): where the runs begin.
@@ -63,33 +63,33 @@ def drive(loop: Loop, poses: Floats, previous: Floats, errors: Floats) -> Runs:
     Runs
         R of them; they go on behind the goal, where their clearance counts no more.
     """
-    question, rules = loop.question, loop.question.rules
+    loop, rules = follower.loop, follower.loop.rules
     places, received, commands, ends, clearances = [], [], [], [], []
-    driving = ~_near_goal(loop, poses)
+    driving = ~_near_goal(follower, poses)
     for k in range(errors.shape[1]):
-        exact = observe(question, poses, previous) + errors[:, k]
-        seen = exact.astype(question.setting.number).astype(np.float64)
-        previous = rules.clip(np.asarray(question.policy.run(seen))[:, question.setting.columns])
-        case = _case(question, poses)
-        left = case.clearance(case.paths(previous[:, None], _FRACTIONS)).min(axis=(1, 2))
+        exact = observe(loop, poses, previous) + errors[:, k]
+        seen = exact.astype(loop.setting.number).astype(np.float64)
+        previous = rules.clip(np.asarray(loop.policy.run(seen))[:, loop.setting.columns])
+        judged = _judged(loop, poses)
+        left = judged.clearance(judged.paths(previous[:, None], _FRACTIONS)).min(axis=(1, 2))
         places.append(poses)
         received.append(seen)
         commands.append(previous)
         poses = replace(rules.manoeuvre, deceleration=None).path(poses, previous, np.ones(len(poses)))
         ends.append(poses)
         clearances.append(np.where(driving, left, np.inf))
-        driving = driving & ~_near_goal(loop, poses)
+        driving = driving & ~_near_goal(follower, poses)
     return Runs(*(np.stack(part, axis=1) for part in (places, received, commands, ends, clearances)))
 
 
 def search_crashes(
-    loop: Loop, states: Indices, poses: Floats, previous: Floats, *, seed: int | tuple[int, ...]
+    follower: TubeFollower, states: Indices, poses: Floats, previous: Floats, *, seed: int | tuple[int, ...]
 ) -> Crashes:
     """Look for runs that come nearer than the collision distance within the horizon.
 
     Parameters
     ----------
-    loop : Loop
+    follower : TubeFollower
         Policy, sensors and horizon.
     states : ndarray
         (B,) what the states are called, ascending.
@@ -108,27 +108,27 @@ def search_crashes(
     Sound: yes. The program is onnxruntime, and what it observes is within eps of what perfect sensors read. The errors
     are corners of their boxes: random ones, then those that the correlation of errors and clearance speaks for.
     """
-    radii, generator = loop.question.setting.radii, np.random.default_rng(seed)
-    steps = loop.horizon.steps
+    radii, generator = follower.loop.setting.radii, np.random.default_rng(seed)
+    steps = follower.horizon.steps
     found = [Crashes.none(steps, len(radii))]
     each = max(1, _AT_ONCE // _RUNS)
     for first in range(0, len(states), each):
         some = slice(first, first + each)
-        found.append(_search(loop, states[some], poses[some], previous[some], generator))
+        found.append(_search(follower, states[some], poses[some], previous[some], generator))
     return Crashes.join(found)
 
 
 def _search(
-    loop: Loop, states: Indices, poses: Floats, previous: Floats, generator: np.random.Generator
+    follower: TubeFollower, states: Indices, poses: Floats, previous: Floats, generator: np.random.Generator
 ) -> Crashes:
-    steps, size, count = loop.horizon.steps, len(loop.question.setting.radii), len(states)
+    steps, size, count = follower.horizon.steps, len(follower.loop.setting.radii), len(states)
     shape = (count, _RUNS, 3 + steps * size)
     signs = generator.choice([-1.0, 1.0], shape)
     signs[:, 0] = 0.0
     best, least = np.zeros((count, shape[2])), np.full(count, np.inf)
     for round_ in range(_ROUNDS):
-        starts, errors = _spread(loop, poses, previous, signs)
-        runs = drive(loop, starts, np.repeat(previous, _RUNS, axis=0), errors)
+        starts, errors = _spread(follower, poses, previous, signs)
+        runs = drive(follower, starts, np.repeat(previous, _RUNS, axis=0), errors)
         left = runs.clearance.min(axis=1).reshape(count, _RUNS)
         better = left.min(axis=1) < least
         best = np.where(better[:, None], signs[np.arange(count), left.argmin(axis=1)], best)
@@ -142,40 +142,40 @@ def _search(
         flipped = generator.random(shape) < _FLIPPED[round_]
         flipped[:, :2] = False
         signs = np.where(flipped, generator.choice([-1.0, 1.0], shape), signs)
-    return _confirmed(loop, states, poses, previous, best, least)
+    return _confirmed(follower, states, poses, previous, best, least)
 
 
-def _spread(loop: Loop, poses: Floats, previous: Floats, signs: Floats) -> tuple[Floats, Floats]:
+def _spread(follower: TubeFollower, poses: Floats, previous: Floats, signs: Floats) -> tuple[Floats, Floats]:
     """Return starts (B M, 3) and errors (B M, K, n) of signs (B, M, 3 + K n)."""
-    question, (count, each, _) = loop.question, signs.shape
-    seen = observe(question, poses, previous)
-    radii = np.maximum(question.setting.radii - AS_RECEIVED * (1.0 + np.abs(seen).max(initial=0.0)), 0.0)
-    starts = poses[:, None] + signs[:, :, :3] * loop.horizon.pose_error
-    errors = signs[:, :, 3:].reshape(count * each, loop.horizon.steps, len(radii)) * radii
+    loop, (count, each, _) = follower.loop, signs.shape
+    seen = observe(loop, poses, previous)
+    radii = np.maximum(loop.setting.radii - AS_RECEIVED * (1.0 + np.abs(seen).max(initial=0.0)), 0.0)
+    starts = poses[:, None] + signs[:, :, :3] * follower.horizon.pose_error
+    errors = signs[:, :, 3:].reshape(count * each, follower.horizon.steps, len(radii)) * radii
     return starts.reshape(-1, 3), errors
 
 
 def _confirmed(
-    loop: Loop, states: Indices, poses: Floats, previous: Floats, best: Floats, least: Floats
+    follower: TubeFollower, states: Indices, poses: Floats, previous: Floats, best: Floats, least: Floats
 ) -> Crashes:
     """Return the best runs that fail."""
-    limit = loop.question.rules.clearance.collision
+    limit = follower.loop.rules.clearance.collision
     rows = np.flatnonzero((least < limit - MARGIN) | (least <= 0.0))
     if not len(rows):
-        return Crashes.none(loop.horizon.steps, len(loop.question.setting.radii))
-    starts, errors = _spread(loop, poses[rows], previous[rows], best[rows, None])
-    runs, each = drive(loop, starts, previous[rows], errors), np.arange(len(rows))
+        return Crashes.none(follower.horizon.steps, len(follower.loop.setting.radii))
+    starts, errors = _spread(follower, poses[rows], previous[rows], best[rows, None])
+    runs, each = drive(follower, starts, previous[rows], errors), np.arange(len(rows))
     at = (runs.clearance < limit).argmax(axis=1)
-    case = _case(loop.question, runs.poses[each, at])
-    left, seconds, places = (part[:, 0] for part in case.closest_approach(runs.actions[each, at][:, None]))
+    judged = _judged(follower.loop, runs.poses[each, at])
+    left, seconds, places = (part[:, 0] for part in judged.closest_approach(runs.actions[each, at][:, None]))
     return Crashes(states[rows], runs.poses, runs.observations, runs.actions, at, seconds, places, left)
 
 
-def _case(question: Question, poses: Floats) -> Case:
-    situation = replace(question.situation, poses=poses, scene=np.zeros(len(poses), np.int64), radii=None)
-    return Case(question.rules, situation)
+def _judged(loop: ClosedLoop, poses: Floats) -> JudgedStates:
+    placed = replace(loop.geometry, poses=poses, scene=np.zeros(len(poses), np.int64), radii=None)
+    return JudgedStates(loop.rules, placed)
 
 
-def _near_goal(loop: Loop, poses: Floats) -> Booleans:
-    goal = loop.question.sensors.goal
-    return np.asarray(np.hypot(*(poses[:, :2] - goal).T) < loop.goal_radius)
+def _near_goal(follower: TubeFollower, poses: Floats) -> Booleans:
+    goal = follower.loop.sensors.goal
+    return np.asarray(np.hypot(*(poses[:, :2] - goal).T) < follower.goal_radius)

@@ -31,7 +31,7 @@ HEADING = 2
 
 
 @dataclass(frozen=True, eq=False)
-class Parts:
+class TubeParts:
     """P boxes of states, each a part of one of B tubes.
 
     Parameters
@@ -50,9 +50,9 @@ class Parts:
         """Return P."""
         return len(self.tube)
 
-    def select(self, which: NDArray[Any]) -> Parts:
+    def select(self, which: NDArray[Any]) -> TubeParts:
         """Return some of the parts."""
-        return Parts(self.tube[which], self.lower[which], self.upper[which])
+        return TubeParts(self.tube[which], self.lower[which], self.upper[which])
 
     @property
     def cells(self) -> StateBoxes:
@@ -72,7 +72,7 @@ class Parts:
 
 def cut_by_heading(
     tube: Indices, states: Forms, bounds: tuple[Floats, Floats], sector: float, most: int
-) -> Parts:
+) -> TubeParts:
     """Cut sets of states into sectors and join what falls into the same one.
 
     Parameters
@@ -90,7 +90,7 @@ def cut_by_heading(
 
     Returns
     -------
-    Parts
+    TubeParts
         Every state of every set is in a part of its tube.
 
     Notes
@@ -101,7 +101,7 @@ def cut_by_heading(
     require_ordered("states after an interval", low, high, finite=True, rounding=SPARE)
     there, first, which = np.unique(tube, return_index=True, return_inverse=True)
     if not len(there):
-        return Parts(tube, low, high)
+        return TubeParts(tube, low, high)
     begin = np.minimum.reduceat(low[:, HEADING], first)[which]
     span = np.maximum.reduceat(high[:, HEADING], first)[which] - begin
     count = np.clip(np.ceil(span / sector), 1, most)
@@ -120,7 +120,7 @@ def cut_by_heading(
     key = which[of] * most + index
     order = np.argsort(key, kind="stable")
     sectors, first = np.unique(key[order], return_index=True)
-    return Parts(there[sectors // most], *join(lower[order], upper[order], first))
+    return TubeParts(there[sectors // most], *join(lower[order], upper[order], first))
 
 
 def _within(

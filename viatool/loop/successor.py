@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from viatool.arrays import Booleans, Floats, Indices
-from viatool.loop.question import Question
+from viatool.loop.closed_loop import ClosedLoop
 from viatool.rounding import SIGHT_ROUNDING, SLIGHTLY_MORE, SPARE
 from viatool.sets.bounds import require_ordered
 from viatool.sets.forms import Forms, PoseBoxes
@@ -33,7 +33,7 @@ _MOST_NUMBERS = 500_000
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class LoopStep:
     """What happens in one control interval from C sets of states.
 
     Parameters
@@ -71,19 +71,19 @@ def states_of(cells: StateBoxes) -> Forms:
     return cells.checked().forms
 
 
-def step(question: Question, states: Forms) -> Step:
+def step(loop: ClosedLoop, states: Forms) -> LoopStep:
     """Enclose where the closed loop is after one control interval.
 
     Parameters
     ----------
-    question : Question
+    loop : ClosedLoop
         The policy, what it observes, its uncertainty and the robot.
     states : Forms
         (C, 3 + A) in S symbols.
 
     Returns
     -------
-    Step
+    LoopStep
         In S + A symbols; in S + 3 + 2 A if some of the states have a rest.
 
     Notes
@@ -94,10 +94,10 @@ def step(question: Question, states: Forms) -> Step:
     """
     states = name_rests(states.checked())
     count, symbols = states.slope.shape[:2]
-    chunk = max(1, _MOST_NUMBERS // ((symbols + len(question.setting.radii)) * 64))
-    parts = [_step(question, select(states, slice(first, first + chunk))) for first in range(0, count, chunk)]
+    chunk = max(1, _MOST_NUMBERS // ((symbols + len(loop.setting.radii)) * 64))
+    parts = [_step(loop, select(states, slice(first, first + chunk))) for first in range(0, count, chunk)]
     if not parts:
-        return _step(question, states)
+        return _step(loop, states)
     return parts[0] if len(parts) == 1 else _join(parts)
 
 
@@ -134,21 +134,21 @@ def hull(states: Forms) -> StateBoxes:
     return StateBoxes(poses, middle - half, middle + half)
 
 
-def _step(question: Question, states: Forms) -> Step:
+def _step(loop: ClosedLoop, states: Forms) -> LoopStep:
     """Enclose one chunk of sets without rests."""
     start = hull(states)
-    seen = question.sensors.enclose(start, states)
-    inputs = input_model(seen.centre, seen.slope, seen.rest + question.setting.radii)
+    seen = loop.sensors.enclose(start, states)
+    inputs = input_model(seen.centre, seen.slope, seen.rest + loop.setting.radii)
     common = states.slope.shape[1]
-    arithmetic = question.arithmetic
+    arithmetic = loop.arithmetic
     reached = LinearReach.hull(
         [
             reach_linear(network, inputs, common, arithmetic=arithmetic)
-            for network in networks_of(question.policy, arithmetic)
+            for network in networks_of(loop.policy, arithmetic)
         ]
     )
-    question.watch(seen.centre, reached)
-    columns, rules = question.setting.columns, question.rules
+    loop.watch(seen.centre, reached)
+    columns, rules = loop.setting.columns, loop.rules
     bounds = reached.lower[:, columns], reached.upper[:, columns]
     require_ordered("commands", *bounds)
     centre, rest = reached.centre[:, columns], reached.rest[:, columns]
@@ -165,7 +165,7 @@ def _step(question: Question, states: Forms) -> Step:
         np.concatenate([pose, command], axis=2),
         np.zeros_like(states.rest),
     )
-    slack = SIGHT_ROUNDING * (question.sensors.shapes.scale + np.abs(states.centre).sum(axis=1))
+    slack = SIGHT_ROUNDING * (loop.sensors.shapes.scale + np.abs(states.centre).sum(axis=1))
     moved = rules.kinematics.successor(held, rules.interval, slack)
     after = Forms(
         np.concatenate([moved.centre, centre], axis=1),
@@ -174,10 +174,10 @@ def _step(question: Question, states: Forms) -> Step:
     )
     lower, upper = rules.clip(bounds[0]), rules.clip(bounds[1])
     least, most = rules.kinematics.displacement(start.poses, lower, upper, rules.interval)
-    return Step(start, lower, upper, least, most, after)
+    return LoopStep(start, lower, upper, least, most, after)
 
 
-def _join(parts: list[Step]) -> Step:
+def _join(parts: list[LoopStep]) -> LoopStep:
     """Return all parts as one."""
     poses, starts, states = (
         [part.start.poses for part in parts],
@@ -185,7 +185,7 @@ def _join(parts: list[Step]) -> Step:
         [part.states for part in parts],
     )
     boxes = PoseBoxes(_stack(poses, "centre"), _stack(poses, "radius"))
-    return Step(
+    return LoopStep(
         start=StateBoxes(boxes, _stack(starts, "previous_lower"), _stack(starts, "previous_upper")),
         lower=_stack(parts, "lower"),
         upper=_stack(parts, "upper"),

@@ -8,7 +8,7 @@ A run ends when it reaches its goal, or collides. So a part in which every pose 
 one without a pose that keeps the collision distance.
 
 *Clearance.* During an interval the runs of a part drive along arcs, from any pose of a box under any command of a box;
-what of the obstacles these come near is bounded by `safety.enclosure`. Where that does not suffice, `Question.holds`
+what of the obstacles these come near is bounded by `safety.enclosure`. Where that does not suffice, `ClosedLoop.holds`
 decides whether every pose that keeps the collision distance is followed by an interval that keeps it. The poses at the
 beginning of an interval are those at the end of the one before, so by induction all intervals are safe up to the first
 that is not proved.
@@ -21,10 +21,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from viatool.arrays import Booleans, Floats, Indices
+from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.horizon import Horizon, Tubes
-from viatool.loop.question import Question
-from viatool.loop.sectors import Parts, cut_by_heading
-from viatool.loop.successor import Step, states_of, step
+from viatool.loop.sectors import TubeParts, cut_by_heading
+from viatool.loop.successor import LoopStep, states_of, step
 from viatool.rounding import SPARE
 from viatool.safety.enclosure import MotionBoxes, enclose
 from viatool.safety.proof import prove_clearance
@@ -32,12 +32,12 @@ from viatool.sets.forms import Forms
 
 
 @dataclass(frozen=True, eq=False)
-class Loop:
-    """A closed loop in one situation.
+class TubeFollower:
+    """Follows the closed loop of one scenario.
 
     Parameters
     ----------
-    question : Question
+    loop : ClosedLoop
         Policy, sensors, obstacles, and what is to hold.
     goal_radius : float
         A run ends when it is nearer to its goal than this, in metres.
@@ -45,23 +45,23 @@ class Loop:
         How far, and in how many parts.
     """
 
-    question: Question
+    loop: ClosedLoop
     goal_radius: float
     horizon: Horizon
 
-    def arrived(self, parts: Parts) -> Booleans:
+    def arrived(self, parts: TubeParts) -> Booleans:
         """Tell in which parts every pose has reached the goal, (P,)."""
-        goal = self.question.sensors.goal
+        goal = self.loop.sensors.goal
         away = np.maximum(np.abs(parts.lower[:, :2] - goal), np.abs(parts.upper[:, :2] - goal))
         return np.asarray(np.hypot(*away.T) * (1.0 + SPARE) < self.goal_radius)
 
-    def beginning(self, poses: Floats, previous: Floats) -> Parts:
+    def beginning(self, poses: Floats, previous: Floats) -> TubeParts:
         """Return the parts of the tubes of B states: poses (B, 3) within their error, previous commands (B, A)."""
         state = np.concatenate([poses, previous], axis=1)
         error = np.concatenate([self.horizon.pose_error, np.zeros(previous.shape[1])])
         reach = error + SPARE * (np.abs(state) + 1.0) * (error > 0.0)
         tube = np.arange(len(state))
-        parts = Parts(tube, state - reach, state + reach)
+        parts = TubeParts(tube, state - reach, state + reach)
         return self._cut(tube, states_of(parts.cells), (parts.lower, parts.upper))
 
     def follow(self, poses: Floats, previous: Floats) -> Tubes:
@@ -91,7 +91,7 @@ class Loop:
         parts = parts.select(~self.arrived(parts))
         begins_clear = self._all_clear(parts, count)
         for k in range(steps):
-            after = step(self.question, states_of(parts.cells))
+            after = step(self.loop, states_of(parts.cells))
             clearance[:, k], kept[:, k] = self._clearance(parts, after, count)
             bounds = after.bounds(parts.lower[:, :3], parts.upper[:, :3])
             parts = self._cut(parts.tube, after.states, bounds)
@@ -100,42 +100,42 @@ class Loop:
             parts = parts.select(~self.arrived(parts))
             doubtful = ~kept[parts.tube, k]
             ended = np.zeros(len(parts), dtype=bool)
-            ended[doubtful] = self.question.blocked(parts.select(doubtful).cells.poses)
+            ended[doubtful] = self.loop.blocked(parts.select(doubtful).cells.poses)
             parts = parts.select(~ended)
             if not len(parts):
                 kept[:, k + 1 :] = True  # of tubes that are proved so far, none had a part that collided
                 break
         safe = np.logical_and.accumulate(kept & begins_clear[:, None], axis=1)
-        proved = np.maximum(clearance, self.question.rules.clearance.collision)
+        proved = np.maximum(clearance, self.loop.rules.clearance.collision)
         return Tubes(lower, upper, np.where(safe, proved, clearance), safe.sum(axis=1))
 
-    def _cut(self, tube: Indices, states: Forms, bounds: tuple[Floats, Floats]) -> Parts:
+    def _cut(self, tube: Indices, states: Forms, bounds: tuple[Floats, Floats]) -> TubeParts:
         return cut_by_heading(tube, states, bounds, self.horizon.sector, self.horizon.parts)
 
-    def _all_clear(self, parts: Parts, count: int) -> Booleans:
+    def _all_clear(self, parts: TubeParts, count: int) -> Booleans:
         """Tell of which tubes (B,) every pose keeps the collision distance at the beginning."""
-        rules, boxes = self.question.rules, parts.cells.poses
+        rules, boxes = self.loop.rules, parts.cells.poses
         still = np.zeros((len(parts), len(rules.lower)))
-        here = self.question.at(boxes)
+        here = self.loop.at(boxes)
         clear = prove_clearance(
             here, still, still, rules.clearance.collision, rules.manoeuvre, rules.footprint
         )
         return _all_of(parts, clear.proved, count)
 
-    def _clearance(self, parts: Parts, after: Step, count: int) -> tuple[Floats, Booleans]:
+    def _clearance(self, parts: TubeParts, after: LoopStep, count: int) -> tuple[Floats, Booleans]:
         """Return what runs keep during an interval in metres, (B,), and whether the collision distance is proved."""
-        rules, boxes = self.question.rules, parts.cells.poses
+        rules, boxes = self.loop.rules, parts.cells.poses
         cells = MotionBoxes.whole(after.lower, after.upper, boxes.radius)
-        least = enclose(cells, self.question.at(boxes), rules.manoeuvre, rules.footprint).least
+        least = enclose(cells, self.loop.at(boxes), rules.manoeuvre, rules.footprint).least
         proved = least > rules.clearance.collision
         rest = np.flatnonzero(~proved)
-        proved[rest] = self.question.holds(parts.select(rest).cells, after.lower[rest], after.upper[rest])
+        proved[rest] = self.loop.holds(parts.select(rest).cells, after.lower[rest], after.upper[rest])
         clearance = np.full(count, np.inf)
         np.minimum.at(clearance, parts.tube, least)
         return clearance, _all_of(parts, proved, count)
 
 
-def _all_of(parts: Parts, holds: Booleans, count: int) -> Booleans:
+def _all_of(parts: TubeParts, holds: Booleans, count: int) -> Booleans:
     """Tell of which tubes (B,) something holds in every part."""
     every = np.ones(count, dtype=bool)
     every[parts.tube[~holds]] = False

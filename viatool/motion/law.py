@@ -66,7 +66,7 @@ class Axis:
 
 
 @dataclass(frozen=True, eq=False)
-class Deviation:
+class PathDeviation:
     """How far the commands of C boxes lead from where those of their centres lead, at equal fractions.
 
     Parameters
@@ -174,7 +174,7 @@ class Kinematics(ABC):
     @abstractmethod
     def deviation(
         self, lower: Floats, upper: Floats, until: Floats, rim: float, seconds: Seconds
-    ) -> Deviation:
+    ) -> PathDeviation:
         """Bound how far any command of a box leads from where its centre leads.
 
         Parameters

@@ -8,7 +8,7 @@ import numpy as np
 
 from viatool.arrays import Floats
 from viatool.motion.kinematics import DIFFERENTIAL
-from viatool.motion.law import Deviation, Directions, Kinematics
+from viatool.motion.law import Directions, Kinematics, PathDeviation
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ class Manoeuvre:
         seconds = self.seconds(speed, turn)
         return speed * seconds, turn * seconds
 
-    def deviation(self, lower: Floats, upper: Floats, until: Floats, rim: float = 0.0) -> Deviation:
+    def deviation(self, lower: Floats, upper: Floats, until: Floats, rim: float = 0.0) -> PathDeviation:
         """Bound how far commands of boxes (C, A) lead from where their centres lead, see `Kinematics.deviation`."""
         return self.kinematics.deviation(lower, upper, until, rim, self.seconds)
 

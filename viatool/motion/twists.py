@@ -35,7 +35,7 @@ from numpy.typing import ArrayLike
 
 from viatool.arrays import Floats, Plane
 from viatool.motion.arcs import cosine_range, drive_arc, least_sinc, sinc, swing
-from viatool.motion.law import Deviation, Directions, Kinematics, Seconds
+from viatool.motion.law import Directions, Kinematics, PathDeviation, Seconds
 from viatool.rounding import SLIGHTLY, SLIGHTLY_MORE
 from viatool.sets.forms import Forms, PoseBoxes
 
@@ -85,7 +85,7 @@ class HeldTwist(Kinematics):
 
     def deviation(
         self, lower: Floats, upper: Floats, until: Floats, rim: float, seconds: Seconds
-    ) -> Deviation:
+    ) -> PathDeviation:
         """See `Kinematics.deviation`, and the module for why."""
         centre = self.parts(0.5 * (lower + upper))
         length = _speed(*centre[:2])
@@ -96,7 +96,7 @@ class HeldTwist(Kinematics):
         away = until * _speed(ahead, left) + sideways(until * length, heading)
         moves = np.array([part != "turn" for part in self.velocity])
         each = until[:, None] * np.where(moves, 1.0, (0.5 * until * length + rim)[:, None])
-        return Deviation(away, heading, each * (0.5 * (upper - lower) * time[:, None]))
+        return PathDeviation(away, heading, each * (0.5 * (upper - lower) * time[:, None]))
 
     def loss(self, width: Floats, speed: Floats, seconds: Floats) -> Floats:
         """See `Kinematics.loss`."""

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from viatool.places.campaign import Budget
+from viatool.places.campaign import SearchBudget
 from viatool.places.certificate import SECTOR_NAMES, SECTORS, Certificate
-from viatool.places.findings import STATUSES, Findings
+from viatool.places.findings import STATUSES, CellFindings
 from viatool.places.job import Resolution, certify
-from viatool.places.over_time import Outlook, Prospect
+from viatool.places.over_time import LastingCells, Lookahead
 from viatool.places.raster import Raster
 from viatool.schedule import Campaign
 
@@ -14,13 +14,13 @@ __all__ = [
     "SECTORS",
     "SECTOR_NAMES",
     "STATUSES",
-    "Budget",
     "Campaign",
+    "CellFindings",
     "Certificate",
-    "Findings",
-    "Outlook",
-    "Prospect",
+    "LastingCells",
+    "Lookahead",
     "Raster",
     "Resolution",
+    "SearchBudget",
     "certify",
 ]

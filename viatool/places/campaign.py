@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from viatool.arrays import Indices
 from viatool.errors import ConfigurationError
-from viatool.loop.question import Question
-from viatool.places.findings import Findings
+from viatool.loop.closed_loop import ClosedLoop
+from viatool.places.findings import CellFindings
 from viatool.places.search import search
 from viatool.places.tree import Lattice
 from viatool.schedule import NEVER, Deadline, Span, Work, digest_of
@@ -27,7 +27,7 @@ _MOST_ROOTS = 20_000_000
 
 
 @dataclass(frozen=True)
-class Budget:
+class SearchBudget:
     """When to stop; what was not examined then is counted apart.
 
     Parameters
@@ -46,31 +46,31 @@ class Budget:
 
 
 @dataclass(frozen=True, eq=False)
-class Inspection:
+class RootExamination:
     """What happens to a piece of the roots; a pure function that workers can be sent.
 
     Parameters
     ----------
-    question, lattice, seed
+    loop, lattice, seed
         As in `search`.
     """
 
-    question: Question
+    loop: ClosedLoop
     lattice: Lattice
     seed: int
 
-    def __call__(self, roots: Indices) -> Findings:
+    def __call__(self, roots: Indices) -> CellFindings:
         """Judge the cells of roots, (R,) by number."""
-        return search(self.question, self.lattice, self.lattice.roots().select(roots), seed=self.seed)
+        return search(self.loop, self.lattice, self.lattice.roots().select(roots), seed=self.seed)
 
 
 @dataclass(frozen=True, eq=False)
-class RootWork(Work[Indices, Findings]):
-    """The inspection of roots in random order, so that the first ones are a fair sample; a unit is a root.
+class RootWork(Work[Indices, CellFindings]):
+    """The examination of roots in random order, so that the first ones are a fair sample; a unit is a root.
 
     Parameters
     ----------
-    inspection : Inspection
+    examination : RootExamination
         What happens to a piece.
     share : float
         Of all roots.
@@ -83,7 +83,7 @@ class RootWork(Work[Indices, Findings]):
         If there are too many roots.
     """
 
-    inspection: Inspection
+    examination: RootExamination
     share: float
     about: Mapping[str, Any]
     stage = "roots"
@@ -91,10 +91,10 @@ class RootWork(Work[Indices, Findings]):
     @cached_property
     def order(self) -> Indices:
         """Return the numbers of the roots, (R,)."""
-        count = int(np.prod(self.inspection.lattice.count))
+        count = int(np.prod(self.examination.lattice.count))
         if count > _MOST_ROOTS:
             raise ConfigurationError(f"{count:,} roots are too many", "make the smallest cells larger")
-        order = np.random.default_rng(self.inspection.seed).permutation(count)
+        order = np.random.default_rng(self.examination.seed).permutation(count)
         return order[: max(1, math.ceil(self.share * count))]
 
     def __len__(self) -> int:
@@ -102,9 +102,9 @@ class RootWork(Work[Indices, Findings]):
         return len(self.order)
 
     @property
-    def function(self) -> Inspection:
+    def function(self) -> RootExamination:
         """Return what happens to a piece."""
-        return self.inspection
+        return self.examination
 
     def content(self, span: Span) -> Indices:
         """Return the numbers of some roots."""
@@ -122,23 +122,23 @@ class RootWork(Work[Indices, Findings]):
         """Return what the findings depend on."""
         return self.about
 
-    def to_arrays(self, part: Findings) -> dict[str, NDArray[Any]]:
+    def to_arrays(self, part: CellFindings) -> dict[str, NDArray[Any]]:
         """Return findings as arrays."""
         return part.to_arrays()
 
-    def from_arrays(self, arrays: Mapping[str, NDArray[Any]]) -> Findings:
+    def from_arrays(self, arrays: Mapping[str, NDArray[Any]]) -> CellFindings:
         """Return findings."""
-        return Findings.from_arrays(arrays)
+        return CellFindings.from_arrays(arrays)
 
-    def join(self, parts: Sequence[Findings]) -> Findings:
+    def join(self, parts: Sequence[CellFindings]) -> CellFindings:
         """Return the findings of several pieces as one."""
-        return Findings.join(parts)
+        return CellFindings.join(parts)
 
 
-def describe(inspection: Inspection, scenario: Scenario) -> dict[str, Any]:
+def describe(examination: RootExamination, scenario: Scenario) -> dict[str, Any]:
     """Return everything that the findings depend on, as plain data for the manifest of a checkpoint."""
-    question = inspection.question
-    policy, setting = question.policy, question.setting
+    loop = examination.loop
+    policy, setting = loop.policy, loop.setting
     world_map, meaning = setting.world_map, setting.spec.model_dump_json()
     return {
         "policy": policy.sha256,
@@ -147,8 +147,8 @@ def describe(inspection: Inspection, scenario: Scenario) -> dict[str, Any]:
         "goal": list(scenario.goal),
         "rules": setting.rules.to_json(),
         "radii": setting.radii.tolist(),
-        "arithmetic": question.arithmetic,
-        "cells": {name: part.tolist() for name, part in vars(inspection.lattice).items()},
-        "seed": inspection.seed,
+        "arithmetic": loop.arithmetic,
+        "cells": {name: part.tolist() for name, part in vars(examination.lattice).items()},
+        "seed": examination.seed,
         **{f"version of {name}": text for name, text in result_versions().items()},
     }

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viatool.arrays import Indices
-from viatool.places.findings import SETTLED, STATUSES, Findings
-from viatool.places.over_time import Prospect
+from viatool.places.findings import SETTLED, STATUSES, CellFindings
+from viatool.places.over_time import LastingCells
 from viatool.places.raster import Raster, rasterise
 from viatool.places.tree import Lattice, Nodes
 from viatool.policy import Policy
@@ -48,13 +48,13 @@ class Certificate(Asked):
         "float32" or "real", the contract of the bounds.
     lattice : Lattice
         The cells.
-    findings : Findings
+    findings : CellFindings
         The leaves that were examined.
     examined, roots : int
         Roots of the tree that were examined, and all.
     seconds, versions : dict
         Time by stage, and what a repetition would need.
-    prospect : Prospect, optional
+    lasting : LastingCells, optional
         What holds beyond the next action, if it was asked.
     """
 
@@ -63,12 +63,12 @@ class Certificate(Asked):
     scenario: Scenario
     arithmetic: str
     lattice: Lattice
-    findings: Findings
+    findings: CellFindings
     examined: int
     roots: int
     seconds: Mapping[str, float]
     versions: Mapping[str, str]
-    prospect: Prospect | None = None
+    lasting: LastingCells | None = None
 
     @cached_property
     def units(self) -> dict[str, int]:
@@ -161,7 +161,7 @@ class Certificate(Asked):
             "contested_rate": _rate(certified, contested),
             "free_rate": _rate(safe, free),
             "decided_rate": _rate(decided, contested),
-            "over_time": None if self.prospect is None else self.prospect.to_json(),
+            "over_time": None if self.lasting is None else self.lasting.to_json(),
             "worst": [self._witness(int(row)) for row in self.worst()],
             "seconds": dict(self.seconds),
             "versions": dict(self.versions),
@@ -183,7 +183,7 @@ class Certificate(Asked):
         keep = self.findings.status >= SETTLED
         lower, upper = self.lattice.bounds(self.findings.nodes.select(keep))
         names = np.array(STATUSES)
-        later = {} if self.prospect is None else self.prospect.cell_table()
+        later = {} if self.lasting is None else self.lasting.cell_table()
         return {
             **later,
             "lower": lower,

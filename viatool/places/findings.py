@@ -18,7 +18,7 @@ STATUSES = ("blocked", "uncontested", "certified", "refuted", "unknown")
 
 
 @dataclass(frozen=True, eq=False)
-class Findings:
+class CellFindings:
     """N leaves, of which R are refuted.
 
     Parameters
@@ -58,7 +58,7 @@ class Findings:
         return Nodes(self.level, self.index)
 
     @classmethod
-    def of(cls, nodes: Nodes, status: NDArray[Any], found: Refutations | None = None) -> Findings:
+    def of(cls, nodes: Nodes, status: NDArray[Any], found: Refutations | None = None) -> CellFindings:
         """Return leaves with their status; refuted ones come in the order of their counterexamples."""
         kind = status.astype(np.int8)
         if found is None:
@@ -72,7 +72,7 @@ class Findings:
         )  # fmt: skip
 
     @classmethod
-    def join(cls, parts: Sequence[Findings]) -> Findings:
+    def join(cls, parts: Sequence[CellFindings]) -> CellFindings:
         """Return all parts as one."""
         none = np.zeros((0, len(AXES)))
         every = [cls(none.astype(np.int8), none.astype(np.int32), np.zeros(0, np.int8), *_NONE), *parts]
@@ -91,7 +91,7 @@ class Findings:
         return {part.name: getattr(self, part.name) for part in fields(self)}
 
     @classmethod
-    def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> Findings:
+    def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> CellFindings:
         """Return what `to_arrays` gave."""
         return cls(**{part.name: arrays[part.name] for part in fields(cls)})
 

@@ -28,7 +28,7 @@ FOR_EVER = np.iinfo(np.int16).max
 
 
 @dataclass(frozen=True, eq=False)
-class Loop:
+class CellTransitions:
     """The closed loop over the cells of a mesh.
 
     Parameters

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 
 from viatool.errors import ConfigurationError, EmptyEvaluationError
-from viatool.loop.question import Question
-from viatool.places.campaign import Budget, Inspection, RootWork, describe
+from viatool.loop.closed_loop import ClosedLoop
+from viatool.places.campaign import RootExamination, RootWork, SearchBudget, describe
 from viatool.places.certificate import Certificate
-from viatool.places.over_time import Outlook, check_outlook, look_ahead
+from viatool.places.over_time import Lookahead, check_lookahead, look_ahead
 from viatool.places.tree import Lattice
 from viatool.policy import Policy, PolicySpecification, load_policy
 from viatool.schedule import Campaign, Deadline, Progress, ignore
@@ -73,8 +73,8 @@ def certify(
     footprint: Footprint | str | float | Sequence[Sequence[float]] | None = None,
     arithmetic: Arithmetic = "float32",
     resolution: Resolution | None = None,
-    budget: Budget | None = None,
-    outlook: Outlook | None = None,
+    budget: SearchBudget | None = None,
+    lookahead: Lookahead | None = None,
     seed: int = 0,
     campaign: Campaign | None = None,
     tell: Progress = ignore,
@@ -105,9 +105,9 @@ def certify(
         As in `viatool.reach`.
     resolution : Resolution, optional
         Of the smallest cells.
-    budget : Budget, optional
+    budget : SearchBudget, optional
         When to stop.
-    outlook : Outlook, optional
+    lookahead : Lookahead, optional
         What is asked beyond the next action.
     seed : int
         Of the order of the roots, and of the search for counterexamples.
@@ -134,9 +134,9 @@ def certify(
     -----
     Sound: yes. From every pose of a certified or uncontested cell that keeps the collision distance, for every
     observation within eps of what perfect sensors read there and every command before it within the cell, the
-    criterion holds. What the outlook adds is as sound: see `viatool.places.over_time`.
+    criterion holds. What looking ahead adds is as sound: see `viatool.places.over_time`.
     """
-    resolution, budget = resolution or Resolution(), budget or Budget()
+    resolution, budget = resolution or Resolution(), budget or SearchBudget()
     if criterion not in PROVING:
         raise ConfigurationError(f"criterion '{criterion}' proves nothing", f"choose {' or '.join(PROVING)}")
     policy = policy if isinstance(policy, Policy) else load_policy(policy, spec)
@@ -145,18 +145,18 @@ def certify(
     wishes = Wishes(criterion, clearance, None, interval, footprint, delay, deceleration, robot, prefer or {})
     setting = Setting.of(policy, world_map, eps, wishes, [scenario])
     rules = setting.rules
-    question = Question.of(policy, setting, scenario, arithmetic)
+    loop = ClosedLoop.of(policy, setting, scenario, arithmetic)
     smallest = (resolution.side, resolution.side, resolution.halvings)
-    outlook = outlook or Outlook()
-    grain = max(1, outlook.coarser)
+    lookahead = lookahead or Lookahead()
+    grain = max(1, lookahead.coarser)
     lattice = Lattice.over(setting.world_map.bounds, (rules.lower, rules.upper), smallest, grain)
-    if outlook.asked:
-        check_outlook(outlook, rules, lattice)
+    if lookahead.asked:
+        check_lookahead(lookahead, rules, lattice)
     start = time.perf_counter()
-    inspection = Inspection(question, lattice, seed)
-    work = RootWork(inspection, budget.share, describe(inspection, scenario))
+    examination = RootExamination(loop, lattice, seed)
+    work = RootWork(examination, budget.share, describe(examination, scenario))
     campaign = campaign or Campaign()
-    search_until = budget.until.moved(-_FOLLOWING) if outlook.asked else budget.until
+    search_until = budget.until.moved(-_FOLLOWING) if lookahead.asked else budget.until
     left = search_until.left
     found = campaign.carry_out(
         work, tell, until=search_until, enough=lambda parts: sum(map(len, parts)) >= budget.cells
@@ -166,16 +166,16 @@ def certify(
     if not (found.part.status > 0).any():
         raise EmptyEvaluationError("no free place was examined", "lower the clearance or raise the budget")
     seconds = {"search": time.perf_counter() - start}
-    prospect = None
-    if outlook.asked:
+    lasting = None
+    if lookahead.asked:
         start = time.perf_counter()
-        prospect = look_ahead(
-            question, lattice, found.part, scenario.goal, outlook, campaign, tell, until=budget.until
+        lasting = look_ahead(
+            loop, lattice, found.part, scenario.goal, lookahead, campaign, tell, until=budget.until
         )
         seconds["over_time"] = time.perf_counter() - start
     return Certificate(
         policy, setting, scenario, arithmetic, lattice, found.part, found.units,
-        int(np.prod(lattice.count)), seconds, result_versions(), prospect,
+        int(np.prod(lattice.count)), seconds, result_versions(), lasting,
     )  # fmt: skip
 
 

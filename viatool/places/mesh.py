@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viatool.arrays import Booleans, Floats, Indices
-from viatool.places.findings import Findings
+from viatool.places.findings import CellFindings
 from viatool.places.tree import AXES, Lattice
 from viatool.rounding import SLIGHTLY_MORE, SPARE
 from viatool.sets.bounds import require_ordered
@@ -108,7 +108,7 @@ class Mesh:
         ends[0, whole, _THETA], ends[1, whole, _THETA] = 0, headings - 1
         return Ranges(ends[0].astype(np.int16), ends[1].astype(np.int16))
 
-    def statuses(self, lattice: Lattice, findings: Findings) -> NDArray[np.int8]:
+    def statuses(self, lattice: Lattice, findings: CellFindings) -> NDArray[np.int8]:
         """Return the status of each cell, (N,): the last one of all leaves that it shares; -1 where none is."""
         status = np.full(len(self), -1, np.int8)
         level = np.log2(self.count // lattice.count).astype(np.int64)

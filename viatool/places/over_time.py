@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from viatool.arrays import Booleans, Floats, Indices
 from viatool.errors import ConfigurationError
-from viatool.loop.question import Question
-from viatool.places.findings import BLOCKED, CERTIFIED, SETTLED, Findings
-from viatool.places.forever import FOR_EVER, Loop
+from viatool.loop.closed_loop import ClosedLoop
+from viatool.places.findings import BLOCKED, CERTIFIED, SETTLED, CellFindings
+from viatool.places.forever import FOR_EVER, CellTransitions
 from viatool.places.mesh import CellSet, Mesh, boxes_between
 from viatool.places.passages import Passages, follow, join
 from viatool.places.tree import AXES, Lattice
@@ -46,7 +46,7 @@ put together; so much after it, that ends as well, with what it has."""
 
 
 @dataclass(frozen=True)
-class Outlook:
+class Lookahead:
     """What is asked of the time after the next action.
 
     Parameters
@@ -55,7 +55,7 @@ class Outlook:
         K, up to which number of control intervals cells are counted; 0 asks for none.
     for_ever : bool
         Whether to look for the set that is left only towards the goal.
-    lookahead : int
+    intervals : int
         For how many intervals a cell is followed as it is before it has to lie in other cells.
     goal_radius : float
         Metres within which the goal is reached, and the run over.
@@ -66,7 +66,7 @@ class Outlook:
 
     steps: int = 0
     for_ever: bool = False
-    lookahead: int = 4
+    intervals: int = 4
     goal_radius: float = NavigationTask.goal_radius
     coarser: int = 0
 
@@ -75,9 +75,9 @@ class Outlook:
             raise ConfigurationError(
                 f"{self.steps} steps cannot be counted", f"give a number from 1 to {FOR_EVER - 1}"
             )
-        if not 1 <= self.lookahead <= 64:
+        if not 1 <= self.intervals <= 64:
             raise ConfigurationError(
-                f"cells cannot be followed for {self.lookahead} intervals", "give a number from 1 to 64"
+                f"cells cannot be followed for {self.intervals} intervals", "give a number from 1 to 64"
             )
         if not 0 <= self.coarser <= 3:
             raise ConfigurationError(
@@ -96,8 +96,8 @@ class Outlook:
     @property
     def rounds(self) -> tuple[int, ...]:
         """Return for how many intervals open cells are followed, round by round: 1, 2, 4, ..."""
-        doubling = (2**power for power in range(self.lookahead.bit_length()))
-        return (*(number for number in doubling if number < self.lookahead), self.lookahead)
+        doubling = (2**power for power in range(self.intervals.bit_length()))
+        return (*(number for number in doubling if number < self.intervals), self.intervals)
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ class Round:
 
 
 @dataclass(frozen=True, eq=False)
-class Prospect:
+class LastingCells:
     """What holds over time, by cells of one size.
 
     Parameters
@@ -134,7 +134,7 @@ class Prospect:
         (N,) bool: all free poses have reached the goal.
     intervals : ndarray
         (N,) int16: for how many intervals a cell is certified, `FOR_EVER` if it is left only towards the goal.
-    outlook : Outlook
+    lookahead : Lookahead
         What was asked.
     rounds : sequence of Round
         How it was found.
@@ -144,7 +144,7 @@ class Prospect:
     status: NDArray[np.int8]
     goal: Booleans
     intervals: NDArray[np.int16]
-    outlook: Outlook
+    lookahead: Lookahead
     rounds: Sequence[Round]
 
     @cached_property
@@ -157,10 +157,10 @@ class Prospect:
         """Return the cells that the loop leaves only towards the goal, (N,)."""
         return np.asarray(self.free & (self.intervals == FOR_EVER))
 
-    def lasting(self) -> list[tuple[int, int]]:
+    def by_steps(self) -> list[tuple[int, int]]:
         """Return k and the number of cells that stay certified for k intervals, for k from 1 on."""
         counted = self.intervals[self.free]
-        return [(k, int((counted >= k).sum())) for k in range(1, self.outlook.steps + 1)]
+        return [(k, int((counted >= k).sum())) for k in range(1, self.lookahead.steps + 1)]
 
     def share_by_place(self) -> Floats:
         """Return the share of headings and commands of each place that holds for ever, (X, Y); nan if none is free."""
@@ -174,7 +174,7 @@ class Prospect:
         return float(np.prod(self.mesh.size[:3]) / np.prod(self.mesh.count[3:]))
 
     def to_json(self) -> dict[str, Any]:
-        """Return the prospect as plain data."""
+        """Return it as plain data."""
         unit = self.unit
         total = int(self.free.sum())
         held = int(self.for_ever.sum())
@@ -183,16 +183,16 @@ class Prospect:
             return {"part": part, "total": total, "rate": part / total if total else None}
 
         return {
-            "goal_radius": self.outlook.goal_radius,
-            "lookahead": self.outlook.lookahead,
+            "goal_radius": self.lookahead.goal_radius,
+            "lookahead": self.lookahead.intervals,
             "cell": dict(zip(AXES, self.mesh.size.tolist(), strict=True)),
-            "forever": share(held) if self.outlook.for_ever else None,
+            "forever": share(held) if self.lookahead.for_ever else None,
             "volume": {
                 "free": total * unit,
-                "forever": held * unit if self.outlook.for_ever else None,
+                "forever": held * unit if self.lookahead.for_ever else None,
                 "goal": int(self.goal.sum()) * unit,
             },
-            "steps": [{"steps": k, **share(part)} for k, part in self.lasting()],
+            "steps": [{"steps": k, **share(part)} for k, part in self.by_steps()],
             "rounds": [
                 {"intervals": r.intervals, "followed": r.followed, "forever": r.held, "seconds": r.seconds}
                 for r in self.rounds
@@ -211,7 +211,7 @@ class Prospect:
         }
 
 
-def check_outlook(outlook: Outlook, rules: Rules, lattice: Lattice) -> Mesh:
+def check_lookahead(lookahead: Lookahead, rules: Rules, lattice: Lattice) -> Mesh:
     """Return the cells that are to be followed.
 
     Raises
@@ -224,7 +224,7 @@ def check_outlook(outlook: Outlook, rules: Rules, lattice: Lattice) -> Mesh:
             "with a delay it is not known for how long cells stay certified",
             "leave out --delay, --steps and --forever",
         )
-    mesh = Mesh.of(lattice, outlook.coarser)
+    mesh = Mesh.of(lattice, lookahead.coarser)
     if len(mesh) > _MOST_CELLS:
         raise ConfigurationError(
             f"{len(mesh):,} smallest cells are too many to look ahead", "make the smallest cells larger"
@@ -238,25 +238,25 @@ def check_outlook(outlook: Outlook, rules: Rules, lattice: Lattice) -> Mesh:
 
 
 def look_ahead(
-    question: Question,
+    loop: ClosedLoop,
     lattice: Lattice,
-    findings: Findings,
+    findings: CellFindings,
     goal: tuple[float, float],
-    outlook: Outlook,
+    lookahead: Lookahead,
     campaign: Campaign,
     tell: Progress = ignore,
     *,
     until: Deadline = NEVER,
-) -> Prospect:
+) -> LastingCells:
     """Find out for how long the safe cells of a certification stay certified.
 
     Parameters
     ----------
-    question, lattice, findings
+    loop, lattice, findings
         The certification.
     goal : tuple of float
-        Where the run ends, within the outlook's radius.
-    outlook : Outlook
+        Where the run ends, within the radius of `lookahead`.
+    lookahead : Lookahead
         What is asked.
     campaign : Campaign
         Who does the work, and where it is kept.
@@ -267,7 +267,7 @@ def look_ahead(
 
     Returns
     -------
-    Prospect
+    LastingCells
         The same for every scheduler, if there was time enough.
 
     Raises
@@ -280,32 +280,32 @@ def look_ahead(
     Sound: yes. A run that starts at a free pose of a cell that holds for ever keeps its clearance in every interval
     until it reaches the goal, if it does, whatever the sensors err within eps; for a cell with k intervals, in these.
     """
-    mesh = check_outlook(outlook, question.rules, lattice)
+    mesh = check_lookahead(lookahead, loop.rules, lattice)
     status = mesh.statuses(lattice, findings)
-    status[_without_free_pose(question, mesh) & (status > BLOCKED)] = BLOCKED  # parts of larger leaves
-    reached = _within(mesh, goal, outlook.goal_radius) & (status != BLOCKED)
+    status[_without_free_pose(loop, mesh) & (status > BLOCKED)] = BLOCKED  # parts of larger leaves
+    reached = _within(mesh, goal, lookahead.goal_radius) & (status != BLOCKED)
     exempt = reached | (status == BLOCKED)
     safe = np.flatnonzero(((status == SETTLED) | (status == CERTIFIED)) & ~reached)
     rounds, open_ = [], safe
     passages: list[Passages] = []
     held = np.zeros(len(mesh), bool)
-    for intervals in outlook.rounds:
+    for intervals in lookahead.rounds:
         if not len(open_) or until.passed:
             break
         before = time.perf_counter()
-        work = FollowWork(question, mesh, open_, intervals, held | exempt)
+        work = FollowWork(loop, mesh, open_, intervals, held | exempt)
         kept = campaign.within(f"follow-{digest_of(work.describe())[:16]}")
         found = kept.carry_out(work, tell, until=until.moved(-_LOOPS / 2.0))
         followed = np.zeros(len(mesh), bool)
         followed[open_[: found.units]] = True
         passages = [*(part.select(~followed[part.owner]) for part in passages), found.part]
         with within(until.moved(_LOOPS)), suppress(TimeUp):  # what held before holds still
-            held = Loop(mesh, exempt, join(passages)).for_ever()
+            held = CellTransitions(mesh, exempt, join(passages)).for_ever()
         rounds.append(Round(intervals, found.units, int(held.sum()), time.perf_counter() - before))
         open_ = safe[~held[safe]]
     with within(until.moved(_LOOPS)):
-        count = Loop(mesh, exempt, join(passages)).intervals(outlook.steps, held)
-    return Prospect(mesh, status, reached, count, outlook, rounds)
+        count = CellTransitions(mesh, exempt, join(passages)).intervals(lookahead.steps, held)
+    return LastingCells(mesh, status, reached, count, lookahead, rounds)
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,7 +314,7 @@ class FollowWork(Work[Indices, Passages]):
 
     Parameters
     ----------
-    question, mesh
+    loop, mesh
         The closed loop, and its cells.
     cells : ndarray
         (C,) numbers of those that are followed.
@@ -324,7 +324,7 @@ class FollowWork(Work[Indices, Passages]):
         (N,) bool, in which cells nothing needs to be followed further.
     """
 
-    question: Question
+    loop: ClosedLoop
     mesh: Mesh
     cells: Indices
     intervals: int
@@ -343,7 +343,7 @@ class FollowWork(Work[Indices, Passages]):
     def function(self) -> Callable[[Indices], Passages]:
         """Return what follows some cells."""
         known = CellSet(self.mesh, self.known)
-        return partial(follow, self.question, self.mesh, intervals=self.intervals, known=known)
+        return partial(follow, self.loop, self.mesh, intervals=self.intervals, known=known)
 
     def content(self, span: Span) -> Indices:
         """Return the numbers of some cells."""
@@ -375,13 +375,13 @@ class FollowWork(Work[Indices, Passages]):
         return join(parts)
 
 
-def _without_free_pose(question: Question, mesh: Mesh) -> Booleans:
+def _without_free_pose(loop: ClosedLoop, mesh: Mesh) -> Booleans:
     """Tell which cells hold no pose that keeps the collision distance, (N,)."""
     slices = int(np.prod(mesh.count[3:]))
     blocked = np.zeros(len(mesh) // slices, bool)
     for first in range(0, len(blocked), _POSES_AT_ONCE):
         numbers = np.arange(first, min(first + _POSES_AT_ONCE, len(blocked)))
-        blocked[numbers] = question.blocked(boxes_between(*mesh.bounds(numbers * slices)).poses)
+        blocked[numbers] = loop.blocked(boxes_between(*mesh.bounds(numbers * slices)).poses)
     return np.repeat(blocked, slices)
 
 

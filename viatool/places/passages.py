@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viatool.arrays import Booleans, Floats, Indices
-from viatool.loop.question import Question
-from viatool.loop.successor import Step, fold, select, states_of, step
+from viatool.loop.closed_loop import ClosedLoop
+from viatool.loop.successor import LoopStep, fold, select, states_of, step
 from viatool.places.mesh import CellSet, Mesh, Ranges, boxes_between
 from viatool.schedule import check_time
 from viatool.sets.forms import Forms
@@ -71,7 +71,7 @@ class Passages:
 
 
 def follow(
-    question: Question,
+    loop: ClosedLoop,
     mesh: Mesh,
     cells: Indices,
     *,
@@ -83,7 +83,7 @@ def follow(
 
     Parameters
     ----------
-    question : Question
+    loop : ClosedLoop
         The closed loop.
     mesh : Mesh
         The cells.
@@ -116,10 +116,10 @@ def follow(
     ranges = []
     for number in range(intervals):
         check_time()
-        found = step(question, states)
+        found = step(loop, states)
         holds = np.ones(len(going), bool)
         if number > 0:
-            holds = question.holds(found.start, found.lower, found.upper)
+            holds = loop.holds(found.start, found.lower, found.upper)
         after = found.bounds(*ends)
         there = mesh.ranges(*after)
         kept[going[holds]] += 1
@@ -159,7 +159,7 @@ def _cut(lower: Floats, upper: Floats, parts: Indices) -> tuple[Floats, Floats]:
     return first.reshape(-1, len(parts)), last.reshape(-1, len(parts))
 
 
-def _shortened(found: Step, which: Booleans) -> Forms:
+def _shortened(found: LoopStep, which: Booleans) -> Forms:
     """Return the states after a step from which it goes on, with few symbols."""
     return fold(select(found.states, which), _SYMBOLS)
 

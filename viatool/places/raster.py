@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from viatool.arrays import Floats, Indices
-from viatool.places.findings import STATUSES, Findings
+from viatool.places.findings import STATUSES, CellFindings
 from viatool.places.tree import Lattice
 
 
@@ -62,7 +62,7 @@ class Raster:
         return np.asarray(np.where(free > 0.0, safe / np.where(free > 0.0, free, 1.0), np.nan))
 
 
-def rasterise(lattice: Lattice, findings: Findings, slices: int, most: int) -> Raster:
+def rasterise(lattice: Lattice, findings: CellFindings, slices: int, most: int) -> Raster:
     """Sum up the volumes of leaves by square and slice of headings.
 
     Parameters

@@ -7,10 +7,10 @@ from collections import defaultdict
 import numpy as np
 
 from viatool.arrays import Floats, Indices
-from viatool.loop.question import Commands, Question
+from viatool.loop.closed_loop import ClosedLoop, CommandBounds
 from viatool.loop.refuting import refute
 from viatool.motion.manoeuvre import Manoeuvre
-from viatool.places.findings import BLOCKED, CERTIFIED, REFUTED, SETTLED, UNKNOWN, Findings
+from viatool.places.findings import BLOCKED, CERTIFIED, REFUTED, SETTLED, UNKNOWN, CellFindings
 from viatool.places.tree import Lattice, Nodes
 from viatool.schedule import check_time
 from viatool.sets.states import StateBoxes
@@ -48,12 +48,12 @@ class Frontier:
         return Nodes.join(taken)
 
 
-def search(question: Question, lattice: Lattice, roots: Nodes, *, seed: int = 0) -> Findings:
+def search(loop: ClosedLoop, lattice: Lattice, roots: Nodes, *, seed: int = 0) -> CellFindings:
     """Judge the cells of some roots until all are decided or smallest.
 
     Parameters
     ----------
-    question : Question
+    loop : ClosedLoop
         What is asked.
     lattice : Lattice
         How the roots are cut.
@@ -64,55 +64,55 @@ def search(question: Question, lattice: Lattice, roots: Nodes, *, seed: int = 0)
 
     Returns
     -------
-    Findings
+    CellFindings
         Every point of the roots lies in exactly one leaf, up to boundaries. The same for the same roots.
     """
     frontier, found = Frontier(roots), []
     while len(nodes := frontier.take(_BATCH)):
         check_time()
-        settled, contested = _geometry(question, lattice, nodes, frontier)
-        judged = [_judge(question, lattice, contested, frontier, seed)] if len(contested) else []
+        settled, contested = _geometry(loop, lattice, nodes, frontier)
+        judged = [_judge(loop, lattice, contested, frontier, seed)] if len(contested) else []
         found += [settled, *judged]
-    return Findings.join(found)
+    return CellFindings.join(found)
 
 
 def _geometry(
-    question: Question, lattice: Lattice, nodes: Nodes, frontier: Frontier
-) -> tuple[Findings, Nodes]:
+    loop: ClosedLoop, lattice: Lattice, nodes: Nodes, frontier: Frontier
+) -> tuple[CellFindings, Nodes]:
     """Return what is blocked or settled, and the rest; what is larger than the grain is halved."""
     boxes = lattice.cells(nodes).poses
-    blocked = question.blocked(boxes)
+    blocked = loop.blocked(boxes)
     level = nodes.level[:, :_POSE]
     young = (level <= lattice.grain[:_POSE]).all(axis=1) & ~blocked
     settled = np.zeros(len(nodes), dtype=bool)
-    settled[young] = question.settled(boxes.select(young))
+    settled[young] = loop.settled(boxes.select(young))
     coarse = young & ~settled & (level < lattice.grain[:_POSE]).any(axis=1)
     if coarse.any():
         large = nodes.select(coarse)
         frontier.add(large.halved(_largest_axis(large, lattice.grain)))
-    found = Findings.of(
+    found = CellFindings.of(
         nodes.select(blocked | settled), np.where(blocked, BLOCKED, SETTLED)[blocked | settled]
     )
     return found, nodes.select(~(blocked | settled | coarse))
 
 
-def _judge(question: Question, lattice: Lattice, nodes: Nodes, frontier: Frontier, seed: int) -> Findings:
+def _judge(loop: ClosedLoop, lattice: Lattice, nodes: Nodes, frontier: Frontier, seed: int) -> CellFindings:
     """Return the nodes that are certified, refuted or smallest; the others are halved."""
     cells = lattice.cells(nodes)
-    commands = question.commands(cells)
-    certified = question.holds(cells, commands.lower, commands.upper)
+    commands = loop.commands(cells)
+    certified = loop.holds(cells, commands.lower, commands.upper)
     smallest = (nodes.level >= lattice.deepest).all(axis=1)
     open_ = np.flatnonzero(~certified & ~smallest)
     if len(open_):
-        axis = _loosest_axis(question, lattice, nodes.select(open_), commands.select(open_))
+        axis = _loosest_axis(loop, lattice, nodes.select(open_), commands.select(open_))
         frontier.add(nodes.select(open_).halved(axis))
     status = np.where(certified, CERTIFIED, UNKNOWN)
     last = np.flatnonzero(~certified & smallest)
-    found = refute(question, cells.select(last), commands.select(last), seed=seed) if len(last) else None
+    found = refute(loop, cells.select(last), commands.select(last), seed=seed) if len(last) else None
     if found is not None:
         status[last[found.witnesses.state]] = REFUTED
     decided = certified | smallest
-    return Findings.of(nodes.select(decided), status[decided], found)
+    return CellFindings.of(nodes.select(decided), status[decided], found)
 
 
 def _largest_axis(nodes: Nodes, deepest: Indices) -> Indices:
@@ -121,16 +121,16 @@ def _largest_axis(nodes: Nodes, deepest: Indices) -> Indices:
     return np.asarray(_POSE - 1 - level[:, ::-1].argmin(axis=1))  # theta first
 
 
-def _loosest_axis(question: Question, lattice: Lattice, nodes: Nodes, commands: Commands) -> Indices:
+def _loosest_axis(loop: ClosedLoop, lattice: Lattice, nodes: Nodes, commands: CommandBounds) -> Indices:
     """Return the axis whose extent costs most: the command box that it widens, or the places that it spreads."""
-    rules = question.rules
+    rules = loop.rules
     loss = rules.manoeuvre.loss(commands.lower, commands.upper).sum(axis=1)
     cells = lattice.cells(nodes)
     places = cells.poses.extent
     score = np.column_stack(
         [
             commands.influence[:, :1] * loss[:, None] + places[:, None],
-            commands.influence[:, 1:] * loss[:, None] + _spread_while_waiting(question, cells),
+            commands.influence[:, 1:] * loss[:, None] + _spread_while_waiting(loop, cells),
         ]
     )
     may = np.column_stack(
@@ -140,8 +140,8 @@ def _loosest_axis(question: Question, lattice: Lattice, nodes: Nodes, commands: 
     return np.where(choice == 0, _largest_axis(nodes, lattice.deepest), _POSE - 1 + choice)
 
 
-def _spread_while_waiting(question: Question, cells: StateBoxes) -> Floats:
+def _spread_while_waiting(loop: ClosedLoop, cells: StateBoxes) -> Floats:
     """Return how far each entry of the command before spreads the places at which the next one acts, (C, A)."""
-    rules = question.rules
+    rules = loop.rules
     wait = Manoeuvre(rules.delay, kinematics=rules.kinematics)
     return wait.loss(cells.previous_lower, cells.previous_upper)

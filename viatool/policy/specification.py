@@ -14,8 +14,9 @@ from pydantic import AfterValidator, Field, FiniteFloat, model_validator
 
 from viatool.arrays import Floats
 from viatool.channels import kind_named, kinds
-from viatool.channels.channel import Channel, Positive, Strict
+from viatool.channels.channel import Channel, Positive
 from viatool.errors import ConfigurationError
+from viatool.world.fields import Strict
 
 ActionKind = Literal["linear", "angular", "other"]
 

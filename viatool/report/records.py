@@ -18,13 +18,13 @@ Amount = Annotated[float, Field(ge=0.0)]
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
-class Part(BaseModel):
+class ReportPart(BaseModel):
     """A part of a report: further keys are kept."""
 
     model_config = ConfigDict(frozen=True, extra="allow")
 
 
-class Counted(Part):
+class CountedRecord(ReportPart):
     """A part of a whole, both counted; `PART` names the field of the part."""
 
     PART: ClassVar[str]
@@ -43,14 +43,14 @@ class Counted(Part):
         return Share(getattr(self, self.PART), self.total)
 
 
-class FileIdentity(Part):
+class FileIdentity(ReportPart):
     """A file that was read, and the digest of what was in it."""
 
     path: str
     sha256: str
 
 
-class Premise(Part):
+class PremiseRecord(ReportPart):
     """What took effect, and which file, option or default it came from."""
 
     name: str
@@ -58,14 +58,14 @@ class Premise(Part):
     source: str
 
 
-class RunRecord(Part):
+class RunRecord(ReportPart):
     """What every report says of its run: what was examined, what took effect, with which versions."""
 
     schema_version: Annotated[int, Field(ge=1, le=1)]
     policy: FileIdentity
     map: FileIdentity
     versions: dict[str, str]
-    premises: list[Premise] = []
+    premises: list[PremiseRecord] = []
 
     @property
     @abstractmethod

@@ -50,8 +50,8 @@ def draw_replay(world_map: WorldMap, file: WitnessFile, found: Replay) -> Figure
     rows = max(-(-len(chosen) // columns), 1)
     figure = Figure(figsize=(3.4 * columns, 3.8 * rows + 0.8), layout="constrained")
     grid = figure.add_gridspec(rows, columns)
-    case = file.case(world_map)
-    paths = case.paths(found.actions[:, None], np.linspace(0.0, 1.0, 17))[:, 0]
+    judged = file.judged(world_map)
+    paths = judged.paths(found.actions[:, None], np.linspace(0.0, 1.0, 17))[:, 0]
     for place, row in enumerate(chosen.tolist()):
         axes = figure.add_subplot(grid[divmod(place, columns)])
         _draw_one(axes, _blocked(world_map, file, found.poses[row], row), paths[row], file, found, row)

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from viatool.safety.case import Case
+from viatool.safety.judged_states import JudgedStates
 from viatool.safety.judgement import Contested, Judgement, find_contested, judge, prove, sample, settle
-from viatool.safety.situations import Situations
+from viatool.safety.scene_poses import ScenePoses
 from viatool.safety.witness import Witnesses, search_witnesses
 
 __all__ = [
-    "Case",
     "Contested",
+    "JudgedStates",
     "Judgement",
-    "Situations",
+    "ScenePoses",
     "Witnesses",
     "find_contested",
     "judge",

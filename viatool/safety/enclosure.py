@@ -31,7 +31,7 @@ import numpy as np
 from viatool.arrays import Booleans, Floats, Indices
 from viatool.motion.manoeuvre import Manoeuvre
 from viatool.rounding import DISTANCE_ROUNDING
-from viatool.safety.situations import Situations
+from viatool.safety.scene_poses import ScenePoses
 from viatool.world import Footprint
 
 
@@ -105,7 +105,7 @@ class MotionBoxes:
 
 
 @dataclass(frozen=True, eq=False)
-class Enclosure:
+class ClearanceEnclosure:
     """What the geometry says of C cells, in metres.
 
     Parameters
@@ -124,15 +124,15 @@ class Enclosure:
 
 
 def enclose(
-    cells: MotionBoxes, situations: Situations, manoeuvre: Manoeuvre, footprint: Footprint
-) -> Enclosure:
+    cells: MotionBoxes, placed: ScenePoses, manoeuvre: Manoeuvre, footprint: Footprint
+) -> ClearanceEnclosure:
     """Bound the clearance of the footprint over cells.
 
     Parameters
     ----------
     cells : MotionBoxes
         C cells.
-    situations : Situations
+    placed : ScenePoses
         The B states that the cells belong to.
     manoeuvre : Manoeuvre
         How a command becomes a path.
@@ -141,14 +141,14 @@ def enclose(
 
     Returns
     -------
-    Enclosure
+    ClearanceEnclosure
         C bounds.
 
     Notes
     -----
     Sound: yes, by the derivation at the top of this module.
     """
-    here, (start, end) = situations.select(cells.state), cells.fractions
+    here, (start, end) = placed.select(cells.state), cells.fractions
     if cells.offsets is not None:
         here = here.moved(here.poses + 0.5 * (cells.offsets[0] + cells.offsets[1]))
     lower, upper = cells.commands
@@ -179,4 +179,4 @@ def enclose(
         shares = np.column_stack([shares, radii[:, :2], turned])
     least = clearance - deviation - between - rounding
     held = (cells.lower <= cells.upper).all(axis=1)  # ends that are crossed, or NaN, bound nothing
-    return Enclosure(np.where(held, least, -np.inf), np.where(held, attained, np.inf), shares)
+    return ClearanceEnclosure(np.where(held, least, -np.inf), np.where(held, attained, np.inf), shares)

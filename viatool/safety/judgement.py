@@ -9,12 +9,12 @@ from itertools import product
 import numpy as np
 
 from viatool.arrays import Booleans, Floats
-from viatool.safety.case import Case
-from viatool.safety.proof import Effort, Proof, prove_clearance
+from viatool.safety.judged_states import JudgedStates
+from viatool.safety.proof import Proof, ProofEffort, prove_clearance
 from viatool.sets.bounds import require_ordered
 from viatool.setting.criteria import SAMPLED
 
-_COARSE = Effort(tolerance=1e-4)
+_COARSE = ProofEffort(tolerance=1e-4)
 _CHUNK = 4096  # states that are judged together, so that memory stays flat
 
 
@@ -58,18 +58,18 @@ class Judgement:
             raise TypeError("verdicts are booleans: a NaN would count as true")
 
 
-def find_contested(case: Case) -> Contested:
+def find_contested(states: JudgedStates) -> Contested:
     """Return which states geometry alone does not settle, at both distances."""
-    clearance = case.rules.clearance
-    return Contested(_contested(case, clearance.collision), _contested(case, clearance.danger))
+    clearance = states.rules.clearance
+    return Contested(_contested(states, clearance.collision), _contested(states, clearance.danger))
 
 
-def judge(case: Case, lower: Floats, upper: Floats, contested: Contested) -> Judgement:
+def judge(states: JudgedStates, lower: Floats, upper: Floats, contested: Contested) -> Judgement:
     """Judge states by the criterion of their rules, at both distances.
 
     Parameters
     ----------
-    case : Case
+    states : JudgedStates
         N states.
     lower, upper : ndarray
         (N, 2) what the policy can command. Only those of contested states are read: all others may be NaN, as where
@@ -91,22 +91,22 @@ def judge(case: Case, lower: Floats, upper: Floats, contested: Contested) -> Jud
     -----
     Sound: `safe` and `danger` by `prove`, unless the criterion samples; `sampled` proves nothing.
     """
-    clearance, asked = case.rules.clearance, case.rules.asked
-    nine = replace(case, rules=replace(case.rules, criterion=SAMPLED.name))
+    clearance, asked = states.rules.clearance, states.rules.asked
+    nine = replace(states, rules=replace(states.rules, criterion=SAMPLED.name))
     sampled = _hold(sample, nine, lower, upper, clearance.collision, contested.collision)
     test = _proved if asked.proves else sample
     safe = (
         sampled
         if asked is SAMPLED
-        else _hold(test, case, lower, upper, clearance.collision, contested.collision)
+        else _hold(test, states, lower, upper, clearance.collision, contested.collision)
     )
-    danger = _hold(test, case, lower, upper, clearance.danger, contested.danger)
+    danger = _hold(test, states, lower, upper, clearance.danger, contested.danger)
     return Judgement(safe, danger, sampled)
 
 
 def _hold(
-    test: Callable[[Case, Floats, Floats, float], Booleans],
-    case: Case,
+    test: Callable[[JudgedStates, Floats, Floats, float], Booleans],
+    states: JudgedStates,
     lower: Floats,
     upper: Floats,
     distance: float,
@@ -114,32 +114,32 @@ def _hold(
 ) -> Booleans:
     """Return (N,) where a test holds, looking at the contested states alone; of no other does it have to."""
     holds = ~contested
-    rows = np.flatnonzero(contested & case.known)
+    rows = np.flatnonzero(contested & states.known)
     for start in range(0, len(rows), _CHUNK):
         some = rows[start : start + _CHUNK]
-        holds[some] = test(case.select(some), lower[some], upper[some], distance)
+        holds[some] = test(states.select(some), lower[some], upper[some], distance)
     return holds
 
 
-def _proved(case: Case, lower: Floats, upper: Floats, distance: float) -> Booleans:
-    return prove(case, lower, upper, distance).proved
+def _proved(states: JudgedStates, lower: Floats, upper: Floats, distance: float) -> Booleans:
+    return prove(states, lower, upper, distance).proved
 
 
-def _contested(case: Case, distance: float) -> Booleans:
+def _contested(states: JudgedStates, distance: float) -> Booleans:
     """Return (N,) which states are not settled, looking at some at a time."""
-    contested, known = np.ones(len(case), dtype=bool), np.flatnonzero(case.known)
+    contested, known = np.ones(len(states), dtype=bool), np.flatnonzero(states.known)
     for start in range(0, len(known), _CHUNK):
         some = known[start : start + _CHUNK]
-        contested[some] = ~settle(case.select(some), distance)
+        contested[some] = ~settle(states.select(some), distance)
     return contested
 
 
-def settle(case: Case, threshold: float) -> Booleans:
+def settle(states: JudgedStates, threshold: float) -> Booleans:
     """Tell which states no admissible command of the robot could make fail: geometry alone settles them.
 
     Parameters
     ----------
-    case : Case
+    states : JudgedStates
         B states.
     threshold : float
         The clearance to be exceeded, in metres.
@@ -154,12 +154,12 @@ def settle(case: Case, threshold: float) -> Booleans:
     Sound: yes. Clearance changes by at most the way that is driven, which settles most states with one
     distance; the rest get the proof of `prove_clearance` over the full range of commands.
     """
-    rules, here = case.rules, case.acting
-    lower, upper = (np.broadcast_to(end, (len(case), 2)) for end in (rules.lower, rules.upper))
+    rules, here = states.rules, states.acting
+    lower, upper = (np.broadcast_to(end, (len(states), 2)) for end in (rules.lower, rules.upper))
     away = here.scenes.clearance(here.poses[:, :2], here.scene) - rules.footprint.reach
     way = rules.manoeuvre.longest(rules.lower, rules.upper)
     near = ~(away > threshold + way + 1e-6 * here.scale)
-    settled = case.prove_waiting(threshold).proved
+    settled = states.prove_waiting(threshold).proved
     near &= settled
     settled[near] = prove_clearance(
         here.select(near), lower[near], upper[near], threshold, rules.manoeuvre, rules.footprint, _COARSE
@@ -167,12 +167,12 @@ def settle(case: Case, threshold: float) -> Booleans:
     return settled
 
 
-def prove(case: Case, lower: Floats, upper: Floats, threshold: float) -> Proof:
+def prove(states: JudgedStates, lower: Floats, upper: Floats, threshold: float) -> Proof:
     """Decide whether every command of a box keeps its clearance at every instant.
 
     Parameters
     ----------
-    case : Case
+    states : JudgedStates
         B states.
     lower, upper : ndarray
         (B, 2) what the policy can command, v in m/s and omega in rad/s.
@@ -188,21 +188,21 @@ def prove(case: Case, lower: Floats, upper: Floats, threshold: float) -> Proof:
     -----
     Sound: yes. The robot clips a command to its limits, which is monotone, so the clipped ends bound the box.
     """
-    rules = case.rules
+    rules = states.rules
     require_ordered("commands", lower, upper)  # before they are clipped, which would hide it
     proof = prove_clearance(
-        case.acting, rules.clip(lower), rules.clip(upper), threshold, rules.manoeuvre, rules.footprint
+        states.acting, rules.clip(lower), rules.clip(upper), threshold, rules.manoeuvre, rules.footprint
     )
-    waiting = case.prove_waiting(threshold)
+    waiting = states.prove_waiting(threshold)
     return Proof(proof.proved & waiting.proved, proof.refuted | waiting.refuted)
 
 
-def sample(case: Case, lower: Floats, upper: Floats, threshold: float) -> Booleans:
+def sample(states: JudgedStates, lower: Floats, upper: Floats, threshold: float) -> Booleans:
     """Judge by the commands and instants that the criterion samples: by nine commands, as the paper does.
 
     Parameters
     ----------
-    case : Case
+    states : JudgedStates
         B states.
     lower, upper : ndarray
         (B, 2) what the policy can command.
@@ -220,9 +220,9 @@ def sample(case: Case, lower: Floats, upper: Floats, threshold: float) -> Boolea
     Sound: no. Nine commands at some instants do not speak for the others (equation 7 of the paper).
     """
     require_ordered("commands", lower, upper)
-    lower, upper = case.rules.clip(lower), case.rules.clip(upper)
-    asked = case.rules.asked
+    lower, upper = states.rules.clip(lower), states.rules.clip(upper)
+    asked = states.rules.asked
     shares = np.array(list(product(asked.levels, repeat=lower.shape[1])))  # (9, 2) of two axes
     actions = lower[:, None] + shares * (upper - lower)[:, None]  # (B, 9, 2)
-    clearances = case.clearance(case.paths(actions, np.array(asked.instants)))
+    clearances = states.clearance(states.paths(actions, np.array(asked.instants)))
     return np.asarray((clearances > threshold).all(axis=(1, 2)))

@@ -9,13 +9,13 @@ import numpy as np
 from viatool.arrays import Booleans, Floats
 from viatool.motion.manoeuvre import Manoeuvre
 from viatool.safety.enclosure import MotionBoxes, enclose
-from viatool.safety.situations import Situations
+from viatool.safety.scene_poses import ScenePoses
 from viatool.sets.bounds import require_ordered
 from viatool.world import Footprint
 
 
 @dataclass(frozen=True)
-class Effort:
+class ProofEffort:
     """How far to cut.
 
     Parameters
@@ -50,19 +50,19 @@ class Proof:
 
 
 def prove_clearance(
-    situations: Situations,
+    placed: ScenePoses,
     lower: Floats,
     upper: Floats,
     threshold: float,
     manoeuvre: Manoeuvre,
     footprint: Footprint,
-    effort: Effort | None = None,
+    effort: ProofEffort | None = None,
 ) -> Proof:
     """Decide whether the footprint keeps its clearance for every command of a box over the whole path.
 
     Parameters
     ----------
-    situations : Situations
+    placed : ScenePoses
         B states, each a pose or a box of poses.
     lower, upper : ndarray
         (B, 2) action boxes as the robot carries them out; m/s and rad/s.
@@ -72,7 +72,7 @@ def prove_clearance(
         How a command becomes a path.
     footprint : Footprint
         Outline in the robot's frame; its whole area counts.
-    effort : Effort, optional
+    effort : ProofEffort, optional
         Where to stop.
 
     Returns
@@ -93,14 +93,14 @@ def prove_clearance(
     Cost: one distance query per state that the first test decides, and a few per level for one that lies on
     the edge.
     """
-    effort = effort or Effort()
+    effort = effort or ProofEffort()
     require_ordered("commands", lower, upper)
-    if situations.radii is not None:
-        require_ordered("half-widths of poses", np.zeros_like(situations.radii), situations.radii)
+    if placed.radii is not None:
+        require_ordered("half-widths of poses", np.zeros_like(placed.radii), placed.radii)
     proved, refuted = np.ones(len(lower), dtype=bool), np.zeros(len(lower), dtype=bool)
-    cells = MotionBoxes.whole(lower, upper, situations.radii)
+    cells = MotionBoxes.whole(lower, upper, placed.radii)
     for level in range(effort.levels + 1):
-        found = enclose(cells, situations, manoeuvre, footprint)
+        found = enclose(cells, placed, manoeuvre, footprint)
         refuted[cells.state[found.attained < threshold]] = True
         open_ = ~(found.least > threshold) & ~refuted[cells.state]
         cells, shares = cells.select(open_), found.shares[open_]

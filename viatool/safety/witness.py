@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from viatool.arrays import Floats, Indices
 from viatool.policy.network import Network
-from viatool.safety.case import Case
+from viatool.safety.judged_states import JudgedStates
 from viatool.safety.nearest import describe_nearest
 from viatool.schedule import check_time
 from viatool.taylor.attained import climb
@@ -29,7 +29,7 @@ _CHUNK = 256
 _CORNERS = np.array([(v, w) for v in (-1.0, 0.0, 1.0) for w in (-1.0, 0.0, 1.0)])
 
 
-class RunnablePolicy(Protocol):
+class SearchablePolicy(Protocol):
     """What the search needs of a policy."""
 
     @property
@@ -99,9 +99,9 @@ class Witnesses:
 
 
 def search_witnesses(
-    policy: RunnablePolicy,
+    policy: SearchablePolicy,
     columns: Sequence[int],
-    case: Case,
+    states: JudgedStates,
     doubtful: Indices,
     observations: Floats,
     radii: Floats,
@@ -119,7 +119,7 @@ def search_witnesses(
         n inputs.
     columns : sequence of int
         Which actions are v and omega.
-    case : Case
+    states : JudgedStates
         N states.
     doubtful : ndarray
         (W,) the states to be searched, those that are not safe.
@@ -154,7 +154,7 @@ def search_witnesses(
     for start in range(0, len(doubtful), _CHUNK):
         check_time()
         rows = doubtful[start : start + _CHUNK]
-        some, seen = case.select(rows), observations[rows]
+        some, seen = states.select(rows), observations[rows]
         easy = confirm(policy, columns, some, seen[:, None])
         parts.append(_of_states(easy, rows))
         hard = np.setdiff1d(np.arange(len(rows)), easy.state)
@@ -192,12 +192,14 @@ def to_float32_within(points: Floats, centre: Floats, radii: Floats) -> Floats:
     return np.where(inside, rounded.astype(np.float64), centre)
 
 
-def confirm(policy: RunnablePolicy, columns: Sequence[int], case: Case, candidates: Floats) -> Witnesses:
+def confirm(
+    policy: SearchablePolicy, columns: Sequence[int], states: JudgedStates, candidates: Floats
+) -> Witnesses:
     """Run candidates through the deployed program and keep, for each state, the one that fails most.
 
     Parameters
     ----------
-    policy, columns, case
+    policy, columns, states
         As in `search_witnesses`.
     candidates : ndarray
         (B, K, n) float32 numbers within the boxes.
@@ -207,13 +209,13 @@ def confirm(policy: RunnablePolicy, columns: Sequence[int], case: Case, candidat
     Witnesses
         At most one for each state.
     """
-    states, each, size = candidates.shape
+    count, each, size = candidates.shape
     raw = policy.run(candidates.reshape(-1, size))[:, list(columns)]
-    actions = case.rules.clip(np.asarray(raw, dtype=np.float64)).reshape(states, each, 2)
-    clearances, seconds, poses = case.closest_approach(actions)
-    rows, best = np.arange(states), clearances.argmin(axis=1)
+    actions = states.rules.clip(np.asarray(raw, dtype=np.float64)).reshape(count, each, 2)
+    clearances, seconds, poses = states.closest_approach(actions)
+    rows, best = np.arange(count), clearances.argmin(axis=1)
     left = clearances[rows, best]
-    failed = (left < case.rules.clearance.collision - MARGIN) | (left <= 0.0)
+    failed = (left < states.rules.clearance.collision - MARGIN) | (left <= 0.0)
     rows, best = rows[failed], best[failed]
     picked: list[Any] = [array[rows, best] for array in (candidates, actions, seconds, poses, clearances)]
     return Witnesses(rows, *picked)
@@ -231,15 +233,15 @@ class _Search:
 
     def __init__(
         self,
-        policy: RunnablePolicy,
+        policy: SearchablePolicy,
         columns: Sequence[int],
-        case: Case,
+        states: JudgedStates,
         observations: Floats,
         radii: Floats,
         lower: Floats,
         upper: Floats,
     ) -> None:
-        self.network, self.columns, self.case = policy.network, list(columns), case
+        self.network, self.columns, self.states = policy.network, list(columns), states
         self.observations, self.radii = observations, radii
         self.centre, self.radius = 0.5 * (lower + upper), np.maximum(0.5 * (upper - lower), 1e-9)
 
@@ -293,5 +295,5 @@ class _Search:
 
     def _clearances(self, actions: Floats) -> Floats:
         """Return the least clearance (B, K) on the paths of commands (B, K, 2)."""
-        paths = self.case.paths(self.case.rules.clip(actions), _FRACTIONS)
-        return np.asarray(self.case.clearance(paths).min(axis=2))
+        paths = self.states.paths(self.states.rules.clip(actions), _FRACTIONS)
+        return np.asarray(self.states.clearance(paths).min(axis=2))

@@ -1,4 +1,4 @@
-"""The shapes of one situation as flat arrays: circles, and edges with the side from which they are seen."""
+"""The shapes of one scene as flat arrays: circles, and edges with the side from which they are seen."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from viatool.world import Obstacles, Scenario, WorldMap
 
 @dataclass(frozen=True, eq=False)
 class Shapes:
-    """Everything that a robot in one situation can see or run into.
+    """Everything that a robot in one scene can see or run into.
 
     Parameters
     ----------

@@ -11,7 +11,7 @@ from viatool.simulate.places import Places, observe_places
 from viatool.simulate.roll_out import Drive, drive, roll_out
 from viatool.simulate.simulation import Simulation, simulate
 from viatool.simulate.simulator import Simulator, Step
-from viatool.simulate.statistics import Share, Spread, Statistics, summarise_drive
+from viatool.simulate.statistics import Proportion, Spread, Statistics, summarise_drive
 from viatool.simulate.task import NavigationTask
 
 __all__ = [
@@ -23,7 +23,7 @@ __all__ = [
     "NavigationTask",
     "Observer",
     "Places",
-    "Share",
+    "Proportion",
     "Simulation",
     "Simulator",
     "Spread",

@@ -70,7 +70,7 @@ class FixedScenarios:
         self._next = 0
 
     def own(self, scene: int) -> Obstacles:
-        """Return the obstacles that one situation has besides the map's."""
+        """Return the obstacles that one scenario has besides the map's."""
         return self._scenarios[scene].obstacles
 
     def take(self, slots: Indices) -> Taken:
@@ -130,7 +130,7 @@ class RandomScenarios:
         return slots, batch.starts, batch.goals
 
     def own(self, scene: int) -> Obstacles:
-        """Return the obstacles that one situation has besides the map's."""
+        """Return the obstacles that one scenario has besides the map's."""
         batch, row = self._latest[scene]
         return batch.scenario(row, "").obstacles
 

@@ -92,7 +92,7 @@ class Simulator(ABC):
     steps : ndarray
         (E,) since the last reset.
     scenes, scene : Scenes, ndarray
-        The geometry, and which of its situations each robot is in, (E,).
+        The geometry, and which of its scenes each robot is in, (E,).
 
     Notes
     -----

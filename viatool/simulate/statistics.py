@@ -19,7 +19,7 @@ _LAST = 3.0  # where its last bin, which has no end, begins
 
 
 @dataclass(frozen=True)
-class Share:
+class Proportion:
     """How many of all.
 
     Parameters
@@ -80,7 +80,7 @@ class Statistics:
 
     Parameters
     ----------
-    success, collision, timeout : Share
+    success, collision, timeout : Proportion
         Of the episodes.
     average_cost : float
         Steps within the danger clearance, per episode.
@@ -93,20 +93,20 @@ class Statistics:
         Of the successful episodes, in seconds.
     path_ratio : Spread
         Of the successful episodes: length driven over the straight distance between the ends of the path.
-    clipped : Share
+    clipped : Proportion
         Commands that the policy gave beyond the robot's limits, of all its commands.
     """
 
-    success: Share
-    collision: Share
-    timeout: Share
+    success: Proportion
+    collision: Proportion
+    timeout: Proportion
     average_cost: float
     clearance_edges: Floats
     clearance_counts: Indices
     least_clearance: Spread
     time_to_goal: Spread
     path_ratio: Spread
-    clipped: Share
+    clipped: Proportion
 
 
 def summarise_drive(drive: Drive, robot: Robot, columns: list[int]) -> Statistics:
@@ -124,7 +124,7 @@ def summarise_drive(drive: Drive, robot: Robot, columns: list[int]) -> Statistic
     trajectory = drive.trajectory
     total = trajectory.episodes
     shares = {
-        name: Share(int((trajectory.outcomes == name).sum()), total)
+        name: Proportion(int((trajectory.outcomes == name).sum()), total)
         for name in ("success", "collision", "timeout")
     }
     won = trajectory.outcomes == "success"
@@ -140,7 +140,7 @@ def summarise_drive(drive: Drive, robot: Robot, columns: list[int]) -> Statistic
         least_clearance=Spread.of(drive.least_clearance),
         time_to_goal=Spread.of((episode_steps(trajectory) * robot.control_interval)[won]),
         path_ratio=Spread.of(path_ratios(drive)[won]),
-        clipped=Share(int(beyond.sum()), len(asked)),
+        clipped=Proportion(int(beyond.sum()), len(asked)),
     )
 
 

@@ -20,7 +20,7 @@ from viatool.studies.variants import VARIANTS
 
 
 @dataclass(frozen=True)
-class Comparison:
+class VariantComparison:
     """Whether one variant is better than another in one metric.
 
     Parameters
@@ -57,13 +57,13 @@ class Answer:
         return f"**{self.word}** ({counts})"
 
 
-def compare(data: Mapping[str, Any], better: str, worse: str, metric: str) -> Comparison | None:
+def compare(data: Mapping[str, Any], better: str, worse: str, metric: str) -> VariantComparison | None:
     """Compare two variants; None if the data lack one of them, or have fewer than two values of either."""
     first, second = (_known(data, name, metric) for name in (better, worse))
     if min(len(first), len(second)) < 2:
         return None
     gap = difference(first, second)
-    return Comparison(better, worse, metric, gap, sign(gap) * METRICS[metric].better)
+    return VariantComparison(better, worse, metric, gap, sign(gap) * METRICS[metric].better)
 
 
 def _known(data: Mapping[str, Any], name: str, metric: str) -> list[float]:
@@ -73,13 +73,13 @@ def _known(data: Mapping[str, Any], name: str, metric: str) -> list[float]:
 
 def compare_all(
     data: Mapping[str, Any], pairs: Iterable[tuple[str, str]], metrics: Sequence[str]
-) -> list[Comparison]:
+) -> list[VariantComparison]:
     """Return every comparison that the data allow."""
     wanted = (compare(data, *pair, metric) for pair in pairs for metric in metrics)
     return [found for found in wanted if found is not None]
 
 
-def answer(comparisons: Sequence[Comparison]) -> Answer:
+def answer(comparisons: Sequence[VariantComparison]) -> Answer:
     """Sum up comparisons by the rule."""
     verdicts = [found.verdict for found in comparisons]
     claimed, opposite, undecided = (verdicts.count(verdict) for verdict in (1, -1, 0))
@@ -92,7 +92,7 @@ def answer(comparisons: Sequence[Comparison]) -> Answer:
     return Answer(word, claimed, opposite, undecided)
 
 
-def comparison_table(comparisons: Sequence[Comparison]) -> list[str]:
+def comparison_table(comparisons: Sequence[VariantComparison]) -> list[str]:
     """Return a table of the comparisons: differences in the units of the tables."""
     words = {1: "as claimed", -1: "**opposite**", 0: "undecided"}
     rows = []
@@ -112,7 +112,7 @@ def comparison_table(comparisons: Sequence[Comparison]) -> list[str]:
 
 def discordant_pairs(
     data: Mapping[str, Any], names: Sequence[str], cost: str, safety: str
-) -> tuple[list[Comparison], list[Comparison]]:
+) -> tuple[list[VariantComparison], list[VariantComparison]]:
     """Find pairs of which one has the lower cost.
 
     Returns
@@ -121,8 +121,8 @@ def discordant_pairs(
         Comparisons of the safety of the cheaper against the dearer variant, for the pairs whose costs differ
         beyond doubt: those in which the cheaper is less safe beyond doubt, and those in which it is safer.
     """
-    discordant: list[Comparison] = []
-    concordant: list[Comparison] = []
+    discordant: list[VariantComparison] = []
+    concordant: list[VariantComparison] = []
     for first, second in combinations(names, 2):
         costs = compare(data, first, second, cost)
         if costs is None or costs.verdict == 0:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from viatool.studies.answers import (
-    Comparison,
+    VariantComparison,
     answer,
     compare,
     compare_all,
@@ -105,8 +105,8 @@ def _second_answer(
     data: Data,
     names: Sequence[str],
     safety: str,
-    discordant: Sequence[Comparison],
-    concordant: Sequence[Comparison],
+    discordant: Sequence[VariantComparison],
+    concordant: Sequence[VariantComparison],
 ) -> str:
     word = "confirmed" if discordant else "reversed" if concordant else "not confirmed"
     estimates = [data["variants"][name]["estimates"] for name in names]

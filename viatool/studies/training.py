@@ -16,7 +16,7 @@ from viatool.errors import ConfigurationError
 from viatool.schedule import Progress
 from viatool.studies.study import Options
 from viatool.studies.tasks import Task, digest, record_path
-from viatool.studies.variants import ALPHAS, Setting, Variant
+from viatool.studies.variants import ALPHAS, TrainingSetting, Variant
 
 if TYPE_CHECKING:
     from viatool.train import TrainingConfiguration
@@ -57,7 +57,7 @@ class TrainVariant(Task):
     world_map: WorldMap
 
     @classmethod
-    def of(cls, setting: Setting, variant: Variant, options: Options) -> TrainVariant:
+    def of(cls, setting: TrainingSetting, variant: Variant, options: Options) -> TrainVariant:
         """Build the training of a variant in a setting."""
         from viatool.train import make_configuration
         from viatool.world import load_map

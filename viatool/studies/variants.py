@@ -33,7 +33,7 @@ class Variant:
 
 
 @dataclass(frozen=True)
-class Setting:
+class TrainingSetting:
     """Where and under which limit everything is trained.
 
     Parameters
@@ -42,16 +42,16 @@ class Setting:
         In paths and in pages.
     settings : tuple of str
         ``key=value`` over the preset of every training.
-    base : Setting, optional
+    base : TrainingSetting, optional
         One that differs in the limit alone: what is trained without a constraint is the same there.
     """
 
     name: str
     title: str
     settings: tuple[str, ...]
-    base: Setting | None = None
+    base: TrainingSetting | None = None
 
-    def home(self, variant: Variant) -> Setting:
+    def home(self, variant: Variant) -> TrainingSetting:
         """Return the setting whose training of a variant counts here."""
         return self.base if self.base is not None and variant.family == "unconstrained" else self
 
@@ -75,12 +75,12 @@ ALPHAS = (VIA_LOW, VIA_MIDDLE, VIA)
 EVERY = (*METHODS[:-1], *ALPHAS)
 VARIANTS = {variant.name: variant for variant in EVERY}
 
-LAB = Setting("lab", "the paper's lab, b = 10", ("map=lab", "cost_limit=10"))
-BINDING = Setting("binding", "the lab, b = 0.5", ("map=lab", "cost_limit=0.5"), LAB)
+LAB = TrainingSetting("lab", "the paper's lab, b = 10", ("map=lab", "cost_limit=10"))
+BINDING = TrainingSetting("binding", "the lab, b = 0.5", ("map=lab", "cost_limit=0.5"), LAB)
 SETTINGS = {setting.name: setting for setting in (LAB, BINDING)}
 
 
-def plan(setting: Setting, variants: Sequence[Variant], options: Options) -> list[Task]:
+def plan(setting: TrainingSetting, variants: Sequence[Variant], options: Options) -> list[Task]:
     """Return the trainings of some variants in a setting, each followed by the evaluations of its seeds."""
     from viatool.studies.training import EvaluateSeed, TrainVariant
 

@@ -10,7 +10,7 @@ from viatool.train.configuration import TrainingConfiguration
 from viatool.train.embedding import Embedding
 from viatool.train.methods import Method
 from viatool.train.networks import TrainedNetwork, Weights
-from viatool.train.observation import Mirror, Scaling, near_features
+from viatool.train.observation import Mirror, UnitScaling, near_features
 from viatool.train.reachability import action_width
 from viatool.train.replay import Batch, ReplayBuffer
 from viatool.train.updates import (
@@ -86,7 +86,7 @@ class Learner:
         Updated in place.
     replay : ReplayBuffer
         Source of the batches.
-    scaling : Scaling
+    scaling : UnitScaling
         Of the robot.
     generator : torch.Generator
         Of batches and smoothing noise.
@@ -98,7 +98,7 @@ class Learner:
         method: Method,
         agent: Agent,
         replay: ReplayBuffer,
-        scaling: Scaling,
+        scaling: UnitScaling,
         generator: torch.Generator,
     ) -> None:
         self.configuration = configuration

@@ -18,7 +18,7 @@ from viatool.train.constraint import next_budget
 from viatool.train.guide import Guide
 from viatool.train.methods import Method
 from viatool.train.networks import Weights
-from viatool.train.observation import Scaling
+from viatool.train.observation import UnitScaling
 from viatool.train.returns import Transition
 from viatool.train.updates import act
 from viatool.world import WorldMap
@@ -97,7 +97,7 @@ class Collector:
         Number of robots, noise, reward, curriculum.
     world_map : WorldMap
         With a generator, unless the map's own scenarios shall be driven.
-    scaling : Scaling
+    scaling : UnitScaling
         For the networks' inputs and outputs.
     method : Method
         Says whether the budget follows the cost.
@@ -111,7 +111,7 @@ class Collector:
         self,
         configuration: TrainingConfiguration,
         world_map: WorldMap,
-        scaling: Scaling,
+        scaling: UnitScaling,
         method: Method,
         var: Floats,
         epoch: int,

@@ -17,7 +17,7 @@ from viatool.simulate import Simulator, make_simulator
 from viatool.simulate.engines import largest_batch
 from viatool.train.configuration import TrainingConfiguration
 from viatool.train.networks import Weights
-from viatool.train.observation import Scaling
+from viatool.train.observation import UnitScaling
 from viatool.train.updates import act
 from viatool.world import Scenario, WorldMap
 
@@ -125,7 +125,7 @@ def _drive(command: Command, simulator: Simulator, outcome: Evaluation, policy: 
         active, observation = active[~step.done], step.observation[~step.done]
 
 
-def actor_command(actor: Weights, scaling: Scaling, budget: float) -> Command:
+def actor_command(actor: Weights, scaling: UnitScaling, budget: float) -> Command:
     """Return the policy of one seed without noise; the budget channel is held at `budget`."""
 
     def command(observation: NDArray[Any]) -> Floats:
@@ -137,7 +137,7 @@ def actor_command(actor: Weights, scaling: Scaling, budget: float) -> Command:
     return command
 
 
-def actor_commands(actor: Weights, scaling: Scaling, budget: Floats) -> list[Command]:
+def actor_commands(actor: Weights, scaling: UnitScaling, budget: Floats) -> list[Command]:
     """Return the policies of S seeds, see `actor_command`; budget is ``(S,)``."""
     return [actor_command(actor.one(seed), scaling, float(budget[seed])) for seed in range(actor.seeds)]
 

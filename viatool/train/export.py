@@ -17,7 +17,7 @@ from viatool.policy.writer import write_onnx
 from viatool.train.configuration import TrainingConfiguration
 from viatool.train.evaluation import actor_command
 from viatool.train.networks import HiddenActivation, Weights
-from viatool.train.observation import Scaling, make_scaling, make_specification
+from viatool.train.observation import UnitScaling, make_scaling, make_specification
 from viatool.train.records import load_checkpoint
 from viatool.world import WorldMap, load_map
 
@@ -35,14 +35,14 @@ _ACTIVATIONS: dict[HiddenActivation, str] = {
 }
 
 
-def actor_network(actor: Weights, scaling: Scaling) -> Network:
+def actor_network(actor: Weights, scaling: UnitScaling) -> Network:
     """Build the exported program of one seed.
 
     Parameters
     ----------
     actor : Weights
         Of one seed, see `Weights.one`.
-    scaling : Scaling
+    scaling : UnitScaling
         Becomes the first and the last affine node.
 
     Returns
@@ -75,7 +75,7 @@ def _float32(values: Floats) -> Floats:
 
 
 def export_actor(
-    actor: Weights, scaling: Scaling, specification: PolicySpecification, path: str | os.PathLike[str]
+    actor: Weights, scaling: UnitScaling, specification: PolicySpecification, path: str | os.PathLike[str]
 ) -> Policy:
     """Write the policy of one seed and check the file against torch.
 
@@ -83,7 +83,7 @@ def export_actor(
     ----------
     actor : Weights
         Of one seed.
-    scaling : Scaling
+    scaling : UnitScaling
         Of the robot that it was trained for.
     specification : PolicySpecification
         Goes into the metadata.
@@ -173,7 +173,7 @@ def export_checkpoint(
     return export_actor(every.one(seed), scaling, specification, path)
 
 
-def check_against_torch(policy: Policy, actor: Weights, scaling: Scaling) -> float:
+def check_against_torch(policy: Policy, actor: Weights, scaling: UnitScaling) -> float:
     """Compare the exported program with the trained network; return the largest difference found.
 
     Raises

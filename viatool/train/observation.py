@@ -22,7 +22,7 @@ GOAL_CENTRE, GOAL_SCALE = 3.0, 3.0  # metres
 
 
 @dataclass(frozen=True, eq=False)
-class Scaling:
+class UnitScaling:
     """Affine maps between physical units and the networks' units.
 
     Parameters
@@ -87,12 +87,12 @@ def training_setting(world_map: WorldMap, budget: float = 0.0) -> Setting:
     return Setting.of_specification(specification, world_map, 0.0, name="the policy to be trained")
 
 
-def make_scaling(robot: Robot, budget_limit: float) -> Scaling:
+def make_scaling(robot: Robot, budget_limit: float) -> UnitScaling:
     """Return the scaling for a robot: inputs about in [-1, 1] where it matters, actions in its limits."""
     bins = robot.lidar.bins
     middle = (robot.max_linear + robot.min_linear) / 2
     half = (robot.max_linear - robot.min_linear) / 2
-    return Scaling(
+    return UnitScaling(
         channels=tuple(make_specification(robot, 0.0, {}).observation),
         offset=np.array([LIDAR_CENTRE] * bins + [GOAL_CENTRE, 0.0, 0.0, middle, 0.0, 0.0]),
         factor=1.0

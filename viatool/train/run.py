@@ -18,7 +18,7 @@ from viatool.train.constraint import initial_var
 from viatool.train.evaluation import actor_commands, drive
 from viatool.train.methods import METHODS
 from viatool.train.networks import Weights
-from viatool.train.observation import Scaling, make_scaling, training_setting
+from viatool.train.observation import UnitScaling, make_scaling, training_setting
 from viatool.train.replay import PrioritisedReplay, ReplayBuffer
 from viatool.train.returns import NStepReturns
 from viatool.train.selection import Candidate, random_scenarios
@@ -36,7 +36,7 @@ class TrainingRun:
         Does not change.
     world_map : WorldMap
         Of the training.
-    scaling : Scaling
+    scaling : UnitScaling
         Of its robot.
     learner : Learner
         Networks, optimisers, replay buffer and their random numbers.
@@ -54,7 +54,7 @@ class TrainingRun:
 
     configuration: TrainingConfiguration
     world_map: WorldMap
-    scaling: Scaling
+    scaling: UnitScaling
     learner: Learner
     var: Floats
     multiplier: Floats
@@ -121,7 +121,9 @@ def begin_run(configuration: TrainingConfiguration, world_map: WorldMap | None =
     return TrainingRun(configuration, world_map, scaling, learner, var, multiplier)
 
 
-def _warm_up(options: TrainingConfiguration, world_map: WorldMap, scaling: Scaling, actor: Weights) -> Floats:
+def _warm_up(
+    options: TrainingConfiguration, world_map: WorldMap, scaling: UnitScaling, actor: Weights
+) -> Floats:
     """Return u0 ``(S,)``: the alpha-quantile of episode costs of the initial policies, kept below b."""
     scenarios = random_scenarios(world_map, options.warmup_episodes, options.seed)
     commands = actor_commands(actor, scaling, np.zeros(options.seeds))

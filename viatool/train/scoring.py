@@ -9,7 +9,7 @@ from pathlib import Path
 from viatool.train.configuration import TrainingConfiguration
 from viatool.train.export import export_actor
 from viatool.train.networks import Weights
-from viatool.train.observation import Scaling, make_specification
+from viatool.train.observation import UnitScaling, make_specification
 from viatool.train.selection import random_scenarios
 from viatool.verification import verify
 from viatool.world import WorldMap
@@ -36,7 +36,7 @@ class Safety:
 
 
 def score_safety(
-    actor: Weights, budget: float, world_map: WorldMap, scaling: Scaling, options: TrainingConfiguration
+    actor: Weights, budget: float, world_map: WorldMap, scaling: UnitScaling, options: TrainingConfiguration
 ) -> Safety:
     """Export the policy of one seed and verify the states that it visits, as ``viatool verify`` does.
 

@@ -13,7 +13,7 @@ from viatool.policy.specified import specification_of
 from viatool.train.configuration import TrainingConfiguration
 from viatool.train.evaluation import Evaluation, actor_command, actor_commands, drive, policy_command
 from viatool.train.networks import Weights
-from viatool.train.observation import Scaling
+from viatool.train.observation import UnitScaling
 from viatool.world import Scenario, WorldMap
 
 
@@ -86,7 +86,7 @@ def best_candidates(candidates: Sequence[Policies], count: int, tolerance: float
 def choose(
     candidates: Sequence[Candidate],
     world_map: WorldMap,
-    scaling: Scaling,
+    scaling: UnitScaling,
     configuration: TrainingConfiguration,
 ) -> Candidate:
     """Compare the finalists on scenarios of their own: the best of many noisy scores flatters."""
@@ -100,7 +100,11 @@ def choose(
 
 
 def validate(
-    actor: Weights, budget: np.ndarray, world_map: WorldMap, scaling: Scaling, options: TrainingConfiguration
+    actor: Weights,
+    budget: np.ndarray,
+    world_map: WorldMap,
+    scaling: UnitScaling,
+    options: TrainingConfiguration,
 ) -> Evaluation:
     """Drive the policies of all seeds on the validation scenarios."""
     scenarios = random_scenarios(world_map, options.validation_scenarios, options.validation_seed)

@@ -34,7 +34,7 @@ TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 
 
 @dataclass(frozen=True, eq=False)
-class Odometry:
+class RecordedOdometry:
     """M poses of a frame of the robot: stamps (M,) in nanoseconds, poses (M, 3) in `frame`."""
 
     stamps: Indices
@@ -44,7 +44,7 @@ class Odometry:
 
 
 @dataclass(frozen=True, eq=False)
-class Commands:
+class RecordedCommands:
     """C commands: stamps (C,) in nanoseconds, values (C, 2) v and omega; by the recorder's clock if `received`."""
 
     stamps: Indices
@@ -56,8 +56,8 @@ class Commands:
 class Bag:
     """What a bag holds; `commands` is None when they were not asked for. The scans are read when they are asked for."""
 
-    odometry: Odometry
-    commands: Commands | None
+    odometry: RecordedOdometry
+    commands: RecordedCommands | None
     transforms: Transforms
     scans: Iterator[Scans]
 
@@ -216,7 +216,7 @@ def _quaternion(rotation: Any) -> tuple[float, float, float, float]:
     return float(rotation.x), float(rotation.y), float(rotation.z), float(rotation.w)
 
 
-def _read_odometry(reader: AnyReader, connections: list[Connection]) -> Odometry:
+def _read_odometry(reader: AnyReader, connections: list[Connection]) -> RecordedOdometry:
     stamps, poses, frames = array("q"), array("d"), set()
     for _, message in _messages(reader, connections):
         pose = message.pose.pose
@@ -242,7 +242,7 @@ def _read_odometry(reader: AnyReader, connections: list[Connection]) -> Odometry
             f"the odometry changes its frames: {sorted(frames)}", "record one odometry, or name its topic"
         )
     frame, child = frames.pop() if frames else ("", "")
-    return Odometry(_ordered(np.array(stamps), "odometry"), table, frame, child)
+    return RecordedOdometry(_ordered(np.array(stamps), "odometry"), table, frame, child)
 
 
 def _read_scans(reader: AnyReader, connections: list[Connection]) -> Iterator[Scans]:
@@ -285,7 +285,7 @@ def _geometry(scans: Sequence[Any], before: int) -> Floats:
     return described
 
 
-def _read_commands(reader: AnyReader, connections: list[Connection]) -> Commands:
+def _read_commands(reader: AnyReader, connections: list[Connection]) -> RecordedCommands:
     stamped = connections[0].msgtype in STAMPED
     stamps, values = array("q"), array("d")
     for recorded, message in _messages(reader, connections):
@@ -300,7 +300,7 @@ def _read_commands(reader: AnyReader, connections: list[Connection]) -> Commands
             f"command {bad[0]} is {table[bad[0]].tolist()}, which is not finite",
             "cut the recording before it",
         )
-    return Commands(_ordered(np.array(stamps), "command"), table, received=not stamped)
+    return RecordedCommands(_ordered(np.array(stamps), "command"), table, received=not stamped)
 
 
 def _read_transforms(reader: AnyReader) -> Transforms:

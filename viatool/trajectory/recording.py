@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from viatool.arrays import Booleans, Floats, Indices
-from viatool.channels import Channel, Quantities, Recorded
+from viatool.channels import Channel, Quantities, RecordedInstants
 from viatool.errors import ConfigurationError, EmptyEvaluationError, PolicyError, TrajectoryError
 from viatool.trajectory.bag import Bag, Topics, open_bag
 from viatool.trajectory.rows import Rows
@@ -191,7 +191,7 @@ class _Gathered:
             return bins
 
         goal = None if self.settings.goal is None else np.array(self.settings.goal)
-        observations = self.observed.record(Recorded(poses, goal, previous, scan))
+        observations = self.observed.record(RecordedInstants(poses, goal, previous, scan))
         known = dict(zip(_REASONS, (located, complete, commanded), strict=True))
         keep = np.logical_and.reduce(list(known.values()))
         self.kept += int(keep.sum())

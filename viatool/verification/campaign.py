@@ -9,8 +9,8 @@ from typing import Any
 from numpy.typing import NDArray
 
 from viatool.schedule import Span, Work, digest_of
-from viatool.verification.examination import Examination
-from viatool.verification.findings import Arrays, Findings
+from viatool.verification.examination import StateExamination
+from viatool.verification.findings import Arrays, StateFindings
 from viatool.verification.states import States
 
 _CHUNKS_PER_WORKER = 8
@@ -19,12 +19,12 @@ _MOST_FLOATS = 2**20  # 8 MB, below which Dask does not complain of large messag
 
 
 @dataclass(frozen=True, eq=False)
-class StateWork(Work[States, Findings]):
+class StateWork(Work[States, StateFindings]):
     """The examination of states; a unit is a block of them.
 
     Parameters
     ----------
-    examination : Examination
+    examination : StateExamination
         What happens to each block.
     states : States
         N states.
@@ -32,7 +32,7 @@ class StateWork(Work[States, Findings]):
         Of everything that may change a result.
     """
 
-    examination: Examination
+    examination: StateExamination
     states: States
     versions: Mapping[str, str]
     stage = "states"
@@ -42,7 +42,7 @@ class StateWork(Work[States, Findings]):
         return self.states.block_count
 
     @property
-    def function(self) -> Examination:
+    def function(self) -> StateExamination:
         """Return what happens to each block."""
         return self.examination
 
@@ -70,20 +70,20 @@ class StateWork(Work[States, Findings]):
         """Return everything that the findings depend on."""
         return describe(self.examination, self.states, self.versions)
 
-    def to_arrays(self, part: Findings) -> Arrays:
+    def to_arrays(self, part: StateFindings) -> Arrays:
         """Return findings as arrays."""
         return part.to_arrays()
 
-    def from_arrays(self, arrays: Mapping[str, NDArray[Any]]) -> Findings:
+    def from_arrays(self, arrays: Mapping[str, NDArray[Any]]) -> StateFindings:
         """Return findings."""
-        return Findings.from_arrays(arrays)
+        return StateFindings.from_arrays(arrays)
 
-    def join(self, parts: Sequence[Findings]) -> Findings:
+    def join(self, parts: Sequence[StateFindings]) -> StateFindings:
         """Return the findings of consecutive blocks as one."""
-        return Findings.join(parts)
+        return StateFindings.join(parts)
 
 
-def describe(examination: Examination, states: States, versions: Mapping[str, str]) -> dict[str, Any]:
+def describe(examination: StateExamination, states: States, versions: Mapping[str, str]) -> dict[str, Any]:
     """Return everything that the findings depend on, as plain data for the manifest of a checkpoint."""
     policy, setting = examination.policy, examination.setting
     world_map = setting.world_map
@@ -100,7 +100,7 @@ def describe(examination: Examination, states: States, versions: Mapping[str, st
         "engine": dict(examination.engine),
         "only contested": examination.only_contested,
         "seed": examination.seed,
-        "horizon": None if examination.outlook is None else asdict(examination.outlook.horizon),
+        "horizon": None if examination.horizon is None else asdict(examination.horizon.horizon),
         "block": states.block_size,
         **{f"version of {name}": text for name, text in versions.items()},
     }

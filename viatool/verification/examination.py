@@ -11,17 +11,17 @@ import numpy as np
 from viatool.arrays import Booleans, Floats
 from viatool.loop.horizon import Crashes, Tubes
 from viatool.policy import Policy
-from viatool.safety import Case, Situations, find_contested, judge, search_witnesses
+from viatool.safety import JudgedStates, ScenePoses, find_contested, judge, search_witnesses
 from viatool.setting.setting import Setting
 from viatool.taylor import ReachableSet, reach
 from viatool.verification.clock import Clock
-from viatool.verification.findings import Findings
-from viatool.verification.horizon import HorizonQuestion
+from viatool.verification.findings import StateFindings
+from viatool.verification.horizon import HorizonExamination
 from viatool.verification.states import States
 
 
 @dataclass(frozen=True, eq=False)
-class Examination:
+class StateExamination:
     """What is asked of every state: a picklable, pure function of states.
 
     Parameters
@@ -36,7 +36,7 @@ class Examination:
         Whether only the actions of contested states are bounded.
     seed : int
         Of the search for counterexamples.
-    outlook : HorizonQuestion, optional
+    horizon : HorizonExamination, optional
         What is asked of the intervals that follow.
     """
 
@@ -45,48 +45,48 @@ class Examination:
     engine: Mapping[str, Any]
     only_contested: bool
     seed: int
-    outlook: HorizonQuestion | None = None
+    horizon: HorizonExamination | None = None
 
-    def __call__(self, states: States) -> Findings:
+    def __call__(self, states: States) -> StateFindings:
         """Examine states block by block; what is found in a block depends on that block alone."""
-        return Findings.join([self.examine(block) for block in states.each_block()])
+        return StateFindings.join([self.examine(block) for block in states.each_block()])
 
-    def examine(self, block: States) -> Findings:
+    def examine(self, block: States) -> StateFindings:
         """Examine one block of B states."""
         clock, columns = Clock(), self.setting.columns
         with clock.timed("geometry"):
-            situations = Situations.of(self.setting.world_map, block.scenarios, block.poses, block.episode)
-            case = Case(self.setting.rules, situations, block.under_way)
-            contested = find_contested(case)
+            placed = ScenePoses.of(self.setting.world_map, block.scenarios, block.poses, block.episode)
+            judged = JudgedStates(self.setting.rules, placed, block.under_way)
+            contested = find_contested(judged)
         with clock.timed("reach"):
             wanted = contested.either if self.only_contested else np.ones(len(block), dtype=bool)
             reachable = self._reach(block.observations, wanted)
             lower, upper = reachable.lower[:, columns], reachable.upper[:, columns]
         with clock.timed("judge"):
-            judgement = judge(case, lower, upper, contested)
+            judgement = judge(judged, lower, upper, contested)
         with clock.timed("search"):
-            doubtful = np.flatnonzero(~judgement.safe & case.known)
+            doubtful = np.flatnonzero(~judgement.safe & judged.known)
             found = search_witnesses(
-                self.policy, columns, case, doubtful, block.observations, self.setting.radii, lower, upper,
+                self.policy, columns, judged, doubtful, block.observations, self.setting.radii, lower, upper,
                 seed=(self.seed, block.first),
             )  # fmt: skip
             witnesses = replace(found, state=block.first + found.state)
         with clock.timed("horizon"):
-            tubes, crashes = self._follow(block, situations)
-        if self.outlook is None:
+            tubes, crashes = self._follow(block, placed)
+        if self.horizon is None:
             del clock.seconds["horizon"]
-        return Findings(reachable, contested, judgement, witnesses, clock.seconds, tubes, crashes)
+        return StateFindings(reachable, contested, judgement, witnesses, clock.seconds, tubes, crashes)
 
-    def _follow(self, block: States, situations: Situations) -> tuple[Tubes | None, Crashes | None]:
+    def _follow(self, block: States, placed: ScenePoses) -> tuple[Tubes | None, Crashes | None]:
         """Follow the closed loop from every state, or with `only_contested` from those that can come too near."""
-        if self.outlook is None:
+        if self.horizon is None:
             return None, None
         assert block.previous is not None
         known = np.isfinite(block.previous).all(axis=1)
         wanted = np.ones(len(block), dtype=bool)
         if self.only_contested or not known.all():
-            wanted = ~self.outlook.out_of_reach(situations) | (known & (not self.only_contested))
-        return self.outlook.examine(
+            wanted = ~self.horizon.out_of_reach(placed) | (known & (not self.only_contested))
+        return self.horizon.examine(
             block.scenarios,
             block.poses,
             block.previous,

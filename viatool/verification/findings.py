@@ -18,7 +18,7 @@ Arrays = dict[str, NDArray[Any]]
 
 
 @dataclass(frozen=True, eq=False)
-class Findings:
+class StateFindings:
     """What is known of B states after their examination.
 
     Parameters
@@ -52,7 +52,7 @@ class Findings:
         return HorizonResult(horizon, self.tubes, self.crashes)
 
     @classmethod
-    def join(cls, parts: Sequence[Findings]) -> Findings:
+    def join(cls, parts: Sequence[StateFindings]) -> StateFindings:
         """Return the findings of consecutive states as one."""
         every = [part.to_arrays() for part in parts]
         arrays = {
@@ -75,7 +75,7 @@ class Findings:
         return arrays | {_SECONDS + stage: np.array(value) for stage, value in self.seconds.items()}
 
     @classmethod
-    def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> Findings:
+    def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> StateFindings:
         """Return what `to_arrays` was called on."""
         parts: dict[str, Any] = {
             part: kind(**{field.name: arrays[f"{part}.{field.name}"] for field in fields(kind)})

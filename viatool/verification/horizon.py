@@ -9,12 +9,12 @@ import numpy as np
 
 from viatool.arrays import Booleans, Floats, Indices
 from viatool.errors import ConfigurationError
+from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.horizon import Crashes, Horizon, Tubes
-from viatool.loop.question import Question
 from viatool.loop.runs import search_crashes
-from viatool.loop.tube import Loop
+from viatool.loop.tube import TubeFollower
 from viatool.policy import Policy
-from viatool.safety import Situations
+from viatool.safety import ScenePoses
 from viatool.setting.setting import Setting
 from viatool.simulate import NavigationTask
 from viatool.taylor import Arithmetic
@@ -22,7 +22,7 @@ from viatool.world import Scenario
 
 
 @dataclass(frozen=True, eq=False)
-class HorizonQuestion:
+class HorizonExamination:
     """What is asked of the intervals after a state; picklable.
 
     Parameters
@@ -49,24 +49,24 @@ class HorizonQuestion:
                 "leave out --delay or --horizon",
             )
 
-    def loop(self, scenario: Scenario | None) -> Loop:
+    def follower(self, scenario: Scenario | None) -> TubeFollower:
         """Return the closed loop in a scenario."""
         if scenario is None:
             raise ConfigurationError(
                 "a horizon needs to know the goal, but an episode has none",
                 "give the trajectory its scenario, a bag its --goal, or leave out --horizon",
             )
-        question = Question.of(self.policy, self.setting, scenario, self.arithmetic)
-        return Loop(question, NavigationTask().goal_radius, self.horizon)
+        closed_loop = ClosedLoop.of(self.policy, self.setting, scenario, self.arithmetic)
+        return TubeFollower(closed_loop, NavigationTask().goal_radius, self.horizon)
 
-    def out_of_reach(self, situations: Situations) -> Booleans:
+    def out_of_reach(self, placed: ScenePoses) -> Booleans:
         """Tell from which states no command comes too near within the horizon, however often, (B,). **Sound:** yes."""
         rules, horizon = self.setting.rules, self.horizon
-        away = situations.scenes.clearance(situations.poses[:, :2], situations.scene) - rules.footprint.reach
+        away = placed.scenes.clearance(placed.poses[:, :2], placed.scene) - rules.footprint.reach
         fastest = float(np.abs([rules.lower[0], rules.upper[0]]).max())
         way = (horizon.steps - 1) * rules.interval * fastest + float(np.hypot(*horizon.pose_error[:2]))
         longest = rules.manoeuvre.longest(rules.lower, rules.upper)
-        return np.asarray(away > rules.clearance.collision + way + longest + 1e-6 * situations.scale)
+        return np.asarray(away > rules.clearance.collision + way + longest + 1e-6 * placed.scale)
 
     def examine(
         self,
@@ -107,12 +107,12 @@ class HorizonQuestion:
         tubes.steps[wanted & ~known] = 0  # a tube that begins nowhere proves nothing
         wanted = wanted & known
         for index in np.unique(episode[wanted]).tolist():
-            loop, rows = self.loop(scenarios[index]), np.flatnonzero(wanted & (episode == index))
-            found = loop.follow(poses[rows], previous[rows])
+            follower, rows = self.follower(scenarios[index]), np.flatnonzero(wanted & (episode == index))
+            found = follower.follow(poses[rows], previous[rows])
             for name in Tubes.__dataclass_fields__:
                 getattr(tubes, name)[rows] = getattr(found, name)
             rows = rows[~found.safe]
             crashes.append(
-                search_crashes(loop, first + rows, poses[rows], previous[rows], seed=(seed, first, index))
+                search_crashes(follower, first + rows, poses[rows], previous[rows], seed=(seed, first, index))
             )
         return tubes, Crashes.join(crashes)

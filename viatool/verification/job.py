@@ -20,8 +20,8 @@ from viatool.taylor.approximation import Approximation
 from viatool.trajectory import BagSettings, Trajectory
 from viatool.verification.campaign import StateWork
 from viatool.verification.clock import Clock
-from viatool.verification.examination import Examination
-from viatool.verification.horizon import HorizonQuestion
+from viatool.verification.examination import StateExamination
+from viatool.verification.horizon import HorizonExamination
 from viatool.verification.result import Result
 from viatool.verification.source import Source
 from viatool.verification.states import States
@@ -163,9 +163,9 @@ def verify(
         under_way = commands_under_way(setting, trajectory)
         recording = source.compared(setting, trajectory)
     engine = {"order": order, "approximation": approximation, "refine": refine}
-    outlook = None if horizon is None else HorizonQuestion(policy, setting.bare(), horizon, arithmetic)
-    examination = Examination(
-        policy, setting.bare(), {**engine, "arithmetic": arithmetic}, only_contested, seed, outlook
+    beyond = None if horizon is None else HorizonExamination(policy, setting.bare(), horizon, arithmetic)
+    examination = StateExamination(
+        policy, setting.bare(), {**engine, "arithmetic": arithmetic}, only_contested, seed, beyond
     )
     campaign = Campaign(scheduler, checkpoint, resume, chunk)
     asked = States.of(trajectory, under_way, previous)

@@ -16,9 +16,9 @@ from viatool.errors import ConfigurationError, InputError
 from viatool.loop.horizon import Crashes
 from viatool.motion.kinematics import DIFFERENTIAL, kinematics_of
 from viatool.policy import Policy
-from viatool.safety.case import Case
+from viatool.safety.judged_states import JudgedStates
 from viatool.safety.nearest import describe_nearest
-from viatool.safety.situations import Situations
+from viatool.safety.scene_poses import ScenePoses
 from viatool.safety.witness import Witnesses
 from viatool.setting.criteria import criterion_of
 from viatool.setting.rules import Rules
@@ -67,10 +67,10 @@ class WitnessFile:
         """Return the number of counterexamples."""
         return len(self.entries)
 
-    def case(self, world_map: WorldMap) -> Case:
+    def judged(self, world_map: WorldMap) -> JudgedStates:
         """Return the states of the counterexamples within a map, under the rules of the file."""
-        situations = Situations.of(world_map, self.scenarios, self.poses, np.arange(len(self)))
-        return Case(self.rules, situations, self.under_way)
+        placed = ScenePoses.of(world_map, self.scenarios, self.poses, np.arange(len(self)))
+        return JudgedStates(self.rules, placed, self.under_way)
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,7 +220,7 @@ def replay(policy: Policy, world_map: WorldMap, file: WitnessFile) -> Replay:
     raw = [policy.run(row[None])[0, columns] for row in file.observations]
     actions = file.rules.clip(np.array(raw, dtype=np.float64).reshape(count, 2))
     clearance, seconds, poses = (
-        found[:, 0] for found in file.case(world_map).closest_approach(actions[:, None])
+        found[:, 0] for found in file.judged(world_map).closest_approach(actions[:, None])
     )
     nearest = tuple(
         describe_nearest(world_map, scenario, pose, file.rules.footprint)

@@ -35,6 +35,6 @@ Size = tuple[Positive, Positive]
 
 
 class Strict(BaseModel):
-    """A mapping in which every key is known."""
+    """A typed model that takes no key which it does not know, and does not change."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)

@@ -62,7 +62,7 @@ class Circle(ObstacleShape):
         return Obstacles(np.array([(*self.center, self.radius)]))
 
 
-class Box(Outlined):
+class Rectangle(Outlined):
     """A rectangle: lengths along its own x and y, turned by yaw."""
 
     shape: Literal["box"]
@@ -101,9 +101,9 @@ class Wall(ObstacleShape):
         return Obstacles(polygons=tuple(simple_polygon(box, self.name or "wall") for box in boxes))
 
 
-Obstacle = Annotated[Circle | Box | Polygon | Wall, Field(discriminator="shape")]
+Obstacle = Annotated[Circle | Rectangle | Polygon | Wall, Field(discriminator="shape")]
 """What `obstacles` of a map may hold."""
-Arena = Annotated[Box | Polygon, Field(discriminator="shape")]
+Arena = Annotated[Rectangle | Polygon, Field(discriminator="shape")]
 
 SHAPES: tuple[str, ...] = tuple(
     get_args(kind.model_fields["shape"].annotation)[0] for kind in get_args(get_args(Obstacle)[0])

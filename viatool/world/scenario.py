@@ -1,4 +1,4 @@
-"""One start and goal, with the obstacles that only this situation has."""
+"""One start and goal, with the obstacles that only this scenario has."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The geometry of many situations at once: each has the map's obstacles and its own."""
+"""The geometry of many scenes at once: each has the map's obstacles and its own."""
 
 from __future__ import annotations
 
@@ -37,28 +37,28 @@ _EDGES_SEEN = 6
 # What fills the arrays of a scene that has fewer shapes than another: too far away to be near or seen.
 _NO_CIRCLE = (1e9, 1e9, 0.0)
 _NO_EDGE = (1e9, 1e9, 1e9, 1e9)
-# The shapes of their own of one situation that has none.
+# The shapes of their own of one scene that has none.
 NO_CIRCLES: Floats = np.zeros((1, 0, 3))
 NO_EDGES: Floats = np.zeros((1, 0, 4))
 
 
 class Scenes:
-    """Obstacles and arena of S situations, for batches of points and ray fans.
+    """Obstacles and arena of S scenes, for batches of points and ray fans.
 
     Parameters
     ----------
     arena : ndarray
         (n, 2) corners of the arena, counter-clockwise, in metres.
     shared : Obstacles
-        What all situations have.
+        What all scenes have.
     circles : ndarray
-        (S, K, 3) x, y, radius of each situation's own circles, in metres.
+        (S, K, 3) x, y, radius of each scene's own circles, in metres.
     edges : ndarray
-        (S, M, 4) edges of each situation's own polygons, their inside to the left; in metres.
+        (S, M, 4) edges of each scene's own polygons, their inside to the left; in metres.
 
     Notes
     -----
-    Methods take B points with the index of the situation that each belongs to. Costs grow with B times the
+    Methods take B points with the index of the scene that each belongs to. Costs grow with B times the
     number of shapes, which suits up to some hundred edges; a grid of cells is its own index, so its size does
     not matter. A point or a pose that is not finite counts as contact: whatever is no number becomes a distance of
     0 (`np.fmax` ignores NaN, `np.minimum` passes it on).
@@ -83,25 +83,25 @@ class Scenes:
 
     @classmethod
     def of(cls, world_map: WorldMap, scenarios: Sequence[Scenario | None]) -> Scenes:
-        """Return the situations of scenarios; None is the map with nothing added."""
+        """Return the scenes of scenarios; None is the map with nothing added."""
         own = [Obstacles() if scenario is None else scenario.obstacles for scenario in scenarios]
         circles = _pad([obstacles.circles for obstacles in own], _NO_CIRCLE)
         edges = _pad([obstacles.edges() for obstacles in own], _NO_EDGE)
         return cls(world_map.arena, world_map.obstacles, circles, edges)
 
     def __len__(self) -> int:
-        """Return the number of situations."""
+        """Return the number of scenes."""
         return int(self._centres.shape[1])
 
     def replace(self, which: Indices, circles: Floats, edges: Floats) -> None:
-        """Give some situations other obstacles of their own, in place.
+        """Give some scenes other obstacles of their own, in place.
 
         Parameters
         ----------
         which : ndarray
-            (W,) indices of the situations.
+            (W,) indices of the scenes.
         circles, edges : ndarray
-            (W, k, 3) and (W, m, 4), as many as the situations were made for.
+            (W, k, 3) and (W, m, 4), as many as the scenes were made for.
         """
         rounds, sides = circles.T, edges.T
         self._centres[self._own[0] :, which] = rounds[0] + 1j * rounds[1]
@@ -126,7 +126,7 @@ class Scenes:
         poses : ndarray
             (B, 3) x, y, theta of the LiDAR; metres and radians.
         scene : ndarray
-            (B,) indices of the situations.
+            (B,) indices of the scenes.
         lidar : Lidar
             Directions of the rays and maximum range.
         directions : ndarray, optional
@@ -185,7 +185,7 @@ class Scenes:
         points : ndarray
             (B, 2) metres.
         scene : ndarray
-            (B,) indices of the situations.
+            (B,) indices of the scenes.
 
         Returns
         -------
@@ -207,7 +207,7 @@ class Scenes:
         starts, ends : ndarray
             (B, 2) metres.
         scene : ndarray
-            (B,) indices of the situations.
+            (B,) indices of the scenes.
 
         Returns
         -------
@@ -231,7 +231,7 @@ class Scenes:
         footprint : Footprint
             Outline in the robot's frame; its whole area counts.
         scene : ndarray
-            (B,) indices of the situations.
+            (B,) indices of the scenes.
 
         Returns
         -------
@@ -253,7 +253,7 @@ class Scenes:
         Parameters
         ----------
         scene_index : int
-            Which situation.
+            Which scene.
         margin : float
             How far the region outside of the arena extends beyond the arena's bounds, in metres.
 

@@ -14,7 +14,7 @@ from selenium.webdriver.common.keys import Keys
 from tests.browser import Browser, running_browser
 from tests.report.page.conftest import HOSTILE
 from viatool.report.foreign import one_line
-from viatool.safety import Case, Situations
+from viatool.safety import JudgedStates, ScenePoses
 from viatool.simulate import Places
 from viatool.verification.result import Result
 
@@ -69,10 +69,10 @@ def place_of(result: Result, verdict: str) -> int:
     return int(np.flatnonzero(result.verdict == verdict)[0])
 
 
-def case_of(result: Result) -> Case:
+def case_of(result: Result) -> JudgedStates:
     trajectory = result.trajectory
-    situations = Situations.of(result.world_map, trajectory.scenarios, trajectory.poses, trajectory.episode)
-    return Case(result.rules, situations, result.under_way)
+    placed = ScenePoses.of(result.world_map, trajectory.scenarios, trajectory.poses, trajectory.episode)
+    return JudgedStates(result.rules, placed, result.under_way)
 
 
 def test_it_opens_without_a_complaint_and_without_a_network(page: Browser) -> None:

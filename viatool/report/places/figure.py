@@ -35,10 +35,10 @@ def draw_certificate(certificate: Certificate, headline: Headline) -> Figure:
     height = _WIDTH / 3.0 * float(np.clip((y_max - y_min) / (x_max - x_min), 0.3, 2.0))
     figure = Figure(figsize=(_WIDTH, height + 1.3), layout="constrained", facecolor="white")
     grid = figure.add_gridspec(2, 6)
-    lasting = certificate.prospect is not None and certificate.prospect.outlook.for_ever
-    main = figure.add_subplot(grid[:1, :2] if lasting else grid[:, :2])
+    for_ever = certificate.lasting is not None and certificate.lasting.lookahead.for_ever
+    main = figure.add_subplot(grid[:1, :2] if for_ever else grid[:, :2])
     _draw_places(figure, main, certificate, raster)
-    if lasting:
+    if for_ever:
         _draw_lasting(figure, figure.add_subplot(grid[1:, :2]), certificate)
     for sector, name in enumerate(SECTOR_NAMES):
         axes = figure.add_subplot(grid[sector // 4, 2 + sector % 4])
@@ -52,13 +52,13 @@ def draw_certificate(certificate: Certificate, headline: Headline) -> Figure:
 
 def _draw_lasting(figure: Figure, axes: Axes, certificate: Certificate) -> None:
     """Draw which share of the headings and previous commands of each place is safe for ever."""
-    prospect = certificate.prospect
-    assert prospect is not None
+    lasting = certificate.lasting
+    assert lasting is not None
     _draw_floor(axes, certificate)
-    mesh = prospect.mesh
+    mesh = lasting.mesh
     first, last = mesh.origin[:2], mesh.origin[:2] + mesh.size[:2] * mesh.count[:2]
     image = axes.imshow(
-        prospect.share_by_place().T, origin="lower", extent=(first[0], last[0], first[1], last[1]),
+        lasting.share_by_place().T, origin="lower", extent=(first[0], last[0], first[1], last[1]),
         cmap=colormaps["viridis"], vmin=0.0, vmax=1.0, interpolation="nearest", zorder=1.5,
     )  # fmt: skip
     figure.colorbar(image, ax=axes, shrink=0.7, pad=0.01, label="share of headings and previous commands")

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from viatool.report.records import Amount, Count, Counted, Fraction, Part, VerifiedRecord
+from viatool.report.records import Amount, Count, CountedRecord, Fraction, ReportPart, VerifiedRecord
 
 
-class ScenarioIdentity(Part):
+class ScenarioIdentity(ReportPart):
     """Which scenario: its name, and the goal in metres."""
 
     name: str
     goal: list[float]
 
 
-class ShareRecord(Counted):
+class ShareRecord(CountedRecord):
     """A part of a volume, both counted in smallest cells; `rate` is None when there is none."""
 
     PART = "part"
@@ -21,21 +21,21 @@ class ShareRecord(Counted):
     rate: Fraction | None
 
 
-class Commands(Part):
+class CommandsRecord(ReportPart):
     """The smallest and the largest v (m/s) and omega (rad/s) of the step before."""
 
     lower: list[float]
     upper: list[float]
 
 
-class Roots(Part):
+class Roots(ReportPart):
     """How much of the map was examined, in cells of the coarsest kind."""
 
     examined: Count
     total: Count
 
 
-class Cells(Part):
+class CellsRecord(ReportPart):
     """Leaves of the tree by status."""
 
     blocked: Count
@@ -45,7 +45,7 @@ class Cells(Part):
     unknown: Count
 
 
-class Volume(Part):
+class Volume(ReportPart):
     """Volume of the examined roots by status, in m^2 rad; commands count with their share of the range."""
 
     blocked: Amount
@@ -55,7 +55,7 @@ class Volume(Part):
     unknown: Amount
 
 
-class WorstPlace(Part):
+class WorstPlace(ReportPart):
     """A counterexample: pose and previous command, the policy's command, and the closest approach."""
 
     pose: list[float]
@@ -71,7 +71,7 @@ class StepRecord(ShareRecord):
     steps: Count
 
 
-class Lookahead(Part):
+class RoundRecord(ReportPart):
     """A round: for how many intervals cells were followed, how many, and how many then held for ever."""
 
     intervals: Count
@@ -80,7 +80,7 @@ class Lookahead(Part):
     seconds: Amount
 
 
-class LastingVolume(Part):
+class LastingVolume(ReportPart):
     """Volumes in m^2 rad: free before the goal, of that for ever, and of the cells in which the goal is reached."""
 
     free: Amount
@@ -88,7 +88,7 @@ class LastingVolume(Part):
     goal: Amount
 
 
-class OverTime(Part):
+class OverTime(ReportPart):
     """What holds beyond the next action; shares of the free volume outside of the goal, in its cells."""
 
     goal_radius: Amount
@@ -97,7 +97,7 @@ class OverTime(Part):
     forever: ShareRecord | None
     volume: LastingVolume
     steps: list[StepRecord]
-    rounds: list[Lookahead]
+    rounds: list[RoundRecord]
 
 
 class PlacesRecord(VerifiedRecord):
@@ -107,10 +107,10 @@ class PlacesRecord(VerifiedRecord):
     clearance: Amount
     deceleration: Amount | None
     delay: Amount = 0.0
-    previous_command: Commands
+    previous_command: CommandsRecord
     smallest_cell: dict[str, float]
     roots: Roots
-    cells: Cells
+    cells: CellsRecord
     volume: Volume
     contested_rate: ShareRecord
     free_rate: ShareRecord

@@ -6,10 +6,10 @@ from typing import Any
 
 from pydantic import model_validator
 
-from viatool.report.records import Amount, Count, Counted, Fraction, Part, RunRecord
+from viatool.report.records import Amount, Count, CountedRecord, Fraction, ReportPart, RunRecord
 
 
-class EpisodeCount(Counted):
+class EpisodeCount(CountedRecord):
     """How many of all episodes ended so, with a 95 % interval of the rate."""
 
     PART = "count"
@@ -19,7 +19,7 @@ class EpisodeCount(Counted):
     interval: tuple[Fraction, Fraction]
 
 
-class SpreadRecord(Part):
+class SpreadRecord(ReportPart):
     """Some numbers in short; None if there are none."""
 
     count: Count
@@ -29,7 +29,7 @@ class SpreadRecord(Part):
     largest: float | None
 
 
-class Histogram(Part):
+class Histogram(ReportPart):
     """How many steps ended with a clearance from each left edge (m) on; the last bin has no end."""
 
     edges: list[float]
@@ -42,7 +42,7 @@ class Histogram(Part):
         return self
 
 
-class ClearanceRecord(Part):
+class ClearanceRecord(ReportPart):
     """Collision and danger distance, the smallest clearance of each episode, and the clearances after all steps."""
 
     collision: Amount
@@ -51,7 +51,7 @@ class ClearanceRecord(Part):
     histogram: Histogram
 
 
-class RobotRecord(Part):
+class RobotRecord(ReportPart):
     """The robot that drove, in m/s and rad/s."""
 
     name: str
@@ -60,7 +60,7 @@ class RobotRecord(Part):
     max_angular: float
 
 
-class CommandCount(Counted):
+class CommandCount(CountedRecord):
     """Commands that the robot cannot follow, among all."""
 
     PART = "count"
@@ -68,7 +68,7 @@ class CommandCount(Counted):
     count: Count
 
 
-class EpisodeRecord(Part):
+class EpisodeRecord(ReportPart):
     """One episode: how it ended, after how many seconds, and how near it came to something."""
 
     scenario: str

@@ -11,7 +11,7 @@ import numpy as np
 
 from viatool.report.document import Drawn, Recorded
 from viatool.report.simulations.document import SimulationDocument
-from viatool.simulate.statistics import Share, Spread, episode_steps, path_ratios
+from viatool.simulate.statistics import Proportion, Spread, episode_steps, path_ratios
 from viatool.versions import installed_versions
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ def _episodes(simulation: Simulation) -> list[dict[str, Any]]:
     ]
 
 
-def _share(share: Share) -> dict[str, Any]:
+def _share(share: Proportion) -> dict[str, Any]:
     low, high = share.interval
     return {"count": share.count, "total": share.total, "rate": share.rate, "interval": [low, high]}
 

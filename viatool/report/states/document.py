@@ -26,7 +26,7 @@ from viatool.report.sections import (
 )
 from viatool.report.states.record import (
     HorizonRecord,
-    RateByOutcome,
+    RateByOutcomeRecord,
     RecordingRecord,
     StatesRecord,
     UnsafeState,
@@ -101,7 +101,7 @@ class StatesDocument(Verified):
         return Part(verdict, (count(number), percentage(number, total)), MEANING[verdict], number, verdict)
 
     @property
-    def rate_rows(self) -> Mapping[str, RateByOutcome]:
+    def rate_rows(self) -> Mapping[str, RateByOutcomeRecord]:
         """Return the rates of safe states by what they count, in the order in which they are shown."""
         record = self.record
         return {
@@ -201,7 +201,7 @@ class StatesDocument(Verified):
         return [Check("no unsafe state that the baseline lacks", not new, f"{count(len(new))} new{more}")]
 
 
-def by_outcome(rates: RateByOutcome) -> tuple[Share, ...]:
+def by_outcome(rates: RateByOutcomeRecord) -> tuple[Share, ...]:
     """Return the rates in the order of `OUTCOMES`."""
     return tuple(getattr(rates, outcome).share for outcome in OUTCOMES)
 

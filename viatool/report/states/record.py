@@ -7,10 +7,10 @@ from typing import Annotated, Any
 from pydantic import Field, model_validator
 from typing_extensions import Self
 
-from viatool.report.records import Count, Counted, Fraction, Part, VerifiedRecord
+from viatool.report.records import Count, CountedRecord, Fraction, ReportPart, VerifiedRecord
 
 
-class Verdicts(Part):
+class Verdicts(ReportPart):
     """How many states have each verdict."""
 
     safe: Count
@@ -18,7 +18,7 @@ class Verdicts(Part):
     unknown: Count
 
 
-class Rate(Counted):
+class RateRecord(CountedRecord):
     """Safe states among all that count; `rate` is None when there are none."""
 
     PART = "safe"
@@ -27,13 +27,13 @@ class Rate(Counted):
     rate: Fraction | None
 
 
-class RateByOutcome(Part):
+class RateByOutcomeRecord(ReportPart):
     """A rate over all states, and over the states of the episodes with each outcome."""
 
-    overall: Rate
-    success: Rate
-    collision: Rate
-    timeout: Rate
+    overall: RateRecord
+    success: RateRecord
+    collision: RateRecord
+    timeout: RateRecord
 
     @model_validator(mode="after")
     def _adds_up(self) -> Self:
@@ -45,7 +45,7 @@ class RateByOutcome(Part):
         return self
 
 
-class Task(Part):
+class TaskRecord(ReportPart):
     """How the simulated or recorded episodes ended: measured, not proved."""
 
     episodes: Count
@@ -55,7 +55,7 @@ class Task(Part):
     average_cost: float | None
 
 
-class Width(Part):
+class Width(ReportPart):
     """Width of the reachable set of one action over the states, in the action's unit."""
 
     mean: float
@@ -63,7 +63,7 @@ class Width(Part):
     max: float
 
 
-class UnsafeState(Part):
+class UnsafeState(ReportPart):
     """Where a state with a counterexample is: seconds since the start of its scenario, and x, y, theta."""
 
     state: Count
@@ -72,14 +72,14 @@ class UnsafeState(Part):
     pose: tuple[float, float, float]
 
 
-class PoseError(Part):
+class PoseError(ReportPart):
     """Half-widths of the box around every recorded pose: of x and y in metres, of the heading in radians."""
 
     position: float
     heading: float
 
 
-class TubeWidth(Part):
+class TubeWidth(ReportPart):
     """Median and 90th percentile of the width of the tubes at the end of each interval; None where all have ended."""
 
     median: list[float | None]
@@ -87,7 +87,7 @@ class TubeWidth(Part):
     unit: str
 
 
-class HorizonRecord(Part):
+class HorizonRecord(ReportPart):
     """The closed loop over several intervals: from how many states every run keeps the collision distance.
 
     `safety_rate` has one rate for each interval: of the states that are proved safe up to its end.
@@ -97,12 +97,12 @@ class HorizonRecord(Part):
     pose_error: PoseError
     states: Count
     verdicts: Verdicts
-    safety_rate: list[Rate]
+    safety_rate: list[RateRecord]
     width: dict[str, TubeWidth]
     least_clearance: list[float | None]
 
 
-class RecordingRecord(Part):
+class RecordingRecord(ReportPart):
     """How recorded readings of one LiDAR agree with what the map shows at the recorded poses.
 
     `off` are farther from it than eps, `contradicting` farther than eps and 5 cm; more than one contradicting reading
@@ -126,11 +126,11 @@ class StatesRecord(VerifiedRecord):
     engine: Any
     states: Count
     verdicts: Verdicts
-    safety_rate: RateByOutcome
-    sampled_safety_rate: RateByOutcome
-    danger_rate: RateByOutcome
-    contested_rate: RateByOutcome
-    task: Task
+    safety_rate: RateByOutcomeRecord
+    sampled_safety_rate: RateByOutcomeRecord
+    danger_rate: RateByOutcomeRecord
+    contested_rate: RateByOutcomeRecord
+    task: TaskRecord
     reachable_width: dict[str, Width]
     unsafe_states: list[UnsafeState] | None = None
     horizon: HorizonRecord | None = None

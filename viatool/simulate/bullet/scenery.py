@@ -29,7 +29,7 @@ _MOST_FACES = 20_000  # of one mesh; the engine limits what it takes at once
 
 
 @dataclass(frozen=True, eq=False)
-class Mesh:
+class TriangleMesh:
     """Triangles.
 
     Parameters
@@ -44,7 +44,7 @@ class Mesh:
     faces: Indices
 
 
-def map_meshes(world_map: WorldMap) -> list[Mesh]:
+def map_meshes(world_map: WorldMap) -> list[TriangleMesh]:
     """Return the wall around the arena and everything of the map that is not a circle."""
     import shapely
 
@@ -55,7 +55,7 @@ def map_meshes(world_map: WorldMap) -> list[Mesh]:
     return _merged([_extrude(region) for region in regions]) + prisms(world_map.obstacles.polygons)
 
 
-def prisms(rings: Sequence[Floats]) -> list[Mesh]:
+def prisms(rings: Sequence[Floats]) -> list[TriangleMesh]:
     """Return the prisms over simple polygons, (n, 2) corners each."""
     import shapely
 
@@ -84,24 +84,24 @@ def canonical_form(ring: Floats) -> tuple[Ring, tuple[float, float], float]:
     return tuple((round(a, 6), round(b, 6)) for a, b in turned.tolist()), (x, y), turn
 
 
-def _merged(meshes: Sequence[Mesh]) -> list[Mesh]:
+def _merged(meshes: Sequence[TriangleMesh]) -> list[TriangleMesh]:
     """Join meshes as far as the engine takes them."""
-    joined: list[Mesh] = []
+    joined: list[TriangleMesh] = []
     for group in _groups(meshes):
         offsets = np.cumsum([0, *(len(mesh.vertices) for mesh in group)])
         faces = [mesh.faces + offset for mesh, offset in zip(group, offsets, strict=False)]
-        joined.append(Mesh(np.concatenate([mesh.vertices for mesh in group]), np.concatenate(faces)))
+        joined.append(TriangleMesh(np.concatenate([mesh.vertices for mesh in group]), np.concatenate(faces)))
     return joined
 
 
-def _groups(meshes: Sequence[Mesh]) -> Iterator[list[Mesh]]:
+def _groups(meshes: Sequence[TriangleMesh]) -> Iterator[list[TriangleMesh]]:
     """Yield runs of meshes of a limited number of faces; a larger mesh is cut into pieces."""
-    group: list[Mesh] = []
+    group: list[TriangleMesh] = []
     for mesh in meshes:
         for first in range(0, len(mesh.faces), _MOST_FACES):
             faces = mesh.faces[first : first + _MOST_FACES]
             used, inverse = np.unique(faces, return_inverse=True)
-            piece = Mesh(mesh.vertices[used], inverse.reshape(-1, 3))
+            piece = TriangleMesh(mesh.vertices[used], inverse.reshape(-1, 3))
             if group and sum(len(one.faces) for one in group) + len(faces) > _MOST_FACES:
                 yield group
                 group = []
@@ -110,7 +110,7 @@ def _groups(meshes: Sequence[Mesh]) -> Iterator[list[Mesh]]:
         yield group
 
 
-def _extrude(region: BaseGeometry) -> Mesh:
+def _extrude(region: BaseGeometry) -> TriangleMesh:
     """Return the prism over a polygon with holes: its walls outward, and its lid."""
     import shapely
 
@@ -131,7 +131,7 @@ def _extrude(region: BaseGeometry) -> Mesh:
     corners = shapely.get_coordinates(shapely.orient_polygons(triangles)).reshape(-1, 4, 2)[:, :3]
     vertices.append(_lift(corners.reshape(-1, 2), HEIGHT))
     faces.append(count + np.arange(3 * len(corners)).reshape(-1, 3))
-    return Mesh(np.concatenate(vertices), np.concatenate(faces))
+    return TriangleMesh(np.concatenate(vertices), np.concatenate(faces))
 
 
 def _lift(points: Floats, height: float) -> Floats:

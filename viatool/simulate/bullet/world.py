@@ -12,7 +12,7 @@ import numpy as np
 import pybullet
 
 from viatool.arrays import Floats
-from viatool.simulate.bullet.scenery import HEIGHT, Mesh, Ring, canonical_form, map_meshes, prisms
+from viatool.simulate.bullet.scenery import HEIGHT, Ring, TriangleMesh, canonical_form, map_meshes, prisms
 from viatool.simulate.bullet.urdf import LEFT, RIGHT, write_urdf
 from viatool.simulate.models import RobotModel
 from viatool.world import Obstacles, WorldMap
@@ -289,7 +289,7 @@ class BulletWorld:
             drawn = pybullet.createVisualShape(pybullet.GEOM_CYLINDER, length=HEIGHT, rgbaColor=paint, **size)
         return self._add_obstacle(shape, drawn, (*place, 0.5 * HEIGHT))
 
-    def _add_mesh(self, mesh: Mesh, paint: tuple[float, ...]) -> int:
+    def _add_mesh(self, mesh: TriangleMesh, paint: tuple[float, ...]) -> int:
         content: dict[str, Any] = {
             "vertices": mesh.vertices.tolist(),
             "indices": mesh.faces.ravel().tolist(),

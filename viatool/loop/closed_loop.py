@@ -16,8 +16,8 @@ from viatool.loop.waiting import after_waiting
 from viatool.motion.manoeuvre import Manoeuvre
 from viatool.policy import Policy
 from viatool.rounding import SIGHT_ROUNDING
-from viatool.safety import Situations
-from viatool.safety.proof import Effort, prove_clearance
+from viatool.safety import ScenePoses
+from viatool.safety.proof import ProofEffort, prove_clearance
 from viatool.schedule import check_time
 from viatool.sets.bounds import require_ordered
 from viatool.sets.forms import PoseBoxes
@@ -33,11 +33,11 @@ from viatool.world import Scenario
 _CHUNK = 256
 _CHUNK_PAIRS = 400_000
 """StateBoxes, and cells times shapes, that are enclosed together, so that the arrays stay in the cache."""
-_EFFORT = Effort(levels=8, cells=64, tolerance=1e-4)
+_EFFORT = ProofEffort(levels=8, cells=64, tolerance=1e-4)
 
 
 @dataclass(frozen=True, eq=False)
-class Commands:
+class CommandBounds:
     """What the policy can command in C cells.
 
     Parameters
@@ -52,13 +52,13 @@ class Commands:
     upper: Floats
     influence: Floats
 
-    def select(self, which: NDArray[Any]) -> Commands:
+    def select(self, which: NDArray[Any]) -> CommandBounds:
         """Return those of some cells."""
-        return Commands(self.lower[which], self.upper[which], self.influence[which])
+        return CommandBounds(self.lower[which], self.upper[which], self.influence[which])
 
 
 @dataclass(frozen=True, eq=False)
-class Question:
+class ClosedLoop:
     """What is asked of a cell: that this policy, towards this goal, keeps its clearance from every pose.
 
     Parameters
@@ -69,7 +69,7 @@ class Question:
         The meaning of its numbers with their uncertainty, and what is to hold.
     sensors : Sensors
         What it observes.
-    situation : Situations
+    geometry : ScenePoses
         The geometry of the scenario; its poses are not used.
     arithmetic : str
         Contract of the bounds.
@@ -78,7 +78,7 @@ class Question:
     policy: Policy
     setting: Setting
     sensors: Sensors
-    situation: Situations
+    geometry: ScenePoses
     arithmetic: Arithmetic = "float32"
 
     @classmethod
@@ -88,11 +88,11 @@ class Question:
         setting: Setting,
         scenario: Scenario,
         arithmetic: Arithmetic = "float32",
-    ) -> Question:
+    ) -> ClosedLoop:
         """Ask about a scenario of a map."""
         channels, world_map = setting.spec.observation, setting.world_map
         observed = Quantities.of(channels, setting.robot).require("measure", "enclose")
-        nowhere = Situations.of(world_map, [scenario], np.zeros((1, 3)), np.zeros(1, np.int64))
+        nowhere = ScenePoses.of(world_map, [scenario], np.zeros((1, 3)), np.zeros(1, np.int64))
         sensors = Sensors(
             observed,
             Shapes.of(world_map, scenario),
@@ -107,20 +107,20 @@ class Question:
         """Return what is to hold."""
         return self.setting.rules
 
-    def at(self, boxes: PoseBoxes) -> Situations:
+    def at(self, boxes: PoseBoxes) -> ScenePoses:
         """Return boxes of poses as states of the scenario."""
         scene = np.zeros(len(boxes), np.int64)
-        return replace(self.situation, poses=boxes.centre, scene=scene, radii=boxes.radius)
+        return replace(self.geometry, poses=boxes.centre, scene=scene, radii=boxes.radius)
 
     def blocked(self, boxes: PoseBoxes) -> Booleans:
         """Tell which boxes hold no pose that keeps the collision distance, (C,)."""
-        distance = self.situation.scenes.footprint_clearance(
+        distance = self.geometry.scenes.footprint_clearance(
             boxes.checked().centre, self.rules.footprint, np.zeros(len(boxes), np.int64)
         )
         moved = boxes.extent + self.rules.footprint.reach * boxes.turn * (
             self.rules.footprint.kind == "polygon"
         )
-        slack = SIGHT_ROUNDING * (self.situation.scale + np.abs(boxes.centre).sum(axis=1))
+        slack = SIGHT_ROUNDING * (self.geometry.scale + np.abs(boxes.centre).sum(axis=1))
         return np.asarray(distance + moved + slack <= self.rules.clearance.collision)
 
     def settled(self, boxes: PoseBoxes) -> Booleans:
@@ -170,11 +170,11 @@ class Question:
         ).proved
         return kept
 
-    def commands(self, cells: StateBoxes) -> Commands:
+    def commands(self, cells: StateBoxes) -> CommandBounds:
         """Bound what the policy commands anywhere in cells, whatever the sensors err. **Sound:** yes."""
         cells.checked()
         found = [self._commands(cells.select(some)) for some in self._chunks(len(cells), _CHUNK)]
-        return Commands(
+        return CommandBounds(
             *(
                 np.concatenate([getattr(part, name) for part in found])
                 for name in ("lower", "upper", "influence")
@@ -197,7 +197,7 @@ class Question:
         step = int(np.clip(_CHUNK_PAIRS // len(self.sensors.shapes), 8, most))
         return [slice(start, min(start + step, count)) for start in range(0, count, step)]
 
-    def _commands(self, cells: StateBoxes) -> Commands:
+    def _commands(self, cells: StateBoxes) -> CommandBounds:
         check_time()
         columns = self.setting.columns
         seen = self.sensors.enclose(cells)
@@ -218,4 +218,4 @@ class Question:
         for axis in range(len(self.rules.kinematics.axes)):
             before.append(moved[:, 3 + axis])
             pose = pose - before[-1]
-        return Commands(lower, upper, np.stack([pose, *before], axis=1))
+        return CommandBounds(lower, upper, np.stack([pose, *before], axis=1))

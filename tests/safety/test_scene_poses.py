@@ -1,4 +1,4 @@
-"""Situations: the rounding of large geometry is counted, and scenes stay with their poses."""
+"""Poses in scenes: the rounding of large geometry is counted, and scenes stay with their poses."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 
 from tests.safety.brute_force import random_world
 from viatool.motion.manoeuvre import Manoeuvre
-from viatool.safety import Situations, enclosure, situations
+from viatool.safety import ScenePoses, enclosure, scene_poses
 from viatool.safety.enclosure import MotionBoxes, enclose
 from viatool.world import Footprint, Obstacles, OccupancyGrid, Scenario, WorldMap
 
@@ -68,7 +68,7 @@ def excess(kind):
         for _ in range(20):
             some, scenario, exact = large(kind, generator)
             poses = generator.uniform(-0.1, 0.1, (COUNT // 20, 3))
-            where = Situations.of(some, [scenario], poses, np.zeros(len(poses), np.int64))
+            where = ScenePoses.of(some, [scenario], poses, np.zeros(len(poses), np.int64))
             least = enclose(still, where, Manoeuvre(0.1), Footprint()).least
             for (x, y, _), bound in zip(poses.tolist(), least.tolist(), strict=True):
                 worst = max(worst, float(mpmath.mpf(bound) - exact(mpmath.mpf(x), mpmath.mpf(y))))
@@ -91,19 +91,19 @@ def test_exact_distances_catch_a_bound_without_rounding(monkeypatch, kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_exact_distances_catch_a_scale_that_forgets_the_geometry(monkeypatch, kind):
-    right = vars(Situations)["of"].__func__
-    monkeypatch.setattr(Situations, "of", classmethod(lambda cls, *a: replace(right(cls, *a), scale=1.0)))
+    right = vars(ScenePoses)["of"].__func__
+    monkeypatch.setattr(ScenePoses, "of", classmethod(lambda cls, *a: replace(right(cls, *a), scale=1.0)))
     assert excess(kind) > 0.0
 
 
 @pytest.mark.parametrize("kind", KINDS[:3])
 def test_exact_distances_catch_a_scale_that_forgets_the_obstacles(monkeypatch, kind):
-    monkeypatch.setattr(situations, "_extent", lambda obstacles: 0.0)
+    monkeypatch.setattr(scene_poses, "_extent", lambda obstacles: 0.0)
     assert excess(kind) > 0.0
 
 
 def scale(some, *scenarios):
-    return Situations.of(some, scenarios or [None], np.zeros((1, 3)), np.zeros(1, np.int64)).scale
+    return ScenePoses.of(some, scenarios or [None], np.zeros((1, 3)), np.zeros(1, np.int64)).scale
 
 
 def test_the_scale_bounds_every_coordinate_and_radius():
@@ -124,7 +124,7 @@ def two_scenes():
     """Three poses at the same place: the obstacle there is the second scenario's alone."""
     there = Scenario("there", (0.0, 0.0, 0.0), (1.0, 0.0), Obstacles(circles=np.array([[0.0, 0.0, 0.5]])))
     poses = np.array([[0.6, 0.0, 0.0], [0.6, 0.0, 1.0], [1.0, 0.0, 2.0]])
-    return Situations.of(world(), [None, there], poses, np.array([0, 1, 1]))
+    return ScenePoses.of(world(), [None, there], poses, np.array([0, 1, 1]))
 
 
 def test_every_pose_is_among_the_obstacles_of_its_own_scenario():

@@ -11,7 +11,7 @@ import pytest
 
 from tests.loop.plant import Plant
 from viatool import load_map, load_policy
-from viatool.loop.question import Question
+from viatool.loop.closed_loop import ClosedLoop
 from viatool.sets.forms import PoseBoxes
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
@@ -32,7 +32,7 @@ def free_poses_of_blocked_boxes(name):
     generator, footprint = np.random.default_rng(0), FOOTPRINTS[name]
     world = ROOM.with_clearance(0.15, None)
     wishes = Wishes("braking", footprint=footprint)
-    asked = Question.of(POLICY, Setting.of(POLICY, world, 0.01, wishes), SCENARIO)
+    asked = ClosedLoop.of(POLICY, Setting.of(POLICY, world, 0.01, wishes), SCENARIO)
     centre = generator.uniform((-2, -2, -math.pi), (2, 2, math.pi), (1500, 3))
     boxes = PoseBoxes(centre, generator.uniform(0.0, 0.1, (1500, 3)) * [1.0, 1.0, 3.0])
     blocked = np.flatnonzero(asked.blocked(boxes))

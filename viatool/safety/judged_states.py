@@ -11,21 +11,21 @@ from numpy.typing import NDArray
 
 from viatool.arrays import Booleans, Floats
 from viatool.safety.proof import Proof, prove_clearance
-from viatool.safety.situations import Situations
+from viatool.safety.scene_poses import ScenePoses
 from viatool.setting.rules import Rules
 
 DENSE_FRACTIONS = np.linspace(0.0, 1.0, 65)
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class JudgedStates:
     """B states and what is asked of them.
 
     Parameters
     ----------
     rules : Rules
         What is asked.
-    situations : Situations
+    observing : ScenePoses
         Where the robot stands when the policy observes.
     under_way : ndarray or None
         (B, W, 2) commands that act one after the other before the new one does, the oldest first; NaN where a
@@ -33,7 +33,7 @@ class Case:
     """
 
     rules: Rules
-    situations: Situations
+    observing: ScenePoses
     under_way: Floats | None = None
 
     def __post_init__(self) -> None:
@@ -44,17 +44,17 @@ class Case:
 
     def __len__(self) -> int:
         """Return the number of states."""
-        return len(self.situations)
+        return len(self.observing)
 
-    def select(self, which: NDArray[Any]) -> Case:
+    def select(self, which: NDArray[Any]) -> JudgedStates:
         """Return some of the states."""
         under_way = None if self.under_way is None else self.under_way[which]
-        return replace(self, situations=self.situations.select(which), under_way=under_way)
+        return replace(self, observing=self.observing.select(which), under_way=under_way)
 
     @cached_property
-    def waits(self) -> tuple[tuple[float, Situations, Floats], ...]:
+    def waits(self) -> tuple[tuple[float, ScenePoses, Floats], ...]:
         """Return the W waits before the new command acts: seconds, where each begins, and the command (B, 2) held."""
-        found, here = [], self.situations
+        found, here = [], self.observing
         for index, seconds in enumerate(self.rules.dead_time.durations):
             assert self.under_way is not None
             held = self.under_way[:, index]
@@ -63,10 +63,10 @@ class Case:
         return tuple(found)
 
     @cached_property
-    def acting(self) -> Situations:
+    def acting(self) -> ScenePoses:
         """Where the robot stands when the new command begins to act."""
         if not self.waits:
-            return self.situations
+            return self.observing
         seconds, here, held = self.waits[-1]
         return here.moved(self.rules.kinematics.advance(here.poses, held, seconds))
 
@@ -109,7 +109,7 @@ class Case:
 
     def clearance(self, paths: Floats) -> Floats:
         """Return the exact clearance of the footprint at poses (B, ..., 3), as (B, ...) metres."""
-        shape, at = paths.shape[:-1], self.situations
+        shape, at = paths.shape[:-1], self.observing
         each = int(np.prod(shape[1:], dtype=np.int64))
         found = at.scenes.footprint_clearance(
             paths.reshape(-1, 3), self.rules.footprint, np.repeat(at.scene, each)

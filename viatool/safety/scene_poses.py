@@ -14,17 +14,17 @@ from viatool.world import Obstacles, Scenario, Scenes, WorldMap
 
 
 @dataclass(frozen=True, eq=False)
-class Situations:
-    """B poses and the geometry around them.
+class ScenePoses:
+    """B poses, each in a scene of its own episode, or boxes of poses.
 
     Parameters
     ----------
     poses : ndarray
         (B, 3) x, y, theta in the map frame; metres and radians.
     scene : ndarray
-        (B,) index of each pose's situation in `scenes`.
+        (B,) index of each pose's scene in `scenes`.
     scenes : Scenes
-        Obstacles and arena of every situation.
+        Obstacles and arena of every scene.
     scale : float
         A bound of every coordinate and radius of the geometry, in metres, at least 1.
     radii : ndarray, optional
@@ -44,7 +44,7 @@ class Situations:
         scenarios: Sequence[Scenario | None],
         poses: Floats,
         scene: Indices,
-    ) -> Situations:
+    ) -> ScenePoses:
         """Return poses within the map and the obstacles of their scenarios."""
         own = [scenario.obstacles for scenario in scenarios if scenario is not None]
         extents = [np.abs(world_map.arena).max(), *map(_extent, [world_map.obstacles, *own])]
@@ -54,12 +54,12 @@ class Situations:
         """Return the number of poses."""
         return len(self.poses)
 
-    def select(self, which: NDArray[Any]) -> Situations:
+    def select(self, which: NDArray[Any]) -> ScenePoses:
         """Return some of the states, by index (repeated at will) or mask."""
         radii = None if self.radii is None else self.radii[which]
         return replace(self, poses=self.poses[which], scene=self.scene[which], radii=radii)
 
-    def moved(self, poses: Floats) -> Situations:
+    def moved(self, poses: Floats) -> ScenePoses:
         """Return the same states at other poses (B, 3)."""
         return replace(self, poses=poses)
 

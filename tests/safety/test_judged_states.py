@@ -12,7 +12,7 @@ from viatool.safety import find_contested, judge
 
 def place_at(case, index, command, seconds):
     """Where brute force has the robot so many seconds after it observed: along its queue, then under the command."""
-    rules, pose = case.rules, case.situations.poses[index][None]
+    rules, pose = case.rules, case.observing.poses[index][None]
     whole = int(rules.delay / rules.interval + 1e-9)
     rest = rules.delay - whole * rules.interval
     lasting = ([rest] if rest > 1e-9 else []) + [rules.interval] * whole + [rules.interval]
