@@ -252,6 +252,13 @@ def test_a_variance_that_may_cancel_altogether_is_refused_by_the_name_of_its_nod
     assert "subtract a constant near the mean" in caught.value.hint
 
 
+def test_what_has_no_enclosure_is_refused_by_the_name_of_its_node(tmp_path: Path) -> None:
+    model = model_of([node("Tanh", ["x"], ["t"]), node("Log", ["t"], ["y"], name="surprise")])
+    loaded = Bare(load_policy(save(model, tmp_path), self_check=False).network)
+    with pytest.raises(EnclosureError, match=r"node 'surprise' \(Log\): Log has no finite range"):
+        reach(loaded, [[0.5, 0.01, 0.5, 0.5]], 0.1)
+
+
 def test_the_hint_of_that_refusal_works(tmp_path: Path) -> None:
     model = normalisation_of("GroupNormalization", 8, num_groups=1)
     model.graph.initializer.append(onnx.numpy_helper.from_array(np.float32(1e4), "near"))

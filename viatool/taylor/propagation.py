@@ -9,6 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from viatool.arrays import Floats, Hull, Indices
+from viatool.errors import EnclosureError
 from viatool.policy.activations import ActivationFunction, activation
 from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Network, Node, Product
 from viatool.rounding import ENGINE_ROUNDOFF, SLIGHTLY_MORE
@@ -131,12 +132,15 @@ def propagate(
     """
     enclosures: list[Enclosure] = [] if inputs is None else [inputs]
     for index, node in enumerate(network.nodes[len(enclosures) :], start=len(enclosures)):
-        if limits and index in limits:
-            assert isinstance(node, Activation)
-            argument = _limited(enclosures[node.source], limits[index])
-            enclosures.append(_enclose_activation(argument, node.function, index, order, rule))
-        else:
-            enclosures.append(_enclose(node, index, enclosures, box, order, rule))
+        try:
+            if limits and index in limits:
+                assert isinstance(node, Activation)
+                argument = _limited(enclosures[node.source], limits[index])
+                enclosures.append(_enclose_activation(argument, node.function, index, order, rule))
+            else:
+                enclosures.append(_enclose(node, index, enclosures, box, order, rule))
+        except EnclosureError as error:
+            raise EnclosureError(f"{network.label(index)}: {error.message}", error.hint) from error
         if known is not None:
             enclosures[-1] = enclosures[-1].met(known[index])
     if order > 1:
