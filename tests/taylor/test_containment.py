@@ -19,7 +19,7 @@ from tests.strategies import (
     NetworkPlan,
     network_and_boxes,
 )
-from tests.taylor.containment import escape_of_exact_values, escape_of_programs
+from tests.taylor.containment import Floats, escape_of_exact_values, escape_of_programs
 from viatool.errors import EnclosureError
 from viatool.policy.activations import ActivationFunction, activation
 from viatool.policy.network import Activation, Affine, Input, Network, Node, Precision
@@ -60,6 +60,12 @@ def quickly(examples: int) -> settings:
 NETWORKS = {"plans": network_and_boxes(most_width=24, most_inputs=4), "options": st.sampled_from(SETTINGS)}
 
 
+def together(boxes: list[tuple[Floats, Floats]]) -> tuple[Floats, Floats]:
+    """Return boxes of all sizes as one batch, centres and radii (B, n): a program is held to every one of them."""
+    centres, radii = zip(*boxes, strict=True)
+    return np.concatenate(centres), np.concatenate(radii)
+
+
 @quickly(25)
 @given(**NETWORKS)
 def test_exact_values_stay_inside(plans: tuple[NetworkPlan, BoxPlan], options: dict[str, object]) -> None:
@@ -98,11 +104,14 @@ def assert_programs_inside(plan: NetworkPlan, box: BoxPlan, options: dict[str, o
 def test_every_activation_is_enclosed_without_refusal(function: ActivationFunction) -> None:
     plan = NetworkPlan(3, inputs=3, width=5, actions=2, activations=(function, function))
     network = plan.build()
-    for k, radius in enumerate((0.0, 1e-6, 0.05, 0.5)):
-        centre, eps = BoxPlan(k, batch=3, radius=radius, spread=0.5, fixed=False).build(3)
+    boxes = [
+        BoxPlan(k, batch=3, radius=radius, spread=0.5, fixed=False).build(3)
+        for k, radius in enumerate((0.0, 1e-6, 0.05, 0.5))
+    ]
+    for centre, eps in boxes:
         for options in (SETTINGS[1], SETTINGS[3]):
             assert escape_of_exact_values(network, centre, eps, samples=40, **options) == 0
-        assert escape_of_programs(network, centre, eps, samples=20, refine="monotone") <= 0
+    assert escape_of_programs(network, *together(boxes), samples=20, refine="monotone") <= 0
 
 
 @pytest.mark.parametrize("options", SETTINGS, ids=described)
@@ -110,10 +119,12 @@ def test_every_activation_is_enclosed_without_refusal(function: ActivationFuncti
 def test_every_topology_in_every_setting(topology: str, options: dict[str, object]) -> None:
     functions = tuple(activation(name) for name in ("Relu", "Tanh", "Silu"))
     network = NetworkPlan(11, 3, 6, 2, functions, topology).build()
-    for radius in (0.02, 0.3):
-        centre, eps = BoxPlan(5, batch=4, radius=radius, spread=1.0, fixed=radius < 0.1).build(3)
+    boxes = [
+        BoxPlan(5, batch=4, radius=radius, spread=1.0, fixed=radius < 0.1).build(3) for radius in (0.02, 0.3)
+    ]
+    for centre, eps in boxes:
         assert escape_of_exact_values(network, centre, eps, samples=60, **options) == 0
-        assert escape_of_programs(network, centre, eps, samples=20, **options) <= 0
+    assert escape_of_programs(network, *together(boxes), samples=20, **options) <= 0
 
 
 @pytest.mark.parametrize("scale", SCALES)
@@ -145,9 +156,10 @@ def test_programs_in_other_precisions_stay_inside(precision: Precision, topology
     for seed in range(3):
         plan = NetworkPlan(seed, inputs=3, width=8, actions=2, activations=functions, topology=topology)
         network = in_precision(plan.build(), precision)
-        for radius in (0.0, 0.05):
-            centre, eps = BoxPlan(seed, batch=3, radius=radius, spread=1.0, fixed=False).build(3)
-            assert escape_of_programs(network, centre, eps, refine="monotone") <= 0
+        boxes = [
+            BoxPlan(seed, batch=3, radius=radius, spread=1.0, fixed=False).build(3) for radius in (0.0, 0.05)
+        ]
+        assert escape_of_programs(network, *together(boxes), refine="monotone") <= 0
 
 
 # --- traps of the literature -----------------------------------------------------------------------------
