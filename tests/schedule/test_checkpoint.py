@@ -59,14 +59,14 @@ def test_a_used_folder_is_refused_without_resume(checkpoint):
 )
 def test_a_checkpoint_of_another_run_is_refused_and_says_what_differs(checkpoint, run, message):
     for resume in (True, False):
-        with pytest.raises(ConfigurationError, match=f"is of another run: {message}\n"):
+        with pytest.raises(ConfigurationError, match=f"belongs to another run: {message}\n"):
             Checkpoint(checkpoint.folder, run, resume=resume)
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"schema_version": 1, "run": 3}'])
 def test_a_damaged_manifest_is_refused(checkpoint, text):
     (checkpoint.folder / "manifest.json").write_text(text)
-    with pytest.raises(ConfigurationError, match="no manifest of a checkpoint"):
+    with pytest.raises(ConfigurationError, match="not the manifest of a checkpoint"):
         Checkpoint(checkpoint.folder, RUN, resume=True)
 
 

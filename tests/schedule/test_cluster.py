@@ -90,7 +90,9 @@ def test_a_cluster_that_is_not_there_is_refused(monkeypatch):
 
 def test_a_scheduler_file_that_does_not_come_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr("viatool.schedule.cluster._FILE_SECONDS", 0.3)
-    with pytest.raises(ConfigurationError, match=r"no scheduler file '.*none\.json' has come within 0\.3 s"):
+    with pytest.raises(
+        ConfigurationError, match=r"no scheduler file '.*none\.json' has appeared within 0\.3 s"
+    ):
         open_scheduler(address=str(tmp_path / "none.json"))
 
 

@@ -56,7 +56,11 @@ def test_a_folder_of_the_same_name_elsewhere_is_not_mistaken_for_it(folder, monk
 
 
 def test_a_folder_is_locked_for_others(folder):
-    with locked(folder), pytest.raises(ConfigurationError, match="another viatool works in"), locked(folder):
+    with (
+        locked(folder),
+        pytest.raises(ConfigurationError, match="another viatool is working in"),
+        locked(folder),
+    ):
         pass
     with locked(folder):
         pass

@@ -74,7 +74,7 @@ def test_tasks_wait_for_what_they_need_and_records_are_told_as_they_come(tmp_pat
 
 def test_only_one_process_works_in_a_folder(tmp_path: Path) -> None:
     def again(records: object) -> None:
-        with pytest.raises(ConfigurationError, match="another viatool works in"):
+        with pytest.raises(ConfigurationError, match="another viatool is working in"):
             run_tasks([Count("b")], tmp_path, Board())
 
     run_tasks([Count("a")], tmp_path, Board(), finished=again)

@@ -101,7 +101,7 @@ def test_an_interrupted_training_with_other_settings_is_refused(
     run.mkdir(parents=True)
     other = training.configuration.model_copy(update={"epochs": 7})
     (run / "configuration.yaml").write_text(other.to_yaml(), encoding="utf-8")
-    with pytest.raises(ConfigurationError, match="has other settings"):
+    with pytest.raises(ConfigurationError, match="has different settings"):
         run_tasks([training], tmp_path, Board())
 
 

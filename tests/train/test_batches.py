@@ -120,7 +120,7 @@ def test_a_used_folder_is_refused(whole: tuple[TrainingResult, Lines], tmp_path:
     with pytest.raises(ConfigurationError, match="no training run"):
         resume_seeds(tmp_path)
     (tmp_path / "batches.yaml").write_text("batch: 2")
-    with pytest.raises(ConfigurationError, match=r"batches\.yaml does not tell what is trained"):
+    with pytest.raises(ConfigurationError, match=r"batches\.yaml does not say what is trained"):
         resume_seeds(tmp_path)
 
 

@@ -124,7 +124,7 @@ def test_the_generator_knows_the_map(everything: WorldMap) -> None:
             ":22: generator: the scenario generator finds",
         ),
         (("goal_distance: [1, 3]", "area: [1, 1, 1, 2]"), ":24: generator.area: has no inside"),
-        (("name: every shape", "arena: {}"), ":3: 'arena' stands twice"),
+        (("name: every shape", "arena: {}"), ":3: 'arena' appears twice"),
         (("name: every shape", "name: [every, shape"), ": is not YAML"),
         (("schema_version: 1", "schema_version: 2"), ":1: schema_version: input should be 1, got 2"),
     ],

@@ -69,7 +69,7 @@ if TYPE_CHECKING:
     type=options.QuantityType("m"),
     default=0.02,
     show_default=True,
-    help="Side of the smallest cells; their headings open as many radians as that.",
+    help="Side of the smallest cells; their headings span as many radians.",
 )
 @click.option(
     "--halvings",
@@ -82,9 +82,9 @@ if TYPE_CHECKING:
 @click.option(
     "--budget-seconds",
     type=options.QuantityType("s"),
-    help="Stop so long after the start, with what was examined until then.",
+    help="Stop this long after the start, with what was examined until then.",
 )
-@click.option("--budget-cells", type=click.IntRange(min=1), metavar="N", help="Stop after so many cells.")
+@click.option("--budget-cells", type=click.IntRange(min=1), metavar="N", help="Stop after this many cells.")
 @click.option(
     "--sample",
     type=click.FloatRange(0.0, 1.0, min_open=True),
@@ -117,12 +117,13 @@ if TYPE_CHECKING:
     default=0,
     show_default=True,
     metavar="N",
-    help="With --steps or --forever: how often less the cells of these sets are halved than the smallest.",
+    help="With --steps or --forever: by how many halvings the cells of these sets are coarser than the smallest.",
 )
 @click.option(
     "--goal-radius",
     type=options.QuantityType("m"),
-    help="With --steps or --forever: nearer than this the goal is reached, and the run over; by default as simulated.",
+    help="With --steps or --forever: within this distance the goal is reached and the run is over; by default as in "
+    "simulation.",
 )
 @options.seed_option
 @click.option(

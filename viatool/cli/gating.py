@@ -30,13 +30,13 @@ def gate_options(command: Command) -> Command:
                 "--max-unsafe",
                 type=click.IntRange(min=0),
                 metavar="N",
-                help="Exit 1 if more states are unsafe (cells refuted, episodes in collision).",
+                help="Exit 1 if more than N states are unsafe (cells refuted, episodes in collision).",
             ),
             click.option(
                 "--max-unknown",
                 type=click.IntRange(min=0),
                 metavar="N",
-                help="Exit 1 if more states or cells are unknown.",
+                help="Exit 1 if more than N states or cells are unknown.",
             ),
             click.option(
                 "--baseline",

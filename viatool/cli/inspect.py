@@ -22,13 +22,13 @@ STDOUT = Path("-")
     "--output",
     "-o",
     metavar="json:PATH",
-    help="Write everything about the one policy as JSON; PATH - is stdout.",
+    help="With one policy: write everything about it as JSON; PATH - is stdout.",
 )
 @click.option(
     "--write-spec",
     type=options.WRITABLE,
     metavar="FILE",
-    help="Write the specification of the one policy as YAML, or a template of one to fill in; - is stdout.",
+    help="With one policy: write its specification as YAML, or a template to fill in; - is stdout.",
 )
 @click.pass_context
 def command(ctx: click.Context, /, policies: tuple[Path, ...], **given: Any) -> None:
@@ -92,7 +92,7 @@ def _check_targets(targets: list[Path], policies: tuple[Path, ...]) -> None:
     from viatool.report.files import check_writable
 
     if targets and len(policies) > 1:
-        raise click.UsageError("--output and --write-spec describe one policy, and several were given")
+        raise click.UsageError("--output and --write-spec describe one policy, but several were given")
     if len(set(targets)) < len(targets):
         raise click.UsageError(f"--output and --write-spec both go to '{targets[0]}'")
     for path in targets:
@@ -105,5 +105,5 @@ def _json_path(text: str | None) -> Path | None:
         return None
     name, colon, path = text.partition(":")
     if name != "json" or not colon or not path:
-        raise click.UsageError(f"'{text}' is not json:PATH; inspect writes JSON alone")
+        raise click.UsageError(f"'{text}' is not json:PATH; inspect writes JSON only")
     return Path(path)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     "-o",
     type=options.WRITABLE,
     metavar="FILE",
-    help="Draw the one map and its scenarios (png, svg, pdf).",
+    help="With one map: draw it and its scenarios (png, svg, pdf).",
 )
 @options.unknown_option
 def command(maps: tuple[Path, ...], output: Path | None, unknown: Unknown | None) -> None:
@@ -30,7 +30,7 @@ def command(maps: tuple[Path, ...], output: Path | None, unknown: Unknown | None
     from viatool.world import unreachable_scenarios
 
     if output is not None and len(maps) > 1:
-        raise click.UsageError("--output draws one map, and several were given")
+        raise click.UsageError("--output draws one map, but several were given")
     for path in maps:
         world_map = options.open_map(path, unknown)
         for number in unreachable_scenarios(world_map):

@@ -43,12 +43,12 @@ def load_observations(path: Path, size: int) -> NDArray[np.float64]:
         observations = np.atleast_2d(np.asarray(_read(path), dtype=np.float64))
     except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
         reason = getattr(error, "strerror", None) or str(error)
-        hint = "give one observation on each line, or an array 'observation'"
+        hint = "give one observation per line, or an array 'observation'"
         raise ConfigurationError(f"cannot read observations from '{path}': {reason}", hint) from error
     if observations.ndim != 2 or observations.shape[1] != size:
         raise ConfigurationError(
             f"'{path}' holds an array of shape {observations.shape}, the policy takes (B, {size})",
-            "give one observation on each line",
+            "give one observation per line",
         )
     if not np.isfinite(observations).all():
         raise ConfigurationError(f"'{path}' holds a number that is not finite", "replace or remove it")

@@ -170,7 +170,7 @@ spec_option = click.option(
     "spec_path",
     type=READABLE,
     metavar="FILE",
-    help="Specification of a policy that carries none (YAML).",
+    help="Specification for a policy that carries none (YAML).",
 )
 
 

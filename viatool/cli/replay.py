@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("witnesses", metavar="FILE", type=options.READABLE)
-@click.option("--policy", type=options.POLICY, metavar="FILE", help="Another policy than the file names.")
-@click.option("--map", "map_path", type=options.MAP, metavar="FILE", help="Another map than the file names.")
+@click.option("--policy", type=options.POLICY, metavar="FILE", help="A policy other than the file's.")
+@click.option("--map", "map_path", type=options.MAP, metavar="FILE", help="A map other than the file's.")
 @options.unknown_option
 @options.spec_option
 @click.option(

@@ -33,7 +33,7 @@ from viatool.studies import STUDIES
     "settings",
     multiple=True,
     metavar="KEY=VALUE",
-    help="One training option of every training, over the preset and the study. Repeatable.",
+    help="One option for every training, on top of the preset and the study. Repeatable.",
 )
 @click.option(
     "--seeds",
@@ -59,7 +59,7 @@ from viatool.studies import STUDIES
     default=Path("runs/reproduce"),
     show_default=True,
     metavar="DIRECTORY",
-    help="Folder of the trainings and records. The same command goes on where an earlier one ended.",
+    help="Folder of the trainings and records. The same command continues where an earlier one ended.",
 )
 @click.option(
     "--results",

@@ -82,7 +82,7 @@ def state_options(command: Command) -> Command:
                 metavar="NAME",
                 default="map",
                 show_default=True,
-                help="Frame of a bag that is the map's; 'odom' is the word that the odometry has not drifted.",
+                help="Frame of a bag that is the map's; 'odom' asserts that the odometry has not drifted.",
             ),
         )
     ):
@@ -131,5 +131,5 @@ def bag_settings(given: Mapping[str, Any]) -> BagSettings | None:
             raise click.UsageError("--goal is for a bag that is given with --trajectory, or for --poses")
         return None
     if len(given["goals"]) > 1:
-        raise click.UsageError("a bag has one --goal, and several were given")
+        raise click.UsageError("a bag has one --goal, but several were given")
     return BagSettings(next(iter(given["goals"]), None), topics, given["frame"])

@@ -29,7 +29,7 @@ from viatool.cli.work import keeping, worker_options
     "settings",
     multiple=True,
     metavar="KEY=VALUE",
-    help="One training option, over the preset and the file. Repeatable.",
+    help="One training option, on top of the preset and the file. Repeatable.",
 )
 @click.option(
     "--map", "map_path", type=options.MAP, metavar="FILE", help="The map to train on; by default lab."
@@ -66,7 +66,7 @@ from viatool.cli.work import keeping, worker_options
     "interrupted",
     type=options.READABLE,
     metavar="DIRECTORY",
-    help="Go on with an interrupted run, with its own options.",
+    help="Continue an interrupted run, with its own options.",
 )
 @options.quiet_option
 def command(

@@ -31,7 +31,7 @@ class WorkersType(click.ParamType):  # type: ignore[type-arg]  # generic only in
             return "auto"
         if isinstance(value, int) or (str(value).isdecimal() and int(value) > 0):
             return int(value)
-        return self.fail(f"'{value}' is no number of workers of at least 1, nor auto", param, ctx)
+        return self.fail(f"'{value}' is neither a number of workers of at least 1 nor auto", param, ctx)
 
 
 def worker_options(what: str) -> Callable[[Command], Command]:
@@ -61,7 +61,7 @@ def work_options(command: Command) -> Command:
         "--checkpoint",
         type=WRITABLE,
         metavar="DIR",
-        help="Keep finished states there, for --resume after whatever ends the run.",
+        help="Keep finished states there, so that --resume can continue whatever ended the run.",
     )
     resume = click.option("--resume", is_flag=True, help="Continue from what --checkpoint keeps.")
     return worker_options("states")(checkpoint(resume(command)))

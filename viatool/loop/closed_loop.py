@@ -32,7 +32,7 @@ from viatool.world import Scenario
 
 _CHUNK = 256
 _CHUNK_PAIRS = 400_000
-"""StateBoxes, and cells times shapes, that are enclosed together, so that the arrays stay in the cache."""
+"""Cells, and cells times shapes, that are enclosed together, so that the arrays stay in the cache."""
 _EFFORT = ProofEffort(levels=8, cells=64, tolerance=1e-4)
 
 

@@ -8,7 +8,7 @@ A run ends when it reaches its goal, or collides. So a part in which every pose 
 one without a pose that keeps the collision distance.
 
 *Clearance.* During an interval the runs of a part drive along arcs, from any pose of a box under any command of a box;
-what of the obstacles these come near is bounded by `safety.enclosure`. Where that does not suffice, `ClosedLoop.holds`
+how near these come to obstacles is bounded by `safety.enclosure`. Where that does not suffice, `ClosedLoop.holds`
 decides whether every pose that keeps the collision distance is followed by an interval that keeps it. The poses at the
 beginning of an interval are those at the end of the one before, so by induction all intervals are safe up to the first
 that is not proved.

@@ -10,8 +10,8 @@ from 0 to 1 and the pose at s is what holding the command for s of the time give
 - which way displacements and points of the body go (`directions`, `velocities`), for what retreats.
 
 All laws are the same wherever the robot is and however it is turned. A *state* of the motion beyond the pose (a speed
-that a motor is still to reach, an angle of steered wheels) is declared in `state`; the previous command is none: it is
-only observed.
+that a motor is still to reach, an angle of steered wheels) is declared in `state`; the previous command is not one:
+it is only observed.
 """
 
 from __future__ import annotations
@@ -152,7 +152,7 @@ class Kinematics(ABC):
         Parameters
         ----------
         states : ndarray
-            (..., 3 + S) x, y, theta, and the own state; metres and radians.
+            (..., 3 + S) x, y, theta, and the state of its own; metres and radians.
         commands : ndarray
             (..., A).
         seconds : array_like

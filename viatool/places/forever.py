@@ -38,7 +38,7 @@ class CellTransitions:
     exempt : ndarray
         (N,) bool: cells whose free poses have all reached the goal, and cells without any.
     passages : Passages
-        Where the others lead; a cell without parts is none that anything is claimed of.
+        Where the others lead; nothing is claimed of a cell without parts.
     """
 
     mesh: Mesh

@@ -1,4 +1,4 @@
-"""StateBoxes of a lattice, all of one size and numbered: ranges of them, and sets that cover ranges.
+"""Cells of a lattice, all of one size and numbered: ranges of them, and sets that cover ranges.
 
 A set of cells is a mask. Whether a range of cells, a box of up to five axes, lies in the set is read from sums over
 the mask up to each corner (a summed-area table), at a cost that does not depend on the size of the range. Headings go
@@ -51,7 +51,7 @@ class Ranges:
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """StateBoxes of one size, numbered row by row.
+    """Cells of one size, numbered row by row.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""StateBoxes of the state space as nodes of a binary tree: exact volumes, and children that meet without gaps.
+"""Cells of the state space as nodes of a binary tree: exact volumes, and children that meet without gaps.
 
 The axes are x, y, theta, and v and omega of the step before. A node is a level and an index for every axis: at
 level l each root is cut into 2^l equal parts. Bounds of neighbours come from the same float64 numbers.

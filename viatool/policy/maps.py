@@ -113,7 +113,7 @@ def is_elementwise(node: Affine) -> bool:
 
 
 def _joined(steps: list[Step], step: Step) -> list[Step]:
-    """Append a step; two scalings in a row are one, and one that changes nothing is none."""
+    """Append a step; two scalings in a row become one, and one that changes nothing is dropped."""
     if isinstance(step, ScalingStep):
         if steps and isinstance(steps[-1], ScalingStep):
             first = steps.pop()

@@ -117,7 +117,7 @@ def open_model(path: str | os.PathLike[str]) -> ModelFile:
         raise PolicyError(f"{path} is not an ONNX model, or is damaged", _EXPORT_HINT) from error
     if not _has_sane_names(proto):
         raise PolicyError(
-            f"{path} is damaged: it holds names that are not text, or absurdly long", _EXPORT_HINT
+            f"{path} is damaged: it holds names that are not text, or are absurdly long", _EXPORT_HINT
         )
     if not proto.HasField("graph") or not proto.opset_import:
         raise PolicyError(f"{path} is not an ONNX model: it holds no graph", _EXPORT_HINT)

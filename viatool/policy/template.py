@@ -10,7 +10,7 @@ from viatool.policy.inspection import Inspection
 from viatool.policy.specification import ActionChannel, ObservationChannel, PolicySpecification
 
 _TEMPLATE_HEAD = f"""\
-# Specification of a policy: fill in what stands in the observation, in its order, and what actions mean.
+# Specification of a policy: fill in what the observation holds, in its order, and what the actions mean.
 # Split `observation` into channels whose sizes add up to the size of the input. For each channel:
 #   kind   {", ".join(kinds())}
 #   value  a number, if the channel is a constant        eps  the radius of its error, in its unit
@@ -44,7 +44,7 @@ def specification_template(found: Inspection) -> str:
         return found.specification.to_yaml()
     if found.port is None or not found.layers:
         raise found.failure or PolicyError(
-            f"{found.path} cannot be read, so its sizes are not known", "mend what `viatool inspect` reports"
+            f"{found.path} cannot be read, so its sizes are not known", "fix what `viatool inspect` reports"
         )
     inputs, outputs = math.prod(found.port.shape), found.layers[-1].size
     placeholder = PolicySpecification(

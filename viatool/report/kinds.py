@@ -35,7 +35,7 @@ def load_document(path: Path) -> Document:
     Raises
     ------
     ConfigurationError
-        If the file is missing, is no JSON or is not a report; names the field.
+        If the file is missing, is not JSON or is not a report; names the field.
     """
     try:
         content = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse)

@@ -75,14 +75,14 @@ class Checkpoint:
             names = [name for name in {**before, **run} if before.get(name) != run.get(name)]
         except (ValueError, TypeError, KeyError, AttributeError) as error:
             raise ConfigurationError(
-                f"'{manifest}' is no manifest of a checkpoint", "give a new folder"
+                f"'{manifest}' is not the manifest of a checkpoint", "give a new folder"
             ) from error
         if names:
             listed = "; ".join(
                 f"{name} was {_short(before.get(name))}, is {_short(run.get(name))}" for name in names
             )
             raise ConfigurationError(
-                f"the checkpoint '{self.folder}' is of another run: {listed}",
+                f"the checkpoint '{self.folder}' belongs to another run: {listed}",
                 "repeat the options of that run, or give a new folder",
             )
         if not resume:

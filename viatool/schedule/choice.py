@@ -33,5 +33,5 @@ def open_scheduler(workers: int | Literal["auto"] = 1, address: str | None = Non
     if workers == "auto":
         workers = available_cores()
     if not isinstance(workers, int) or workers < 1:
-        raise ConfigurationError(f"{workers!r} is no number of workers", "give 1 or more, or 'auto'")
+        raise ConfigurationError(f"{workers!r} is not a number of workers", "give 1 or more, or 'auto'")
     return Serial() if workers == 1 else Processes(workers)

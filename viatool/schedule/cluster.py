@@ -112,7 +112,7 @@ class Cluster:
             raise WorkError(
                 f"{piece.name}: several workers died over it, the last at {error.last_worker.address}; most "
                 "likely for want of memory",
-                "give the workers more memory, or look into their logs",
+                "give the workers more memory, or check their logs",
             ) from error
         if isinstance(error, ModuleNotFoundError):
             raise _not_importable(error) from error
@@ -180,7 +180,7 @@ def _await_file(path: Path) -> None:
     while not path.exists():
         if time.monotonic() >= end:
             raise ConfigurationError(
-                f"no scheduler file '{path}' has come within {_FILE_SECONDS:g} s",
+                f"no scheduler file '{path}' has appeared within {_FILE_SECONDS:g} s",
                 f"check the path, or start one with 'dask scheduler --scheduler-file {path}'",
             )
         time.sleep(0.1)

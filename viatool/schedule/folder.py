@@ -124,7 +124,7 @@ def _unpack(folder: Path, files: Files, gone: Iterable[str], name: str) -> None:
     except OSError as error:
         raise ConfigurationError(
             f"{name}: cannot be stored in '{folder}': {error.strerror or error}",
-            "make room and give the same command again; what was stored before is kept",
+            "make room and run the same command again; what was stored before is kept",
         ) from error
 
 

@@ -32,7 +32,7 @@ def locked(folder: Path) -> Iterator[None]:
         except OSError as error:
             if error.errno in _TAKEN:
                 raise ConfigurationError(
-                    f"another viatool works in {folder}", "wait for it, or choose another --output"
+                    f"another viatool is working in {folder}", "wait for it, or choose another --output"
                 ) from error
         yield
 

@@ -42,7 +42,7 @@ class Processes:
     Notes
     -----
     When a process dies, by a lack of memory or by a kill, every piece that was under way is tried again; what is
-    under way when that happens twice is tried by itself. What dies of a lack of memory among others may so succeed
+    under way when that happens twice is tried by itself. What dies of a lack of memory among others may then succeed
     alone, and a piece that always kills is known by name.
     """
 
@@ -50,7 +50,7 @@ class Processes:
 
     def __init__(self, workers: int) -> None:
         if workers < 1:
-            raise ConfigurationError(f"{workers} workers cannot work", "give 1 or more, or 'auto'")
+            raise ConfigurationError(f"{workers} workers cannot do any work", "give 1 or more, or 'auto'")
         self.workers = workers
 
     def run(
@@ -90,7 +90,7 @@ def _alone(parcel: Parcel, piece: Piece[Content], told: Told) -> Iterator[tuple[
         raise WorkError(
             f"{piece.name}: the worker process died {_TRIES + 1} times over it, at last with nothing else at work; "
             "most likely the system ended it for want of memory",
-            "use a machine with more memory, or look into the system's log",
+            "use a machine with more memory, or check the system's log",
         )
 
 

@@ -168,7 +168,7 @@ def _check_symmetric(parties: Parties, angular: ActionChannel) -> None:
     if not _same(-angular.lower, angular.upper):
         raise ConfigurationError(
             f"{parties.policy} limits '{angular.name}' to {angular.lower:g} to {angular.upper:g} rad/s, "
-            "but a robot clips turns alike to both sides",
+            "but a robot limits turns equally to both sides",
             "name the robot in the map, or choose one with --robot NAME",
         )
 

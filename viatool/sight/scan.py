@@ -49,7 +49,7 @@ def enclose_scan(boxes: PoseBoxes, shapes: Shapes, lidar: Lidar) -> Forms:
     Parameters
     ----------
     boxes : PoseBoxes
-        C boxes. Poses within an obstacle or off the arena are none.
+        C boxes. Poses within an obstacle or off the arena do not count.
     shapes : Shapes
         What is around.
     lidar : Lidar

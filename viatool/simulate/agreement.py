@@ -43,7 +43,7 @@ class Agreement:
     channel : str
         Of the observation.
     compared, states : int
-        States that were compared, of so many.
+        States that were compared, and of how many.
     readings, off, contradicting : int
         Readings that were compared, those farther than eps from what the map shows, and farther than eps and `MARGIN`.
     median_difference : float
@@ -129,7 +129,7 @@ def compare_with_map(
     Returns
     -------
     tuple of Agreement
-        One for each channel of a LiDAR; none for one of which nothing tells how its readings are binned.
+        One for each channel of a LiDAR; none where nothing tells how the readings are binned.
 
     Notes
     -----
@@ -168,7 +168,7 @@ def compare_with_map(
 
 
 def _contradicting(apart: Floats, eps: Floats) -> int:
-    """Count the readings that contradict the map; one that is no number does."""
+    """Count the readings that contradict the map; one that is not a number does."""
     return int((~(apart <= eps + MARGIN)).sum())
 
 
@@ -208,7 +208,7 @@ def _likely_cause(sight: _Sight, recorded: Floats, eps: Floats, poses: Floats, s
     parts = ["mirrored (its rays run the other way round)"] if mirrored else []
     parts += [f"turned by {abs(turn)} degrees{_side(turn)}"] if turn else []
     share = 100.0 * left / recorded.size
-    return f"it looks {' and '.join(parts)}: taken so, {share:.1f} % of the readings contradict the map"
+    return f"it looks {' and '.join(parts)}: read that way, {share:.1f} % of the readings contradict the map"
 
 
 def _side(turn: int) -> str:

@@ -26,7 +26,7 @@ class Conditions:
         Standard deviation of the relative error of each wheel's odometry, constant over an episode. The goal
         is observed from where odometry says the robot is.
     acceleration : float, optional
-        Largest change of a wheel's rim speed in m/s^2; None is no limit in the kinematic engine, and that of
+        Largest change of a wheel's rim speed in m/s^2; None means no limit in the kinematic engine, and that of
         the robot's motors in the physics engine.
     """
 

@@ -140,7 +140,7 @@ def model_of(robot: Robot) -> RobotModel:
     """
     if robot.kinematics != DIFFERENTIAL.name:
         raise ConfigurationError(
-            f"robot '{robot.name}' moves as '{robot.kinematics}', and bodies are known on two driven wheels alone",
+            f"robot '{robot.name}' moves as '{robot.kinematics}', and only bodies on two driven wheels are known",
             "simulate with the kinematic engine, without drift and acceleration",
         )
     model = MODELS.get(robot.name)

@@ -100,7 +100,7 @@ def draw_constraint(settings: Mapping[str, tuple[str, Curves, float]]) -> bytes:
     rows = (
         ("multiplier", "lambda", constrained),
         ("var", "u", tracking),
-        ("cvar", "CVaR of the cost, at the own alpha", constrained),
+        ("cvar", "CVaR of the cost, at each method's own alpha", constrained),
     )
     figure, panels = _panels(len(rows), len(settings), (6.5 * len(settings), 8.4))
     for column, (title, curves, limit) in enumerate(settings.values()):

@@ -24,7 +24,7 @@ _MARK = {"success": "", "collision": "X", "timeout": "s"}
 
 
 def hardest_scenario(evaluations: Sequence[Mapping[str, Any]]) -> int:
-    """Return the fixed scenario that fewest policies master; among equals the one with the longest detours."""
+    """Return the fixed scenario that the fewest policies master; among equals the one with the longest detours."""
     failed = np.array([[one["outcome"] != "success" for one in found["paths"]] for found in evaluations])
     detour = np.array([[_detour(one["states"]) for one in found["paths"]] for found in evaluations])
     return int(np.lexsort((detour.mean(axis=0), failed.sum(axis=0)))[-1])

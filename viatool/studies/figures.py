@@ -90,7 +90,7 @@ def _render(data: Data) -> Page:
         lines += [
             f"## Paths in {title}",
             "",
-            f"Scenario `{setting['scene']['name']}`, the fixed scenario that fewest of the policies master, or, "
+            f"Scenario `{setting['scene']['name']}`, the fixed scenario that the fewest policies master, or, "
             "among equals, the one with the longest detours. A tube is the union, over the visited states, of where "
             f"every command that is reachable at eps 0.01 would lead if it were held for {LOOKAHEAD:g} s; the proof "
             "looks at the control interval alone.",

@@ -84,8 +84,8 @@ def question_2(data: Data) -> Section:
     found = {safety: discordant_pairs(data, names, "cost", safety) for safety in _SAFETY}
     answers = [_second_answer(data, names, safety, *pairs) for safety, pairs in found.items()]
     claim = (
-        "The claim: a method can have the lower cost and yet be verified as less safe. Counted are the pairs of "
-        "methods that differ beyond doubt (by the rule) in both. It is confirmed if there is such a pair, reversed "
+        "The claim: a method can have the lower cost and yet be verified as less safe. Those pairs of methods "
+        "count that differ beyond doubt (by the rule) in both. It is confirmed if there is such a pair, reversed "
         "if there are only pairs in which the cheaper one is the safer one, else not confirmed."
     )
     examples = [

@@ -115,7 +115,7 @@ def load_record(task: Task, output: Path) -> Record | None:
     expected = json.loads(json.dumps(task.parameters()))
     if record.parameters != expected:
         raise ConfigurationError(
-            f"{path} was made with other settings: {_difference(record.parameters, expected)}",
+            f"{path} was made with different settings: {_difference(record.parameters, expected)}",
             "choose another --output, or remove that folder",
         )
     return record

@@ -256,8 +256,8 @@ def _render(data: Data) -> Page:
         "# Transfer to another robot, in simulation",
         "",
         "**All of this is simulation.** The paper's Table III has a physical Clearpath Jackal in a laboratory; here a "
-        "physics engine with the body of a Jackal stands in for it, so these figures say how the policy bears another "
-        "body, noise, latency and drift, and nothing about a real robot.",
+        "physics engine with the body of a Jackal stands in for it, so these figures say how the policy copes with "
+        "another body, noise, latency and drift, and nothing about a real robot.",
         "",
         f"    {data['command']}",
         "",

@@ -60,7 +60,7 @@ def complete(
         return
     if load_configuration(directory / CONFIGURATION) != configuration:
         raise ConfigurationError(
-            f"the training in {directory} has other settings",
+            f"the training in {directory} has different settings",
             "choose another --output, or remove that folder",
         )
     if not (directory / EVALUATION).exists():
@@ -158,7 +158,7 @@ def _read_plan(path: Path) -> tuple[TrainingConfiguration, int]:
         return TrainingConfiguration.model_validate(plan["configuration"]), int(plan["batch"])
     except (OSError, ValueError, TypeError, KeyError, yaml.YAMLError) as error:
         raise ConfigurationError(
-            f"{path} does not tell what is trained here ({error})", "start a new run"
+            f"{path} does not say what is trained here ({error})", "start a new run"
         ) from error
 
 

@@ -57,7 +57,7 @@ class TrainingConfiguration(BaseModel):
     epochs: Count = _option(40, "K, epochs; after each one u and lambda are updated")
     epoch_steps: Count | None = _option(100, "steps of every robot in an epoch")
     epoch_episodes: Count | None = _option(
-        None, "instead of epoch_steps: an epoch ends when every seed has finished so many episodes"
+        None, "instead of epoch_steps: an epoch ends when every seed has finished this many episodes"
     )
     robots: Count = _option(64, "E, simulated robots of each seed")
     updates_per_step: Count = _option(8, "updates of the critics after each step of the robots")
@@ -146,7 +146,7 @@ class TrainingConfiguration(BaseModel):
         "around", "metres to the goal are 'straight', or go 'around' the obstacles"
     )
     shaping_lookahead: NonNegative = _option(
-        0.5, "metres; with 'around', the distance to go is that of a point so far ahead of the robot"
+        0.5, "metres; with 'around', the distance to go is measured from a point this far ahead of the robot"
     )
     shaping_narrow: NonNegative = _option(
         4.0,
@@ -154,12 +154,15 @@ class TrainingConfiguration(BaseModel):
         "narrow gaps are gone around",
     )
     shaping_capped: bool = _option(
-        True, "'progress' pays in no step more than a step in the open, so that long metres are no bait"
+        True,
+        "'progress' never pays more for a step than a step in the open earns, so that long metres are not a bait",
     )
     curriculum_start: Positive = _option(
         20.0, "metres, largest distance of the goal at the start of the training"
     )
-    curriculum_epochs: Whole = _option(0, "epochs over which that distance grows to 20 m; 0 is no curriculum")
+    curriculum_epochs: Whole = _option(
+        0, "epochs over which that distance grows to 20 m; 0 turns the curriculum off"
+    )
 
     # Verification in the loop
     reachability_weight: NonNegative = _option(
@@ -168,7 +171,8 @@ class TrainingConfiguration(BaseModel):
     reachability_eps: NonNegative = _option(0.01, "sensor error of these sets, in every channel's unit")
     reachability_states: Count = _option(32, "states of each batch and seed whose sets are bounded")
     select_by: Selection = _option(
-        "success", "the exported policy has the best 'success', or of those about as good the best 'safety'"
+        "success",
+        "the exported policy has the best 'success', or among those about as good the best 'safety'",
     )
     selection_tolerance: Fraction = _option(
         0.01, "how much success (minus collisions) a candidate may lack to be about as good as the best"

@@ -100,7 +100,7 @@ def load_checkpoint(path: Path) -> dict[str, Any]:
     Raises
     ------
     ConfigurationError
-        If it is no checkpoint of this trainer.
+        If it is not a checkpoint of this trainer.
     """
     try:
         content = torch.load(path, weights_only=True)

@@ -187,7 +187,7 @@ def resume_run(state: dict[str, Any], where: Path, world_map: WorldMap | None = 
     run.configuration = configuration
     if run.world_map.sha256 != state["map_sha256"]:
         raise ConfigurationError(
-            f"{configuration.map} is not the map with which the run in {where} began",
+            f"{configuration.map} is not the map that the run in {where} began with",
             "restore the map, or start a new run",
         )
     run.epoch, run.steps, run.rows = state["epoch"], state["steps"], state["rows"]

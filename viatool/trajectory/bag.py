@@ -77,7 +77,7 @@ def is_bag(path: Path) -> bool:
 
 
 def _files_in(folder: Path) -> list[Path]:
-    """Return the files of bags in a folder, by name; none of what is no folder."""
+    """Return the files of bags in a folder, by name; none if it is not a folder."""
     if not folder.is_dir():
         return []
     return sorted(entry for entry in folder.iterdir() if entry.suffix.lower() in SUFFIXES and entry.is_file())
@@ -104,7 +104,7 @@ def _parts(path: Path) -> list[Path]:
     raise TrajectoryError(
         f"the folder holds {len(files)} files ({', '.join(file.name for file in files)}) and no {METADATA} that would "
         "say how they belong together",
-        f"name one of the files, or write the {METADATA} anew with 'ros2 bag reindex'",
+        f"name one of the files, or write the {METADATA} again with 'ros2 bag reindex'",
     )
 
 
@@ -172,7 +172,7 @@ def _readable() -> Iterator[None]:
     except Exception as error:  # a damaged file can fail anywhere in the parsers of four formats
         raise TrajectoryError(
             f"not a readable bag ({type(error).__name__}: {error})",
-            "check that the recording was closed properly; 'ros2 bag reindex' or 'rosbag reindex' mend some",
+            "check that the recording was closed properly; 'ros2 bag reindex' or 'rosbag reindex' can repair some",
         ) from error
 
 
@@ -234,7 +234,7 @@ def _read_odometry(reader: AnyReader, connections: list[Connection]) -> Recorded
     if bad.size:
         raise TrajectoryError(
             f"odometry message {bad[0]} has the pose {table[bad[0]].tolist()} (a heading that is nan stands for "
-            "a quaternion that is no rotation)",
+            "a quaternion that is not a rotation)",
             "check the node that published it, or cut the recording",
         )
     if len(frames) > 1:

@@ -162,7 +162,7 @@ def _load_arrays(path: Path, specification: PolicySpecification | None) -> Traje
         )
     except (ValueError, TypeError) as error:
         raise TrajectoryError(
-            f"an array is not of its kind ({error})", "give numbers, and texts as outcome"
+            f"an array has the wrong type ({error})", "give numbers, and text for the outcome"
         ) from error
 
 

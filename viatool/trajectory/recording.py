@@ -127,14 +127,14 @@ def _observed(specification: PolicySpecification | None, settings: BagSettings) 
     """Return what a policy observes, refusing what no bag can give."""
     if specification is None:
         raise PolicyError(
-            "a bag is read by the policy's specification, and there is none",
+            "a bag is read with the policy's specification, but the policy has none",
             "describe it with --spec robot.yaml",
         )
     observed = Quantities.of(specification.observation).require("record")
     several = [lidar.channel.name for lidar, _ in observed.lidars]
     if len(several) > 1:
         raise PolicyError(
-            f"observation channels {', '.join(map(repr, several))} are LiDARs, and a bag is read with one of them",
+            f"observation channels {', '.join(map(repr, several))} are LiDARs, but a bag is read with only one",
             "record the states as a table, or give all but one a fixed `value` in the specification",
         )
     if "goal" in observed.needs and settings.goal is None:
@@ -233,7 +233,7 @@ class _Gathered:
         mount, side = self.bag.transforms.mount(sensor, robot, self.settings.gap)
         if not len(mount):
             raise TrajectoryError(
-                f"the transforms between the robot '{robot}' and the LiDAR '{sensor}' are never known at one time",
+                f"the transforms between the robot '{robot}' and the LiDAR '{sensor}' are never known at the same time",
                 "record /tf and /tf_static throughout",
             )
         moved = mount - mount[0]

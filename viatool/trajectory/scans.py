@@ -54,14 +54,14 @@ class Readings:
     largest: float = np.inf
 
     def notes(self, lidar: LidarSpecification) -> list[str]:
-        """Say in words what became of readings that are no distances, and how the sensors differ."""
+        """Say in words what became of readings that are not distances, and how the sensors differ."""
         found = []
         if sorted(self.rays) != [lidar.rays]:
             rays = ", ".join(map(str, sorted(self.rays)))
             found.append(f"scans of {rays} rays binned like the policy's {lidar.rays}")
         if self.absent:
             found.append(
-                f"{self.absent:,} of {self.total:,} readings are no measurement (NaN, or below the sensor's "
+                f"{self.absent:,} of {self.total:,} readings are not measurements (NaN, or below the sensor's "
                 f"least range of {self.least:g} m) and were left out"
             )
         if self.beyond:

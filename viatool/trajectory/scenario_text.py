@@ -35,7 +35,7 @@ def read_scenario(text: str) -> Scenario | None:
     Raises
     ------
     TrajectoryError
-        If the text is not such a JSON object, or holds an obstacle that is none.
+        If the text is not such a JSON object, or holds an obstacle that is not valid.
     """
     if not text:
         return None

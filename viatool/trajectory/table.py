@@ -131,9 +131,9 @@ class _Table:
         if differs.size:
             row = int(differs[0])
             raise TrajectoryError(
-                f"row {self.rows + row + 1} tells the outcome '{told[row]}', the first row of its episode "
+                f"row {self.rows + row + 1} gives the outcome '{told[row]}', the first row of its episode "
                 f"'{known[row]}'",
-                "write one outcome in all rows of an episode",
+                "write the same outcome in all rows of an episode",
             )
 
     def trajectory(self) -> Trajectory:
@@ -193,7 +193,7 @@ def _numbered_columns(name: str, found: Sequence[str]) -> list[str]:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Iterator[list[str]]]:
-    """Give the lines of a file that are not empty, refusing what is no table."""
+    """Give the lines of a file that are not empty, refusing what is not a table."""
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
             yield (line for line in csv.reader(stream) if line)
@@ -224,7 +224,7 @@ def _require(header: Sequence[str], names: Sequence[str]) -> None:
 
 
 def _numbers(cells: Cells, names: Sequence[str], before: int) -> NDArray[np.float64]:
-    """Return cells (N, C) as floats, naming the first cell that is none; `before` rows stand above."""
+    """Return cells (N, C) as floats, naming the first cell that is not one; `before` rows stand above."""
     try:
         return cells.astype(np.float64)
     except ValueError:

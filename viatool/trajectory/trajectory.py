@@ -54,7 +54,7 @@ class Trajectory:
     Raises
     ------
     TrajectoryError
-        If shapes contradict each other, a number is not finite, a pose is no place of a map, an episode index has no
+        If shapes contradict each other, a number is not finite, a pose is not a place on a map, an episode index has no
         outcome, or the clock of an episode goes back.
     """
 

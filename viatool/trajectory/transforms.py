@@ -137,7 +137,7 @@ class Transforms:
             parent = self._edges[found[-1]].parent
             if parent in found:
                 raise TrajectoryError(
-                    f"the frames {', '.join(found)} lie in a circle", "record one tree of transforms"
+                    f"the frames {', '.join(found)} form a cycle", "record one tree of transforms"
                 )
             found.append(parent)
         return found
@@ -194,7 +194,7 @@ def _complain(
 
 
 def tilt_of(quaternion: tuple[float, float, float, float]) -> float:
-    """Return the angle between the z axes of a frame and its parent, in [0, pi] rad; NaN for what is no number."""
+    """Return the angle between the z axes of a frame and its parent, in [0, pi] rad; NaN for what is not a number."""
     x, y, z, w = quaternion
     return float(np.arctan2(2.0 * np.hypot(w * x + y * z, w * y - x * z), w * w + z * z - x * x - y * y))
 
@@ -205,7 +205,7 @@ def side_of(quaternion: tuple[float, float, float, float]) -> int:
 
 
 def heading_of(quaternion: tuple[float, float, float, float]) -> float:
-    """Return the yaw of a quaternion x, y, z, w, in radians; NaN if it is no rotation."""
+    """Return the yaw of a quaternion x, y, z, w, in radians; NaN if it is not a rotation."""
     x, y, z, w = quaternion
     length = x * x + y * y + z * z + w * w
     if not 0.5 < length < 2.0:

@@ -96,7 +96,7 @@ def verify(
     footprint : optional
         "point", a radius in metres or the corners of a polygon, instead of the robot's.
     delay : float
-        Dead time in seconds: for so long the commands before go on before the new one acts.
+        Dead time in seconds: the previous commands go on for this long before the new one acts.
     robot : str, optional
         A robot that is known by name, with its limits, instead of the map's.
     prefer : mapping, optional

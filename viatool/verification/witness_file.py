@@ -172,7 +172,7 @@ def load_witnesses(path: str | os.PathLike[str]) -> WitnessFile:
     Raises
     ------
     ConfigurationError
-        If the file is missing or is no witness file.
+        If the file is missing or is not a witness file.
     """
     path = Path(path)
     try:

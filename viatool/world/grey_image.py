@@ -59,7 +59,7 @@ def read_image(content: bytes) -> GreyImage:
     Raises
     ------
     MapError
-        If it is not a whole image, or too large.
+        If it is not a complete image, or too large.
     """
     if is_netpbm(content):
         return _from_samples(read_netpbm(content))
@@ -81,7 +81,7 @@ def _read_by_pillow(content: bytes) -> GreyImage:
     except (Image.DecompressionBombWarning, Image.DecompressionBombError) as error:
         raise MapError(f"is too large: {error}", "cut the map into parts") from error
     except (OSError, ValueError, SyntaxError, EOFError, IndexError, struct.error) as error:
-        raise MapError(f"is not a whole image: {error}", "write the image anew") from error
+        raise MapError(f"is not a complete image: {error}", "write the image again") from error
 
 
 def _grey(image: Image) -> GreyImage:

@@ -107,7 +107,7 @@ def read_map_server(document: YamlDocument, unknown: Unknown = "obstacle") -> Se
             document,
             ("free_thresh",),
             f"{given.free_thresh} is above occupied_thresh {given.occupied_thresh}",
-            "let cells be free below a smaller share than the one from which they are occupied",
+            "set free_thresh to a smaller share than occupied_thresh",
         )
     path = document.path.parent / given.image
     try:

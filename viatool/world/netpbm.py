@@ -69,7 +69,7 @@ def read_netpbm(content: bytes) -> NDArray[np.uint8]:
     if samples.size and int(samples.max()) > header.largest:
         raise MapError(
             f"is an image with a sample of {int(samples.max())} ({header})",
-            "write the image anew; its header does not fit",
+            "write the image again; its header does not fit",
         )
     if header.kind in _BITS:
         samples = 1 - samples  # 1 is black
@@ -87,15 +87,16 @@ def _read_header(content: bytes) -> _Header:
     rest = re.compile(numbers * _NUMBER + (rb"\s" if kind in _RAW else rb"")).match(content, 2)
     if rest is None:
         raise MapError(
-            f"is an image whose header of P{kind} does not tell width, height"
+            f"is an image whose P{kind} header does not give width, height"
             f"{'' if kind in _BITS else ' and largest sample'}",
-            "write the image anew",
+            "write the image again",
         )
     width, height, *largest = map(int, rest.groups())
     header = _Header(kind, width, height, largest[0] if largest else 1, rest.end())
     if not (width and height and 0 < header.largest < 2**16):
         raise MapError(
-            f"is an image with an impossible header: {header}", "write it anew, with samples of at most 65535"
+            f"is an image with an impossible header: {header}",
+            "write it again, with samples of at most 65535",
         )
     if header.samples > _MOST:
         raise MapError(f"is too large: {header}", "cut the map into parts")
@@ -103,14 +104,14 @@ def _read_header(content: bytes) -> _Header:
 
 
 def _raw(content: bytes, header: _Header) -> NDArray[Any]:
-    """Return the samples of a raw image; space after them is no sample."""
+    """Return the samples of a raw image; space after them is not a sample."""
     row = -(-header.width // 8) if header.kind == 4 else 0
     size = row * header.height if row else header.samples * (1 if header.largest < 256 else 2)
     there = len(content) - header.end
     if there < size or content[header.end + size :].strip():
         raise MapError(
             f"is an image with {there} bytes of pixels, its header asks for {size} ({header})",
-            "write the image anew: it is cut off, or its header is another image's",
+            "write the image again: it is cut off, or its header is another image's",
         )
     if row:
         packed = np.frombuffer(content, np.uint8, size, header.end).reshape(header.height, row)
@@ -125,14 +126,14 @@ def _plain(content: bytes, header: _Header) -> NDArray[Any]:
     if len(words) != header.samples:
         raise MapError(
             f"is an image with {len(words)} samples, its header asks for {header.samples} ({header})",
-            "write the image anew: it is cut off, or its header is another image's",
+            "write the image again: it is cut off, or its header is another image's",
         )
     try:
         samples = np.array(words, dtype=np.intp) - (ord("0") if header.kind == 1 else 0)
     except (ValueError, OverflowError) as error:
         raise MapError(
-            f"is an image with a sample that is no number ({header})", "write the image anew"
+            f"is an image with a sample that is not a number ({header})", "write the image again"
         ) from error
     if samples.min() < 0:
-        raise MapError(f"is an image with a sample below 0 ({header})", "write the image anew")
+        raise MapError(f"is an image with a sample below 0 ({header})", "write the image again")
     return samples

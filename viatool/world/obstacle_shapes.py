@@ -34,7 +34,7 @@ class ObstacleShape(Strict, ABC):
         Raises
         ------
         MapError
-            If it is none, such as an outline that crosses itself.
+            If the shape is not valid, such as an outline that crosses itself.
         """
 
 

@@ -84,7 +84,7 @@ def _along(ring: Floats) -> Floats:
 
 
 def finite_points(points: ArrayLike, name: str) -> Floats:
-    """Return points (n, 2) as float64, refusing by name what is no point of a map.
+    """Return points (n, 2) as float64, refusing by name what is not a point on a map.
 
     Raises
     ------

@@ -118,7 +118,7 @@ class Footprint:
     MapError
         If the polygon is not simple, or a number is not finite.
     ConfigurationError
-        If the kind is not known or the radius is no length.
+        If the kind is not known or the radius is not a length.
     """
 
     kind: FootprintKind = "point"

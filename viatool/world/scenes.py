@@ -60,7 +60,7 @@ class Scenes:
     -----
     Methods take B points with the index of the scene that each belongs to. Costs grow with B times the
     number of shapes, which suits up to some hundred edges; a grid of cells is its own index, so its size does
-    not matter. A point or a pose that is not finite counts as contact: whatever is no number becomes a distance of
+    not matter. A point or a pose that is not finite counts as contact: whatever is not a number becomes a distance of
     0 (`np.fmax` ignores NaN, `np.minimum` passes it on).
     """
 

@@ -91,7 +91,7 @@ class Obstacles:
 
 
 def _checked_circles(circles: ArrayLike) -> Floats:
-    """Return circles (K, 3), refusing by name those that are none."""
+    """Return circles (K, 3), refusing by name any that are not circles."""
     given = np.asarray(circles, dtype=np.float64).reshape(-1, 3)
     wrong = np.flatnonzero(~(fit(given).all(axis=1) & (given[:, 2] > 0.0)))
     if wrong.size:
@@ -147,7 +147,7 @@ def wall_polygons(points: ArrayLike, thickness: float) -> tuple[Floats, ...]:
     """
     corner = without_repeats(finite_points(points, "wall"), closed=False)
     if len(corner) < 2:
-        raise MapError("wall has no length: all of its corners are one", "move its corners apart")
+        raise MapError("wall has no length: all of its corners coincide", "move its corners apart")
     boxes = []
     for first, second in pairwise(corner):
         dx, dy = second - first

@@ -98,7 +98,7 @@ def _refuse_repeated_keys(path: Path, root: yaml.Node) -> None:
             for key, value in node.value:
                 if isinstance(key, yaml.ScalarNode) and key.value in keys:
                     raise MapError(
-                        f"{path}:{key.start_mark.line + 1}: '{key.value}' stands twice in one mapping",
+                        f"{path}:{key.start_mark.line + 1}: '{key.value}' appears twice in one mapping",
                         "remove one of them",
                     )
                 keys.add(str(key.value))

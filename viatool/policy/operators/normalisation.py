@@ -81,7 +81,7 @@ def _first_stage(call: Call, x: Computed) -> Computed:
     """
     stash = as_precision(dtype_name(call.integer("stash_type")) or "")
     if stash is None:
-        raise Refusal("has a stash_type that is no floating-point type", "export the policy anew")
+        raise Refusal("has a stash_type that is no floating-point type", "export the policy again")
     widest: Precision = "float64" if x.precision == "float64" else "float32"
     return call.assembly.cast(x, max(stash, widest, key=UNIT_ROUNDOFF.__getitem__))
 

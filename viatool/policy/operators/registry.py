@@ -127,7 +127,7 @@ class Call:
         """Return an attribute that is 0 or 1; an operator without it says 0."""
         value = self.attributes.get(name, 0)
         if value not in (0, 1) or not isinstance(value, int):
-            raise Refusal(f"has {name} = {value}, which is neither 0 nor 1", "export the policy anew")
+            raise Refusal(f"has {name} = {value}, which is neither 0 nor 1", "export the policy again")
         return bool(value)
 
     def number(self, name: str) -> float:

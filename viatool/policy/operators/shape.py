@@ -54,7 +54,7 @@ def _move(call: Call) -> Sequence[Value]:
     if call.node.operator == "ReverseSequence":
         axes = (call.integer("batch_axis"), call.integer("time_axis"))
         if sorted(axes) != [0, 1]:
-            raise Refusal(f"has batch_axis and time_axis {axes}, expected 0 and 1", "export the policy anew")
+            raise Refusal(f"has batch_axis and time_axis {axes}, expected 0 and 1", "export the policy again")
     return move(call, range(len(call.inputs)) if isinstance(data, int) else data)
 
 

@@ -26,7 +26,7 @@ TONES = {"uncontested": "", "certified": "safe", "refuted": "unsafe", "unknown":
 """The verdict whose colour each status of free volume has."""
 MEANING = {
     "uncontested": "no admissible command endangers a pose",
-    "certified": "proved for every pose, observation and command before",
+    "certified": "proved for every pose, observation and previous command",
     "refuted": "holds a replayable counterexample",
     "unknown": "neither, at the smallest size",
 }
@@ -144,7 +144,7 @@ class PlacesDocument(Verified, Annotated):
         return {
             **super().assumptions,
             "distance": f"the footprint keeps more than {record.clearance:g} m",
-            "map": "right, and nothing on it moves",
+            "map": "correct, and nothing on it moves",
             "sensors": f"read what is there, each number within eps {describe_eps(record.eps)}",
             "motion": "exact arcs without slip",
             "timing": f"commands act after {record.delay:g} s, until then the one before goes on",

@@ -30,7 +30,7 @@ TONES = {"success": "safe", "collision": "unsafe", "timeout": "unknown"}
 MEANING = {
     "success": "reached the goal",
     "collision": "came nearer to something than the collision distance",
-    "timeout": "neither, in the time that it had",
+    "timeout": "neither, within the time limit",
 }
 COLUMNS = ("episode", "scenario", "outcome", "cost", "seconds", "least_clearance", "path_length_ratio")
 _BAR = 40
