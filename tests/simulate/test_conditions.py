@@ -95,7 +95,7 @@ def test_odometry_without_drift_is_the_truth(hall: WorldMap) -> None:
 
 
 def test_lost_rays_read_the_maximum(hall: WorldMap) -> None:
-    robot = hall.robot.with_lidar(replace(hall.robot.lidar, bins=180))
+    robot = replace(hall.robot, lidar=replace(hall.robot.lidar, bins=180))
     tested = simulator(hall.with_robot(robot), 300, dropout=0.1)
     near = NavigationSimulator(hall.with_robot(robot), 1, scenarios=[START], noise=0.0).reset()[0, :180] < 6.9
     lost = tested.step(np.zeros((300, 2))).observation[:, :180][:, near] == 7.0

@@ -163,7 +163,7 @@ def test_readings_are_noisy_only_where_something_is_hit_and_stay_within_the_rang
 
 def test_the_noise_has_the_asked_spread(lab: WorldMap) -> None:
     one_ray = replace(lab.robot.lidar, bins=180)
-    world = lab.with_robot(lab.robot.with_lidar(one_ray))
+    world = lab.with_robot(replace(lab.robot, lidar=one_ray))
     simulator = NavigationSimulator(world, 400, scenarios=lab.scenarios[:1], noise=0.05, seed=6)
     readings = simulator.reset()[:, :180]
     true = Scenes.of(lab, lab.scenarios[:1]).cast(simulator.poses[:1], np.zeros(1, int), one_ray)[0]

@@ -10,7 +10,7 @@ from viatool.errors import ConfigurationError
 from viatool.policy import load_policy
 from viatool.simulate import roll_out
 from viatool.verification import verify
-from viatool.verification.witness_file import load_witnesses, replay, write_witnesses
+from viatool.verification.witness_file import load_witnesses, replay, witness_document
 from viatool.world import load_map
 
 LAB = "maps/lab.yaml"
@@ -35,7 +35,7 @@ def driven(policy):
 def test_every_written_witness_violates_when_it_is_replayed(policy, driven, tmp_path, options):
     result = verify(policy, LAB, eps=0.03, trajectory=driven, clearance=0.55, only_contested=True, **options)
     path = tmp_path / "witnesses.json"
-    write_witnesses(path, result)
+    path.write_text(json.dumps(witness_document(result)))
     file = load_witnesses(path)
     again = replay(policy, load_map(LAB), file)
     assert len(again.clearance) == len(result.witnesses) > 3
@@ -48,7 +48,7 @@ def test_every_written_witness_violates_when_it_is_replayed(policy, driven, tmp_
 def test_the_obstacle_of_a_witness_is_the_nearest_one(policy, driven, tmp_path):
     result = verify(policy, LAB, eps=0.03, trajectory=driven, clearance=0.55, only_contested=True)
     path = tmp_path / "witnesses.json"
-    write_witnesses(path, result)
+    path.write_text(json.dumps(witness_document(result)))
     fixed = load_map(LAB).obstacles.circles.tolist()
     for entry in json.loads(path.read_text())["witnesses"]:
         x, y, _ = entry["closest"]["pose"]
@@ -62,7 +62,7 @@ def test_the_obstacle_of_a_witness_is_the_nearest_one(policy, driven, tmp_path):
 def test_no_witness_makes_an_empty_file_that_replays(policy, driven, tmp_path):
     result = verify(policy, LAB, eps=0.0, trajectory=driven, clearance=0.05, only_contested=True)
     path = tmp_path / "witnesses.json"
-    write_witnesses(path, result)
+    path.write_text(json.dumps(witness_document(result)))
     assert len(replay(policy, load_map(LAB), load_witnesses(path)).violates) == 0
 
 

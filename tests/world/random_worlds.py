@@ -11,7 +11,6 @@ from viatool.world import (
     Lidar,
     Obstacles,
     Scenario,
-    Scenes,
     WorldMap,
     box_polygon,
     simple_polygon,
@@ -99,8 +98,3 @@ def _expected_range(
 
 
 LIDAR = Lidar(field_of_view=np.pi, rays=36, bins=6, maximum_range=7.0)
-
-
-def scenes_of(world: WorldMap, scenarios: list[Scenario | None]) -> Scenes:
-    """Return the geometry under test."""
-    return Scenes.of(world, scenarios)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from viatool.arrays import Floats, Indices
+from viatool.arrays import Floats
 from viatool.places.findings import STATUSES, CellFindings
 from viatool.places.tree import Lattice
 
@@ -49,12 +49,6 @@ class Raster:
         """Return least and largest x, least and largest y."""
         far = self.origin + self.size * self.volumes.shape[2:]
         return float(self.origin[0]), float(far[0]), float(self.origin[1]), float(far[1])
-
-    def square_of(self, places: Floats) -> Indices:
-        """Return the flat number of the square that each place (N, 2) lies in, (N,)."""
-        shape = self.volumes.shape[2:]
-        index = np.clip(np.floor((places - self.origin) / self.size).astype(np.int64), 0, np.array(shape) - 1)
-        return np.asarray(index[:, 0] * shape[1] + index[:, 1])
 
     def safe_share(self) -> Floats:
         """Return the uncontested or certified share of the free volume by square, (X, Y); nan where none is free."""

@@ -63,11 +63,6 @@ class Conditions:
         """Return the same conditions with another sensor noise; None changes nothing."""
         return self if noise is None else replace(self, noise=noise)
 
-    @property
-    def ideal(self) -> bool:
-        """Whether nothing but the sensor noise is out of the ordinary."""
-        return self == Conditions(noise=self.noise)
-
     def words(self) -> list[str]:
         """Return what is out of the ordinary, in words, for reports."""
         told = {

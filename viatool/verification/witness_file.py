@@ -24,7 +24,7 @@ from viatool.setting.criteria import criterion_of
 from viatool.setting.rules import Rules
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
-from viatool.trajectory import read_scenario, whole_file, write_scenario
+from viatool.trajectory import read_scenario, write_scenario
 from viatool.verification.result import Result
 from viatool.world import Clearance, Footprint, Scenario, WorldMap
 
@@ -97,14 +97,6 @@ class Replay:
     poses: Floats
     violates: Booleans
     nearest: tuple[str, ...]
-
-
-def write_witnesses(path: str | os.PathLike[str], result: Result) -> None:
-    """Write the counterexamples of a result as JSON, whole or not at all."""
-    with whole_file(path) as draft:
-        draft.write_text(
-            json.dumps(witness_document(result), indent=1, allow_nan=False) + "\n", encoding="utf-8"
-        )
 
 
 def witness_document(result: Result) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 import numpy as np
@@ -236,10 +236,6 @@ class Robot:
                     f"{name} of robot '{self.name}' is {getattr(self, name)}, expected 0 or more",
                     "correct it",
                 )
-
-    def with_lidar(self, lidar: Lidar) -> Robot:
-        """Return the same robot with another range finder."""
-        return replace(self, lidar=lidar)
 
 
 # turtlebot3 is the robot of the paper's task: a point with the task's own command limits. The others carry
