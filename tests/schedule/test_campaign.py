@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.schedule.local_cluster import LocalCluster
-from tests.schedule.work import Sleep
+from tests.schedule.work import SinceBegun, Sleep
 from viatool.schedule import (
     NEVER,
     Campaign,
@@ -192,18 +192,20 @@ def test_a_deadline_travels_to_other_processes():
     check_time()
 
 
-def test_workers_stop_in_time():
+def test_workers_stop_in_time(tmp_path):
+    clock = SinceBegun(tmp_path / "begun")
     found = Campaign(Processes(2)).carry_out(
-        Units(list(range(100_000)), Sleep(0.01)), until=Deadline.after(3.0)
+        Units(list(range(100_000)), Sleep(0.01, clock)), until=Deadline.after(3.0, clock)
     )
     assert 0 < found.units < 3000
     assert found.part == list(range(found.units))
 
 
 def test_a_cluster_stops_in_time(tmp_path):
+    clock = SinceBegun(tmp_path / "begun")
     with LocalCluster(tmp_path, workers=2) as cluster:
         found = Campaign(Cluster(cluster.address)).carry_out(
-            Units(list(range(100_000)), Sleep(0.01)), until=Deadline.after(6.0)
+            Units(list(range(100_000)), Sleep(0.01, clock)), until=Deadline.after(3.0, clock)
         )
-    assert 0 < found.units < 6000
+    assert 0 < found.units < 3000
     assert found.part == list(range(found.units))

@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from tests.schedule.work import Chain, Square, in_order, pieces, report, squares, where
+from tests.schedule.work import Chain, QuickAtFirst, Square, in_order, pieces, report, squares, where
 from viatool.errors import ConfigurationError, EnclosureError, WorkError
 from viatool.schedule import Processes, Serial, open_scheduler
 
@@ -72,11 +72,11 @@ def test_a_piece_that_always_kills_is_named_and_the_others_are_done():
 
 
 def test_leaving_early_ends_the_workers_at_once():
-    run = Processes(1).run(Square(seconds=1.0), pieces(200))
+    run = Processes(1).run(QuickAtFirst(), pieces(200))
     next(run)
     started = time.monotonic()
     run.close()
-    assert time.monotonic() - started < 0.9
+    assert time.monotonic() - started < 45.0  # the piece at hand alone takes a minute
 
 
 @pytest.mark.parametrize("workers", [0, -1, 1.5, "many"])

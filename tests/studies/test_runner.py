@@ -125,7 +125,7 @@ def wait_until_still(state: Path) -> int:
     last = -1
     while (now := int(state.read_text())) != last:
         last = now
-        time.sleep(0.3)
+        time.sleep(1.5)  # a worker looks for its parent every second
     return last
 
 
