@@ -32,13 +32,13 @@ POSES = ("--poses", "random:2000")  # two blocks
 
 DEADLY = """
 import os, signal
-from viatool.verification.examination import Examination
-examine = Examination.examine
+from viatool.verification.examination import StateExamination
+examine = StateExamination.examine
 def deadly(self, block):
     if block.first == 1024:
         os.kill(os.getpid(), signal.SIGKILL)
     return examine(self, block)
-Examination.examine = deadly
+StateExamination.examine = deadly
 """
 
 
@@ -115,7 +115,7 @@ def test_a_chunk_that_fails_is_named_and_the_others_are_kept(
 
 
 def test_a_chunk_that_kills_every_worker_is_named(tmp_path: Path) -> None:
-    """As when the system ends a process for want of memory."""
+    """As when the system ends a process because memory ran out."""
     (tmp_path / "sitecustomize.py").write_text(DEADLY, encoding="utf-8")
     command = [
         sys.executable,
@@ -133,7 +133,7 @@ def test_a_chunk_that_kills_every_worker_is_named(tmp_path: Path) -> None:
         command, cwd=ROOT, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True, check=False
     )
     assert run.stdout == ""
-    assert_explained(run.returncode, run.stderr, "the worker process died", "want of memory")
+    assert_explained(run.returncode, run.stderr, "the worker process died", "memory ran out")
     kept = {path.name for path in (tmp_path / "run").glob("units-*")}
     assert "units-00000000-00000001.npz" in kept  # though its worker died as well
     assert "units-00000001-00000002.npz" not in kept

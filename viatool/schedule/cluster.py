@@ -111,7 +111,7 @@ class Cluster:
         if isinstance(error, KilledWorker):
             raise WorkError(
                 f"{piece.name}: several workers died over it, the last at {error.last_worker.address}; most "
-                "likely for want of memory",
+                "likely because memory ran out",
                 "give the workers more memory, or check their logs",
             ) from error
         if isinstance(error, ModuleNotFoundError):
