@@ -88,8 +88,8 @@ def _alone(parcel: Parcel, piece: Piece[Content], told: Told) -> Iterator[tuple[
     yield from _until_death(parcel, iter([piece]), 1, lost, told)
     if lost:
         raise WorkError(
-            f"{piece.name}: the worker process died {_TRIES + 1} times over it, the last time with nothing else at work; "
-            "most likely the system ended it because memory ran out",
+            f"{piece.name}: the worker process died {_TRIES + 1} times over it, the last time with nothing else "
+            "at work; most likely the system ended it because memory ran out",
             "use a machine with more memory, or check the system's log",
         )
 
