@@ -211,6 +211,14 @@ class _Writer:
         match node.function.name:
             case "Silu":
                 self.emit("Mul", [source, self.emit("Sigmoid", [source])], name)
+            case "Swish":
+                gate = self.emit("Sigmoid", [self.emit("Mul", [source, self.constant(parameters["slope"])])])
+                self.emit("Mul", [source, gate], name)
+            case "Logistic":
+                growth = self.emit("Exp", [self.emit("Neg", [source])])
+                self.emit("Reciprocal", [self.emit("Add", [growth, self.constant(1.0)])], name)
+            case "LogSoftmax" | "Softmax" as operator:
+                self.write_softmax(operator, source, name)
             case "Clip":
                 self.emit("Clip", [source, *(self.constant(parameters[k]) for k in ("min", "max"))], name)
             case "Pow":
@@ -232,6 +240,21 @@ class _Writer:
                 self.emit("Where", [above, source, below], name)
             case operator:
                 self.emit(operator, [source], name, **parameters)
+
+    def write_softmax(self, operator: str, source: str, name: str) -> None:
+        """Write the first of the softmax of x and 0, of which x is the log-odds."""
+        both = self.emit(
+            "Mul", [self.emit("Unsqueeze", [source, self.numbers(2)]), self.constant([1.0, 0.0])]
+        )
+        chosen = self.emit("Gather", [self.emit(operator, [both], axis=2), self.numbers(0)], axis=2)
+        self.emit("Squeeze", [chosen, self.numbers(2)], name)
+
+    def numbers(self, *values: int) -> str:
+        from onnx import numpy_helper
+
+        name = f"c{len(self.constants)}"
+        self.constants.append(numpy_helper.from_array(np.array(values, dtype=np.int64), name))
+        return name
 
     def write_gate(self, kind: str, parameters: dict[str, float], source: str, name: str) -> None:
         """Write ``x * (1 + erf(slope x / divisor))`` or ``x * (1 + tanh(slope (x + cubic x^3)))``."""

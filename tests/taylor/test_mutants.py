@@ -13,6 +13,7 @@ import textwrap
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from numpy.typing import NDArray
 
 from tests.strategies import ACTIVATIONS
 from tests.taylor.containment import escape_of_exact_values, escape_of_gradients, escape_of_programs
+from tests.taylor.softmax_program import escape_of_softmax
 from tests.taylor.test_curve import wrong_approximations, wrong_ranges
 from tests.taylor.test_interval import wrong_functions, wrong_operations
 from tests.taylor.test_wide import wrong_foldings
@@ -586,6 +588,27 @@ MUTANTS = [
         "case Cast():\n            return 0 * value",
     ),
     *CARRYING,
+    Mutant(
+        lambda: escape_of_softmax("Softmax"),
+        "rounding.error_scale",
+        "value * _softmax_units(function) + np.minimum(value * argument, 1.0)",
+        "value * _softmax_units(function)",
+    ),
+    *(
+        Mutant(
+            partial(escape_of_softmax, name),
+            "rounding._softmax_units",
+            '_SOFTMAX_UNITS + 2 * dict(function.parameters)["terms"]',
+            "_SOFTMAX_UNITS",
+        )
+        for name in ("LogSoftmax", "Softmax")
+    ),
+    Mutant(
+        partial(escape_of_softmax, "LogSoftmax"),
+        "rounding.error_scale",
+        "_softmax_units(function) + 2 * value",
+        "_softmax_units(function)",
+    ),
 ]
 
 

@@ -94,6 +94,29 @@ def _sigmoid() -> Expression:
     return (1 + sympy.tanh(X / 2)) / 2
 
 
+@_declare("Logistic")
+def _logistic() -> Expression:
+    """Return the sigmoid as ``1 / (1 + exp(-x))`` spells it: 0 where the exponential overflows."""
+    return _quotient_of_exponentials()
+
+
+@_declare("Softmax", terms=2.0)
+def _softmax(terms: float) -> Expression:
+    """Return a softmax of so many values as a function of log-odds: one of them less log sum exp of the others."""
+    return _quotient_of_exponentials()
+
+
+def _quotient_of_exponentials() -> Expression:
+    """Return the sigmoid in a form that is accurate relative to its value in both tails."""
+    return _pieces((sympy.exp(X) / (1 + sympy.exp(X)), X < 0), (1 / (1 + sympy.exp(-X)), True))
+
+
+@_declare("LogSoftmax", terms=2.0)
+def _log_softmax(terms: float) -> Expression:
+    """Return the logarithm of a softmax of so many values, as a function of the log-odds of one."""
+    return _pieces((X - sympy.log(1 + sympy.exp(X)), X < 0), (-sympy.log(1 + sympy.exp(-X)), True))
+
+
 @_declare("HardSigmoid", alpha=0.2, beta=0.5)
 def _hard_sigmoid(alpha: float, beta: float) -> Expression:
     line = alpha * X + beta
@@ -118,6 +141,15 @@ def _softsign() -> Expression:
 @_declare("Silu")
 def _silu() -> Expression:
     return _pieces((X * sympy.exp(X) / (1 + sympy.exp(X)), X < 0), (X / (1 + sympy.exp(-X)), True))
+
+
+@_declare("Swish", slope=1.0)
+def _swish(slope: float) -> Expression:
+    """``x * sigmoid(slope * x)`` with a positive slope; at 1.702 it is the quick form of Gelu."""
+    return _pieces(
+        (X * sympy.exp(slope * X) / (1 + sympy.exp(slope * X)), X < 0),
+        (X / (1 + sympy.exp(-slope * X)), True),
+    )
 
 
 @_declare("HardSwish")

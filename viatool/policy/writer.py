@@ -232,6 +232,12 @@ def _write_silu(writer: _Writer, source: str, function: ActivationFunction, prec
     return writer.call("Mul", [source, writer.call("Sigmoid", [source])])
 
 
+def _write_logistic(writer: _Writer, source: str, function: ActivationFunction, precision: Precision) -> str:
+    growth = writer.call("Exp", [writer.call("Neg", [source])])
+    one = writer.constant(np.asarray(1.0), precision, "one")
+    return writer.call("Div", [one, writer.call("Add", [growth, one])])
+
+
 def _write_power(writer: _Writer, source: str, function: ActivationFunction, precision: Precision) -> str:
     (exponent,) = (value for _, value in function.parameters)
     return writer.call("Pow", [source, writer.constant(np.asarray(exponent), precision, "exponent")])
@@ -245,6 +251,7 @@ _ACTIVATIONS: dict[str, Callable[[_Writer, str, ActivationFunction, Precision], 
     "Clip": _write_clip,
     "Gelu": _write_gelu,
     "GeluTanh": _write_gelu,
+    "Logistic": _write_logistic,
     "Pow": _write_power,
     "Silu": _write_silu,
 }

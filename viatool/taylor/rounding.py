@@ -30,7 +30,10 @@ _RUNTIME_UNITS = {
     "Sqrt": 4.0,
     "Elu": 8.0,
     "Celu": 8.0,
+    "Logistic": 24.0,
+    "LogSoftmax": 1.0,
     "Sigmoid": 8.0,
+    "Softmax": 1.0,
     "HardSigmoid": 8.0,
     "Softsign": 8.0,
     "Erf": 12.0,
@@ -45,8 +48,14 @@ _RUNTIME_UNITS = {
 }
 _DEFAULT_UNITS = 64.0
 
-_RELATIVE_TO_VALUE = frozenset(("Pow", "Reciprocal", "Sqrt"))
-"""IEEE 754 rounds these correctly, or they are a few products: they err relative to their value, however small."""
+_RELATIVE_TO_VALUE = frozenset(("Logistic", "Pow", "Reciprocal", "Sqrt"))
+"""IEEE 754 rounds these correctly, or they are a few products: they err relative to their value, however small.
+
+So does a logistic that is spelled out, since its exponential does: ``1 / (1 + e (1 + d))`` errs by at most d of itself.
+"""
+
+_SOFTMAX_UNITS = 48.0
+"""Roundings of two exponentials, a quotient and a logarithm."""
 
 
 def gamma(terms: int | Floats, unit: float) -> Floats:
@@ -173,6 +182,8 @@ def activation_error(
     own = units * error_scale(function, magnitude(argument), value)
     if function.name in _RELATIVE_TO_VALUE:
         return own + _flushed(function.name, argument, SMALLEST_NORMAL[precision])
+    if function.name in ("LogSoftmax", "Softmax"):  # every exponential may be flushed to zero
+        own = own + 2 * dict(function.parameters)["terms"] * SMALLEST_NORMAL[precision]
     return np.asarray(own)
 
 
@@ -186,4 +197,21 @@ def error_scale(function: ActivationFunction, argument: Floats, value: Floats) -
     """Return what the error of a runtime's activation is proportional to, given absolute values."""
     if function.name in _RELATIVE_TO_VALUE:
         return value
+    if function.name == "Softmax":
+        return np.asarray(value * _softmax_units(function) + np.minimum(value * argument, 1.0))
+    if function.name == "LogSoftmax":
+        return np.asarray(_softmax_units(function) + 2 * value)
     return np.asarray(function.amplitude * np.maximum(1.0, np.maximum(value, argument)))
+
+
+def _softmax_units(function: ActivationFunction) -> float:
+    """Return how many roundings a softmax of K values errs by, beside those of its logits' differences.
+
+    Notes
+    -----
+    The program's ``exp(x_j - m)``, m the largest, errs by ``|x_j - m|`` roundings of itself for the difference, and by
+    those of the exponential. Their mean over the softmax p errs by ``sum_j p_j |x_j - m| <= log K`` roundings, the sum
+    by K more. The one in the numerator has ``|x_i - m|`` roundings, at most the magnitude of the log-odds, but never
+    more than one of 1, since it is ``exp(-|x_i - m|)`` itself.
+    """
+    return _SOFTMAX_UNITS + 2 * dict(function.parameters)["terms"]

@@ -8,6 +8,7 @@ import numpy as np
 
 from viatool.policy.activations import ActivationFunction, activation
 from viatool.policy.assembly import Computed, Refusal, Term
+from viatool.policy.operators.gates import reciprocal
 from viatool.policy.operators.registry import Call, Value, counted, reads
 
 _WITHOUT_PARAMETERS: dict[str, tuple[int, ...]] = {
@@ -17,7 +18,6 @@ _WITHOUT_PARAMETERS: dict[str, tuple[int, ...]] = {
     "HardSwish": (14, 22),
     "Log": (6, 13),
     "Mish": (18, 22),
-    "Reciprocal": (6, 13),
     "Relu": (6, 13, 14),
     "Sigmoid": (6, 13),
     "Sign": (9, 13),
@@ -54,6 +54,12 @@ for _operator, (_versions, _, _) in _WITH_PARAMETERS.items():
     reads(_operator, *_versions, treatment="enclosed")(_declared)
 
 
+@reads("Reciprocal", 6, 13, treatment="enclosed")
+def read_reciprocal(call: Call) -> Sequence[Value]:
+    """Read ``1 / x``, a logistic where x is ``1 + exp(m)``."""
+    return [reciprocal(call.assembly, call.computed(0))]
+
+
 @reads("Gelu", 20, treatment="enclosed")
 def read_gelu(call: Call) -> Sequence[Value]:
     """Read both forms of Gelu."""
@@ -72,6 +78,8 @@ def read_swish(call: Call) -> Sequence[Value]:
     x, alpha = call.computed(0), call.number("alpha")
     if alpha == 1.0:
         return [call.assembly.activation(x, "Silu")]
+    if alpha > 0:
+        return [call.assembly.activation(x, activation("Swish", slope=alpha))]
     gate = call.assembly.activation(call.assembly.scaled(x, alpha), "Sigmoid")
     return [call.assembly.product(x, gate)]
 

@@ -37,10 +37,15 @@ def _smooth_gate(assembly: Assembly, x: Computed, gate: Computed) -> Computed | 
         inner = Computed(node.source, gate.shape, gate.precision)
         argument = assembly.function_of(inner, "Softplus")
         return assembly.activation(x, "Mish") if argument is not None and argument.node == x.node else None
+    if node.function.name in ("Sigmoid", "Logistic") and node.source != x.node:
+        slope = _multiple(assembly, Computed(node.source, gate.shape, gate.precision), x)
+        return None if slope is None else _swish(assembly, x, slope)
     if node.source != x.node:
         return None
     if node.function.name == "Sigmoid":
         return assembly.activation(x, "Silu")
+    if node.function.name == "Logistic":
+        return _swish(assembly, x, 1.0)
     if node.function.name == "HardSigmoid":
         return assembly.activation(x, ActivationFunction("HardSigmoidGate", node.function.parameters))
     return None
@@ -116,6 +121,63 @@ def _is_cube(assembly: Assembly, value: Computed, x: Computed) -> bool:
     other = assembly.nodes[node.right if node.left == x.node else node.left]
     square = activation("Pow", exponent=2.0)
     return isinstance(other, Activation) and other.source == x.node and other.function == square
+
+
+def reciprocal(assembly: Assembly, divisor: Computed) -> Computed:
+    """Return ``1 / divisor``, as a logistic where the divisor is ``1 + exp(m)``.
+
+    An exponential that overflows there makes the quotient 0, which is no more than a flush to zero of the exact one.
+    """
+    argument = _exponent(assembly, divisor)
+    if argument is None:
+        return assembly.activation(divisor, "Reciprocal")
+    return assembly.activation(_negated(assembly, argument), "Logistic")
+
+
+def quotient(assembly: Assembly, numerator: Computed, divisor: Computed) -> Computed:
+    """Return ``numerator / divisor`` as one activation of a known form, else as a product with the reciprocal."""
+    same = numerator.shape == divisor.shape
+    ratio = softsign(assembly, numerator, divisor) if same else None
+    if ratio is not None:
+        return ratio
+    factor = reciprocal(assembly, divisor)
+    return (gated(assembly, numerator, factor) if same and _is_logistic(assembly, factor) else None) or (
+        assembly.product(numerator, factor)
+    )
+
+
+def _is_logistic(assembly: Assembly, x: Computed) -> bool:
+    return assembly.function_of(x, "Logistic") is not None
+
+
+def _exponent(assembly: Assembly, divisor: Computed) -> Computed | None:
+    """Return m where a divisor is ``1 + exp(m)``, else None."""
+    raised = assembly.scaling_of(divisor)
+    if raised is None or (raised.factor, raised.offset, raised.roundings) != (1.0, 1.0, 0):
+        return None
+    return assembly.function_of(raised.source, "Exp")
+
+
+def _negated(assembly: Assembly, x: Computed) -> Computed:
+    scaling = assembly.scaling_of(x)
+    if scaling is not None and (scaling.factor, scaling.offset, scaling.roundings) == (-1.0, 0.0, 0):
+        return scaling.source
+    return assembly.scaled(x, -1.0)
+
+
+def _multiple(assembly: Assembly, value: Computed, x: Computed) -> float | None:
+    """Return by which number x was multiplied to make a value, None where it was not."""
+    factor = 1.0
+    while value.node != x.node:
+        scaling = assembly.scaling_of(value)
+        if scaling is None or scaling.offset != 0 or scaling.roundings or abs(factor) != 1.0:
+            return None
+        factor, value = factor * scaling.factor, scaling.source
+    return factor
+
+
+def _swish(assembly: Assembly, x: Computed, slope: float) -> Computed | None:
+    return assembly.activation(x, activation("Swish", slope=slope)) if slope > 0 else None
 
 
 def softsign(assembly: Assembly, x: Computed, divisor: Computed) -> Computed | None:

@@ -12,7 +12,7 @@ from viatool.policy.activations import activation
 from viatool.policy.assembly import Computed, Counted, Refusal, Term, broadcast_index
 from viatool.policy.network import Precision
 from viatool.policy.operators.elementwise import clipped
-from viatool.policy.operators.gates import gated, softsign
+from viatool.policy.operators.gates import gated, quotient, reciprocal
 from viatool.policy.operators.registry import Call, Comparison, Result, Value, counted, finite, reads
 from viatool.policy.operators.variance import difference_of_means
 from viatool.policy.tensors import Constant, as_precision, dtype_name
@@ -154,14 +154,9 @@ def read_div(call: Call) -> Sequence[Value]:
     if isinstance(divisor, Constant):
         assert isinstance(numerator, Computed)
         return [divided_by(call, numerator, counted(divisor, "divisor"))]
-    if isinstance(numerator, Computed) and numerator.shape == divisor.shape:
-        ratio = softsign(call.assembly, numerator, divisor)
-        if ratio is not None:
-            return [ratio]
-    reciprocal = call.assembly.activation(divisor, "Reciprocal")
     if isinstance(numerator, Constant):
-        return [scaled_by(call, reciprocal, counted(numerator, "numerator"))]
-    return [call.assembly.product(numerator, reciprocal)]
+        return [scaled_by(call, reciprocal(call.assembly, divisor), counted(numerator, "numerator"))]
+    return [quotient(call.assembly, numerator, divisor)]
 
 
 def divided_by(call: Call, x: Computed, divisors: Counted) -> Computed:
@@ -197,7 +192,7 @@ def power(call: Call, x: Computed, exponent: float) -> Computed:
     if exponent == 0.0:
         return assembly.constant(1.0, x.shape, x.precision)
     if exponent < 0:
-        return assembly.activation(power(call, x, -exponent), "Reciprocal")
+        return reciprocal(assembly, power(call, x, -exponent))
     if exponent == 1.0:
         return x
     if exponent == 0.5:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from viatool.arrays import Floats, Indices
 from viatool.policy.activations import activation
-from viatool.policy.assembly import Computed, Refusal, Term
+from viatool.policy.assembly import Assembly, Computed, Refusal, Term
 from viatool.policy.operators.registry import Call, Value, reads
 from viatool.policy.operators.variance import mean_of_squares
 
@@ -153,26 +154,21 @@ def tournament(
 
 @reads("LogSoftmax", 1, 11, 13, treatment="enclosed", note=f"over at most {_LARGEST_SOFTMAX} values")
 def read_log_softmax(call: Call) -> Sequence[Value]:
-    """Read ``-log sum_j exp(x_j - x_i)``."""
-    total, order = _exponential_sums(call)
-    logarithm = call.assembly.scaled(call.assembly.activation(total, "Log"), -1.0)
-    return [_reordered(call, logarithm, order)]
+    """Read ``log sigmoid(x_i - log sum_j exp(x_j))`` over all j but i."""
+    return [_softmax(call, "LogSoftmax", 0.0)]
 
 
 @reads("Softmax", 1, 11, 13, treatment="enclosed", note=f"over at most {_LARGEST_SOFTMAX} values")
 def read_softmax(call: Call) -> Sequence[Value]:
-    """Read ``1 / sum_j exp(x_j - x_i)``, which needs no maximum to be subtracted."""
-    total, order = _exponential_sums(call)
-    return [_reordered(call, call.assembly.activation(total, "Reciprocal"), order)]
+    """Read ``sigmoid(x_i - log sum_j exp(x_j))`` over all j but i."""
+    return [_softmax(call, "Softmax", 1.0)]
 
 
-def _exponential_sums(call: Call) -> tuple[Computed, Indices]:
-    """Add ``sum_j exp(x_j - x_i)`` for every element; return it and where each element of x stands in it.
+def _softmax(call: Call, name: str, alone: float) -> Computed:
+    """Add a function of the log-odds of every element, which increases and saturates as the softmax does.
 
-    Notes
-    -----
-    The program subtracts the maximum m instead: its rounding of ``x_i - m`` is within that of the largest
-    term here, whose weight in the sum is at least 1/K; hence 3 K roundings for each difference.
+    The log-odds are not what the program computes, so they carry no rounding of its precision; that of the program,
+    which subtracts the maximum, is the error of the named activation.
     """
     x = call.computed(0)
     (axis,) = normalised_axes([call.integer("axis")], x)
@@ -182,22 +178,60 @@ def _exponential_sums(call: Call) -> tuple[Computed, Indices]:
     count = math.prod(x.shape[a] for a in axes)
     if count > _LARGEST_SOFTMAX:
         raise Refusal(f"is a softmax over {count} values, where at most {_LARGEST_SOFTMAX} are read")
-    numbers = np.arange(x.size).reshape(x.shape).transpose(*others, *axes).reshape(-1, count)  # (G, K)
-    rows = np.broadcast_to(numbers[:, None, :], (len(numbers), count, count)).reshape(-1)  # x_j
-    columns = np.broadcast_to(numbers[:, :, None], (len(numbers), count, count)).reshape(-1)  # x_i
     assembly = call.assembly
-    assembly.reserve(rows.size, x.size)
-    weight = np.zeros((rows.size, x.size))
-    np.add.at(weight, (np.arange(rows.size), rows), 1.0)
-    np.add.at(weight, (np.arange(rows.size), columns), -1.0)
-    shape = (*numbers.shape, count)
-    difference = assembly.affine(
-        [Term(x, weight)], np.zeros(rows.size), shape, x.precision, roundings=3 * count
+    if count == 1:
+        return assembly.constant(alone, x.shape, x.precision)
+    numbers = np.arange(x.size).reshape(x.shape).transpose(*others, *axes).reshape(-1, count)  # (G, K)
+    rest = _logarithms_of_others(assembly, _selected(assembly, x, numbers))
+    assembly.reserve(x.size, x.size)
+    back = np.eye(x.size)[np.argsort(numbers.ravel())]
+    terms = [Term(x, np.eye(x.size)), Term(rest, -back)]
+    odds = assembly.affine(terms, np.zeros(x.size), x.shape, "float64")
+    return assembly.activation(replace(odds, precision=x.precision), activation(name, terms=float(count)))
+
+
+def _logarithms_of_others(assembly: Assembly, x: Computed) -> Computed:
+    """Add for every element of ``(G, K)`` the logarithm of the sum of the exponentials of the others of its row."""
+    groups, count = x.shape
+    numbers = np.arange(x.size).reshape(x.shape)
+    if count == 2:
+        return _selected(assembly, x, numbers[:, ::-1])
+    pairs = count // 2
+    first, second = numbers[:, 0 : 2 * pairs : 2], numbers[:, 1 : 2 * pairs : 2]
+    joined = _soft_maximum(assembly, _selected(assembly, x, first), _selected(assembly, x, second))
+    odd = count % 2
+    halves = _interleaved(assembly, joined, x, numbers[:, count - odd :])
+    outside = _logarithms_of_others(assembly, halves)  # of every pair
+    places = np.arange(halves.size).reshape(halves.shape)
+    around = _selected(assembly, outside, np.repeat(places[:, :pairs], 2, axis=1))
+    siblings = np.stack([second, first], axis=2).reshape(groups, 2 * pairs)
+    result = _soft_maximum(assembly, _selected(assembly, x, siblings), around)
+    return _interleaved(assembly, result, outside, places[:, pairs:])
+
+
+def _soft_maximum(assembly: Assembly, left: Computed, right: Computed) -> Computed:
+    """Add ``log(exp(left) + exp(right)) = right + softplus(left - right)``."""
+    unit, zero = np.eye(left.size), np.zeros(left.size)
+    assembly.reserve(left.size, left.size)
+    excess = assembly.affine([Term(left, unit), Term(right, -unit)], zero, left.shape, "float64")
+    bent = assembly.activation(excess, "Softplus")
+    return assembly.affine([Term(right, unit), Term(bent, unit)], zero, left.shape, "float64")
+
+
+def _selected(assembly: Assembly, x: Computed, numbers: Indices) -> Computed:
+    """Add copies of the elements of the given numbers, in their shape."""
+    zero = np.zeros(numbers.size)
+    return replace(
+        assembly.copies([(x, numbers.ravel())], zero, numbers.shape, "float64"), precision="float64"
     )
-    total = summed(call, assembly.activation(difference, activation("Exp")), [2], keep=False)
-    return total, np.argsort(numbers.ravel())
 
 
-def _reordered(call: Call, value: Computed, order: Indices) -> Computed:
-    shape = call.computed(0).shape
-    return call.assembly.copies([(value, order)], np.zeros(order.size), shape, value.precision)
+def _interleaved(assembly: Assembly, x: Computed, last: Computed, numbers: Indices) -> Computed:
+    """Add x, ``(G, K)``, with more columns that copy elements of another value."""
+    if not numbers.size:
+        return x
+    own = np.arange(x.size).reshape(x.shape)
+    left = np.concatenate([own, np.full(numbers.shape, -1)], axis=1)
+    right = np.concatenate([np.full(own.shape, -1), numbers], axis=1)
+    terms = [(x, left.ravel()), (last, right.ravel())]
+    return assembly.copies(terms, np.zeros(left.size), left.shape, "float64")

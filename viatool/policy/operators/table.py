@@ -46,6 +46,11 @@ _NOTES = """\
   precision that `stash_type` names.
 - Activations that exporters write as several operators (`x * Sigmoid(x)`, `x * (1 + Erf(x / 1.4142135))`,
   `Where(x > 20, x, Softplus(x))`, ...) are recognised where they are equal to one function in real arithmetic.
+- A logistic from its parts (`1 / (1 + Exp(-x))`, with `Div`, `Reciprocal` or `Pow`, and `x / (1 + Exp(-b * x))`)
+  keeps to its range also where its exponential overflows, which makes the quotient 0. `Exp(x) / (1 + Exp(x))` is NaN
+  there, and is refused.
+- `Softmax` and `LogSoftmax` are functions of the log-odds of each value, which keep to their range whatever the logits
+  are, up to magnitudes of 1e30.
 - Terms that are added up when a graph is read (constants in a Sum, a Gemm whose C is its own input) count as large as
   they were before they cancelled: `x + 1e6 - 1e6` loses the digits of x in the program, and its bounds say so.
 - A constant that the graph computes from others is kept as the real number that it stands for. A runtime may round it
