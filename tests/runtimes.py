@@ -21,7 +21,9 @@ from viatool.policy.network import (
 
 Floats = NDArray[np.float64]
 
-EXACT_ACTIVATIONS = frozenset({"Relu", "ThresholdedRelu", "Abs", "Clip", "HardShrink", "Sign", "Threshold"})
+EXACT_ACTIVATIONS = frozenset(
+    {"Guard", "Known", "Relu", "ThresholdedRelu", "Abs", "Clip", "HardShrink", "Sign", "Threshold"}
+)
 """Activations that a runtime computes without rounding."""
 
 
@@ -219,6 +221,10 @@ class _Writer:
                 self.emit("Reciprocal", [self.emit("Add", [growth, self.constant(1.0)])], name)
             case "LogSoftmax" | "Softmax" as operator:
                 self.write_softmax(operator, source, name)
+            case "Guard" | "Known":
+                self.emit("Identity", [source], name)
+            case "SpelledTanh" | "SpelledSigmoid":
+                self.emit(node.function.name.removeprefix("Spelled"), [source], name)
             case "Clip":
                 self.emit("Clip", [source, *(self.constant(parameters[k]) for k in ("min", "max"))], name)
             case "Pow":

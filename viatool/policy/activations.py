@@ -117,6 +117,30 @@ def _log_softmax(terms: float) -> Expression:
     return _pieces((X - sympy.log(1 + sympy.exp(X)), X < 0), (-sympy.log(1 + sympy.exp(-X)), True))
 
 
+@_declare("SpelledSigmoid")
+def _spelled_sigmoid() -> Expression:
+    """Return ``exp(x) / (1 + exp(x))`` as a program spells it, which rounds relative to 1."""
+    return _quotient_of_exponentials()
+
+
+@_declare("SpelledTanh")
+def _spelled_tanh() -> Expression:
+    """Return ``(exp(x) - exp(-x)) / (exp(x) + exp(-x))`` as a program spells it."""
+    return _tanh()
+
+
+@_declare("Known", min=-np.inf, max=np.inf)
+def _known(min: float, max: float) -> Expression:
+    """Return x, known to lie between limits but for rounding: enclosures are cut, the program is not."""
+    return _clip(min, max)
+
+
+@_declare("Guard", min=-np.inf, max=np.inf)
+def _guard(min: float, max: float) -> Expression:
+    """Return x, with which the program can go on between limits only: beyond them it gives no number."""
+    return X
+
+
 @_declare("HardSigmoid", alpha=0.2, beta=0.5)
 def _hard_sigmoid(alpha: float, beta: float) -> Expression:
     line = alpha * X + beta
@@ -299,6 +323,11 @@ class ActivationFunction:
     def jumps(self) -> bool:
         """Tell whether the value jumps somewhere, as it does in every step function."""
         return self.name in _JUMPING
+
+    @property
+    def passes_on(self) -> bool:
+        """Tell whether the program passes its argument on as it is: what the function says is knowledge alone."""
+        return self.name in ("Guard", "Known")
 
     @property
     def amplitude(self) -> float:

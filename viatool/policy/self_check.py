@@ -32,7 +32,7 @@ _MARGIN = 8.0
 _ACTIVATION_UNITS = 64.0
 """Error of a runtime's activation in unit roundoffs of max(1, |x|, |f(x)|), above all that was seen."""
 
-_EXACT_ACTIVATIONS = ("Abs", "Clip", "Relu", "ThresholdedRelu")
+_EXACT_ACTIVATIONS = ("Abs", "Clip", "Guard", "Known", "Relu", "ThresholdedRelu")
 _SIMULATIONS = 4
 _SIMULATED = 2.0
 """Tolerance in root mean squares of the simulated rounding; what was seen in onnxruntime is below 0.05."""

@@ -56,6 +56,8 @@ def _bounds_pulled_back(node: Node, adjoint: Hull, hulls: Sequence[Hull]) -> lis
             return []
         case Affine():
             return [(source, _mapped(adjoint, node, k)) for k, source in enumerate(node.sources)]
+        case Activation() if node.function.passes_on:
+            return [(node.source, adjoint)]
         case Activation():
             slopes = curve_of(node.function).range(*hulls[node.source], 1)
             return [(node.source, _scaled(centre, radius, slopes.lower, slopes.upper))]

@@ -214,6 +214,8 @@ class _Carried:
 
     def _through_activation(self, index: int, node: Activation) -> tuple[dict[int, Form], Floats]:
         curve, source = curve_of(node.function), self._deviations[node.source]
+        if node.function.passes_on:
+            return dict(source.symbols), source.rest
         symbols, rest = self._without_private(node.source)
         lower, upper = self._program(node.source)
         slope = curve.range(lower, upper, 1)

@@ -30,6 +30,11 @@ _RUNTIME_UNITS = {
     "Sqrt": 4.0,
     "Elu": 8.0,
     "Celu": 8.0,
+    "Guard": 0.0,
+    "Known": 0.0,
+    "SpelledSigmoid": 32.0,
+    "SpelledTanh": 32.0,
+    "Exp": 16.0,
     "Logistic": 24.0,
     "LogSoftmax": 1.0,
     "Sigmoid": 8.0,
@@ -180,7 +185,10 @@ def activation_error(
     """Bound the error of a runtime's activation (B, N), given its argument and a bound on its absolute value."""
     units = runtime_units(function) * UNIT_ROUNDOFF[precision]
     own = units * error_scale(function, magnitude(argument), value)
-    if function.name in _RELATIVE_TO_VALUE:
+    if function.name == "Guard":
+        limits = dict(function.parameters)
+        return np.where((argument[0] >= limits["min"]) & (argument[1] <= limits["max"]), 0.0, np.inf)
+    if function.name == "Exp" or function.name in _RELATIVE_TO_VALUE:
         return own + _flushed(function.name, argument, SMALLEST_NORMAL[precision])
     if function.name in ("LogSoftmax", "Softmax"):  # every exponential may be flushed to zero
         own = own + 2 * dict(function.parameters)["terms"] * SMALLEST_NORMAL[precision]
@@ -197,6 +205,10 @@ def error_scale(function: ActivationFunction, argument: Floats, value: Floats) -
     """Return what the error of a runtime's activation is proportional to, given absolute values."""
     if function.name in _RELATIVE_TO_VALUE:
         return value
+    if function.name == "Exp":
+        return np.asarray(value * np.maximum(1.0, argument))
+    if function.name in ("SpelledSigmoid", "SpelledTanh"):
+        return np.maximum(1.0, value)
     if function.name == "Softmax":
         return np.asarray(value * _softmax_units(function) + np.minimum(value * argument, 1.0))
     if function.name == "LogSoftmax":

@@ -14,6 +14,7 @@ import numpy as np
 from viatool.policy.activations import ActivationFunction, activation
 from viatool.policy.assembly import Assembly, Computed
 from viatool.policy.network import Activation, Affine, Product
+from viatool.policy.operators.variance import normalised
 
 
 def gated(assembly: Assembly, left: Computed, right: Computed) -> Computed | None:
@@ -142,7 +143,7 @@ def quotient(assembly: Assembly, numerator: Computed, divisor: Computed) -> Comp
         return ratio
     factor = reciprocal(assembly, divisor)
     return (gated(assembly, numerator, factor) if same and _is_logistic(assembly, factor) else None) or (
-        assembly.product(numerator, factor)
+        normalised(assembly, numerator, factor)
     )
 
 

@@ -12,9 +12,10 @@ from viatool.policy.activations import activation
 from viatool.policy.assembly import Computed, Counted, Refusal, Term, broadcast_index
 from viatool.policy.network import Precision
 from viatool.policy.operators.elementwise import clipped
+from viatool.policy.operators.exponentials import log_softmax, of_exponentials
 from viatool.policy.operators.gates import gated, quotient, reciprocal
 from viatool.policy.operators.registry import Call, Comparison, Result, Value, counted, finite, reads
-from viatool.policy.operators.variance import difference_of_means
+from viatool.policy.operators.variance import difference_of_means, normalised
 from viatool.policy.tensors import Constant, as_precision, dtype_name
 
 Shape = tuple[int, ...]
@@ -87,9 +88,9 @@ def read_sub(call: Call) -> Sequence[Value]:
     """Read a difference of two values; that of a mean of squares and a squared mean is a variance."""
     left, right = operands(call)
     if isinstance(left, Computed) and isinstance(right, Computed):
-        squares = difference_of_means(call.assembly, left, right)
-        if squares is not None:
-            return [squares]
+        known = difference_of_means(call.assembly, left, right) or log_softmax(call.assembly, left, right)
+        if known is not None:
+            return [known]
     return [weighted_sum(call, (left, right), (1.0, -1.0))]
 
 
@@ -119,7 +120,7 @@ def read_mul(call: Call) -> Sequence[Value]:
     """Read a product by a constant or of two computed values."""
     left, right = operands(call)
     if isinstance(left, Computed) and isinstance(right, Computed):
-        return [gated(call.assembly, left, right) or call.assembly.product(left, right)]
+        return [gated(call.assembly, left, right) or normalised(call.assembly, left, right)]
     x, constant = (left, right) if isinstance(left, Computed) else (right, left)
     assert isinstance(x, Computed)
     assert isinstance(constant, Constant)
@@ -156,7 +157,8 @@ def read_div(call: Call) -> Sequence[Value]:
         return [divided_by(call, numerator, counted(divisor, "divisor"))]
     if isinstance(numerator, Constant):
         return [scaled_by(call, reciprocal(call.assembly, divisor), counted(numerator, "numerator"))]
-    return [quotient(call.assembly, numerator, divisor)]
+    bounded = of_exponentials(call.assembly, numerator, divisor)
+    return [bounded or quotient(call.assembly, numerator, divisor)]
 
 
 def divided_by(call: Call, x: Computed, divisors: Counted) -> Computed:

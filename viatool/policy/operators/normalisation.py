@@ -18,7 +18,7 @@ from viatool.policy.network import Precision
 from viatool.policy.operators.linear import scaled_by, scattered, weighted_sum
 from viatool.policy.operators.reduction import means, normalised_axes, summed
 from viatool.policy.operators.registry import Call, Value, counted, reads
-from viatool.policy.operators.variance import variance
+from viatool.policy.operators.variance import normalised, variance
 from viatool.policy.tensors import Constant, as_precision, dtype_name
 from viatool.rounding import UNIT_ROUNDOFF
 
@@ -70,7 +70,7 @@ def standardised(
     squares = variance(assembly, deviation, means(call, x, axes), mean.shape, uncentred=x if centre else None)
     spread = assembly.activation(assembly.scaled(squares, 1.0, epsilon), "Sqrt")
     reciprocal = assembly.activation(spread, "Reciprocal")
-    return assembly.product(deviation, reciprocal), mean, reciprocal
+    return normalised(assembly, deviation, reciprocal), mean, reciprocal
 
 
 def _first_stage(call: Call, x: Computed) -> Computed:

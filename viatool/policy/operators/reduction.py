@@ -155,33 +155,43 @@ def tournament(
 @reads("LogSoftmax", 1, 11, 13, treatment="enclosed", note=f"over at most {_LARGEST_SOFTMAX} values")
 def read_log_softmax(call: Call) -> Sequence[Value]:
     """Read ``log sigmoid(x_i - log sum_j exp(x_j))`` over all j but i."""
-    return [_softmax(call, "LogSoftmax", 0.0)]
+    return [_along_axes(call, "LogSoftmax")]
 
 
 @reads("Softmax", 1, 11, 13, treatment="enclosed", note=f"over at most {_LARGEST_SOFTMAX} values")
 def read_softmax(call: Call) -> Sequence[Value]:
     """Read ``sigmoid(x_i - log sum_j exp(x_j))`` over all j but i."""
-    return [_softmax(call, "Softmax", 1.0)]
+    return [_along_axes(call, "Softmax")]
 
 
-def _softmax(call: Call, name: str, alone: float) -> Computed:
-    """Add a function of the log-odds of every element, which increases and saturates as the softmax does.
-
-    The log-odds are not what the program computes, so they carry no rounding of its precision; that of the program,
-    which subtracts the maximum, is the error of the named activation.
-    """
+def _along_axes(call: Call, name: str) -> Computed:
     x = call.computed(0)
     (axis,) = normalised_axes([call.integer("axis")], x)
     rank = len(x.shape)
     axes = [axis] if call.version == 13 else list(range(axis, rank))  # older ones flatten the rest
     others = [a for a in range(rank) if a not in axes]
     count = math.prod(x.shape[a] for a in axes)
+    groups = np.arange(x.size).reshape(x.shape).transpose(*others, *axes).reshape(-1, count)
+    return softmax_of(call.assembly, x, groups, name)
+
+
+def softmax_of(assembly: Assembly, x: Computed, numbers: Indices, name: str) -> Computed:
+    """Add the softmax or its logarithm over groups (G, K) of elements of x, each of which is in one group.
+
+    It is a function of the log-odds of every element, which increases and saturates. The log-odds are not what the
+    program computes, so they carry no rounding of its precision; that of the program, which subtracts the maximum, is
+    the error of the named activation.
+
+    Raises
+    ------
+    Refusal
+        If the groups are too large.
+    """
+    count = numbers.shape[1]
     if count > _LARGEST_SOFTMAX:
         raise Refusal(f"is a softmax over {count} values, where at most {_LARGEST_SOFTMAX} are read")
-    assembly = call.assembly
     if count == 1:
-        return assembly.constant(alone, x.shape, x.precision)
-    numbers = np.arange(x.size).reshape(x.shape).transpose(*others, *axes).reshape(-1, count)  # (G, K)
+        return assembly.constant(float(name == "Softmax"), x.shape, x.precision)
     rest = _logarithms_of_others(assembly, _selected(assembly, x, numbers))
     assembly.reserve(x.size, x.size)
     back = np.eye(x.size)[np.argsort(numbers.ravel())]

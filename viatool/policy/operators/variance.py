@@ -8,14 +8,19 @@ of the values themselves, with weight 0 and their magnitudes.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from viatool.arrays import Floats
 from viatool.policy.activations import activation
-from viatool.policy.assembly import Assembly, Computed, Shape, Term
+from viatool.policy.assembly import Assembly, Computed, Shape, Term, broadcast_index
 from viatool.policy.network import Activation, Affine, Cast
 
 _SQUARE = activation("Pow", exponent=2.0)
+
+_SLIGHTLY_ABOVE = 1.0 + 2.0**-20
+"""Covers the stored weights of a mean, which are rounded."""
 
 
 def variance(
@@ -134,3 +139,45 @@ def _mean_at(assembly: Assembly, index: int) -> Affine | None:
         return None
     means = np.array_equal(weight, inside / counts) and (inside.sum(axis=0) <= 1).all()
     return node if means else None
+
+
+def normalised(assembly: Assembly, left: Computed, right: Computed) -> Computed:
+    """Add ``left * right``, within its natural range where one is divided by its own root mean square.
+
+    Notes
+    -----
+    **Sound:** ``|x_i| / sqrt(sum_j w_j x_j^2 + epsilon) <= 1 / sqrt(w_i)`` for weights and epsilon that are not
+    negative. The program does not know that limit, so its rounding is not cut by it.
+    """
+    product = assembly.product(left, right)
+    for x, factor in ((left, right), (right, left)):
+        least = _least_own_weight(assembly, x, factor, product.shape)
+        if least > 0:
+            limit = _SLIGHTLY_ABOVE / math.sqrt(least)
+            return assembly.activation(product, activation("Known", min=-limit, max=limit))
+    return product
+
+
+def _least_own_weight(assembly: Assembly, x: Computed, factor: Computed, shape: Shape) -> float:
+    """Return the least weight of an element's own square in the reciprocal root that it is multiplied by, else 0."""
+    root = assembly.function_of(factor, "Reciprocal")
+    raised = None if root is None else assembly.function_of(root, "Sqrt")
+    if raised is None or x.shape != shape:
+        return 0.0
+    scaling = assembly.scaling_of(raised)
+    if scaling is not None and scaling.factor == 1.0 and scaling.offset >= 0.0:
+        raised = scaling.source
+    node = assembly.nodes[raised.node]
+    if not isinstance(node, Affine) or (node.bias < 0).any():
+        return 0.0
+    weight: Floats | None = None
+    for source, numbers in zip(node.sources, node.weights, strict=True):
+        square = assembly.nodes[source]
+        if isinstance(square, Activation) and square.function == _SQUARE and square.source == x.node:
+            weight = numbers
+        elif numbers.any():
+            return 0.0
+    if weight is None or (weight < 0).any():
+        return 0.0
+    row = broadcast_index(factor, shape)
+    return float(weight[row, np.arange(x.size)].min(initial=math.inf))

@@ -1,0 +1,226 @@
+"""Quotients of exponentials with exponentials above as well: sigmoids, tanh and the softmax, spelled out.
+
+Each is bounded whatever its parts are, so it is one function of the exponent, enclosed in its natural range. Where the
+program's exponential overflows above as well as below, the quotient is not a number; a guard on the exponent refuses
+what may come so far.
+
+Notes
+-----
+**Sound:** with exponentials that err by 16 roundings of ``max(1, |z|)`` of their value, ``e / (b + a e)`` errs by at
+most ``y (1 - y) 16 u max(1, |z|) + 4 u y <= 9 u`` times its own range, where ``y (1 - y) max(1, |z|) <= 0.28``: less
+than half of what `taylor.rounding` counts for the functions here.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from viatool.arrays import Floats, Indices
+from viatool.policy.activations import activation
+from viatool.policy.assembly import Assembly, Computed, Term, UniformScaling, broadcast_index
+from viatool.policy.network import Affine, Maximum, Precision
+from viatool.policy.operators.reduction import softmax_of
+from viatool.rounding import LARGEST, SMALLEST_NORMAL
+
+
+def of_exponentials(assembly: Assembly, numerator: Computed, divisor: Computed) -> Computed | None:
+    """Return a quotient of two values that hold exponentials as a bounded function, None where it is no known one."""
+    for recognise in (_softmax, _ratio, _tanh):
+        result = recognise(assembly, numerator, divisor)
+        if result is not None:
+            return result
+    return None
+
+
+def log_softmax(assembly: Assembly, logits: Computed, logarithm: Computed) -> Computed | None:
+    """Return ``z - log sum exp(z)``, None where the logarithm is another."""
+    total = assembly.function_of(logarithm, "Log")
+    if total is None:
+        return None
+    exponent, groups = _summed_exponentials(assembly, total, logits.shape)
+    if exponent is None or groups is None or exponent.node != logits.node:
+        return None
+    return softmax_of(assembly, _within_range(assembly, exponent, groups), groups, "LogSoftmax")
+
+
+def _ratio(assembly: Assembly, numerator: Computed, divisor: Computed) -> Computed | None:
+    """Recognise ``(p + q exp(z)) / (b + a exp(z)) = p / b + (q / a - p / b) sigmoid(z + log(a / b))``."""
+    below, above = _in_exponential(assembly, divisor), _in_exponential(assembly, numerator)
+    if below is None or above is None or numerator.shape != divisor.shape:
+        return None
+    (exponent, a, b), (same, q, p) = below, above
+    if same.node != exponent.node or not (a > 0 and b > 0):
+        return None
+    guarded = _guarded(
+        assembly, exponent, -math.inf, math.log(LARGEST[divisor.precision] / (a + abs(q) + 1.0))
+    )
+    share = _sigmoid(assembly, guarded, 1.0, math.log(a) - math.log(b), divisor.precision)
+    factor, offset = q / a - p / b, p / b
+    weight = factor * np.eye(share.size)
+    size = abs(q / a) + abs(p / b)
+    return assembly.affine(
+        [Term(share, weight, size * np.eye(share.size))],
+        np.full(share.size, offset), numerator.shape, numerator.precision, roundings=4,
+    )  # fmt: skip
+
+
+def _tanh(assembly: Assembly, numerator: Computed, divisor: Computed) -> Computed | None:
+    """Recognise ``(exp(z) - exp(-z)) / (exp(z) + exp(-z))``."""
+    above, below = assembly.nodes[numerator.node], assembly.nodes[divisor.node]
+    if not (isinstance(above, Affine) and isinstance(below, Affine)) or numerator.shape != divisor.shape:
+        return None
+    if len(above.sources) != 2 or above.sources != below.sources or above.bias.any() or below.bias.any():
+        return None
+    unit = np.eye(numerator.size)
+    if (
+        above.roundings
+        or below.roundings
+        or not all(np.array_equal(weight, unit) for weight in below.weights)
+    ):
+        return None
+    for plus, minus in ((0, 1), (1, 0)):
+        if np.array_equal(above.weights[plus], unit) and np.array_equal(above.weights[minus], -unit):
+            rising, falling = (
+                assembly.function_of(Computed(above.sources[k], numerator.shape, numerator.precision), "Exp")
+                for k in (plus, minus)
+            )
+            if rising is None or falling is None or not _are_opposite(assembly, rising, falling):
+                return None
+            limit = math.log(LARGEST[numerator.precision]) - 1.0
+            return assembly.activation(_guarded(assembly, rising, -limit, limit), "SpelledTanh")
+    return None
+
+
+def _are_opposite(assembly: Assembly, left: Computed, right: Computed) -> bool:
+    whole = UniformScaling(left, 1.0, 0.0, 0)
+    scaled = [(assembly.scaling_of(x) or UniformScaling(x, 1.0, 0.0, 0)) for x in (left, right)]
+    pairs = [(scaled[0], scaled[1]), (whole, scaled[1]), (scaled[0], UniformScaling(right, 1.0, 0.0, 0))]
+    return any(
+        a.source.node == b.source.node and a.factor == -b.factor and not (a.offset or b.offset)
+        and not (a.roundings or b.roundings)
+        for a, b in pairs
+    )  # fmt: skip
+
+
+def _softmax(assembly: Assembly, numerator: Computed, divisor: Computed) -> Computed | None:
+    """Recognise ``exp(z) / sum exp(z)``."""
+    argument = assembly.function_of(numerator, "Exp")
+    if argument is None:
+        return None
+    exponent, groups = _summed_exponentials(assembly, divisor, numerator.shape)
+    if exponent is None or groups is None or exponent.node != argument.node:
+        return None
+    return softmax_of(assembly, _within_range(assembly, argument, groups), groups, "Softmax")
+
+
+def _summed_exponentials(
+    assembly: Assembly, total: Computed, shape: tuple[int, ...]
+) -> tuple[Computed | None, Indices | None]:
+    """Return z and the groups (G, K) in which a value, broadcast to a shape, sums ``exp(z)``; None if it does not."""
+    node = assembly.nodes[total.node]
+    if not isinstance(node, Affine) or len(node.sources) != 1 or node.bias.any() or node.roundings:
+        return None, None
+    precision = total.precision
+    argument = assembly.function_of(Computed(node.sources[0], shape, precision), "Exp")
+    weight = node.weights[0]
+    if argument is None or weight.shape[1] != math.prod(shape) or not np.isin(weight, (0.0, 1.0)).all():
+        return None, None
+    try:
+        row = broadcast_index(total, shape)
+    except ValueError:
+        return None, None
+    inside = weight[row] != 0  # (N, N): what is summed for each element
+    sets, member = np.unique(inside, axis=0, return_inverse=True)
+    counts = sets.sum(axis=1)
+    own = sets[member.ravel(), np.arange(len(inside))]
+    if not own.all() or (counts != counts[0]).any() or (sets.sum(axis=0) != 1).any():
+        return None, None
+    return argument, np.nonzero(sets)[1].reshape(len(sets), int(counts[0]))
+
+
+def _within_range(assembly: Assembly, exponent: Computed, groups: Indices) -> Computed:
+    """Return exponents with a guard, unless the largest of each group was subtracted from it."""
+    if _are_below_largest(assembly, exponent, groups):
+        return exponent
+    precision = exponent.precision
+    highest = math.log(LARGEST[precision] / groups.shape[1]) - 1.0
+    return _guarded(assembly, exponent, math.log(SMALLEST_NORMAL[precision]) + 1.0, highest)
+
+
+def _are_below_largest(assembly: Assembly, exponent: Computed, groups: Indices) -> bool:
+    node = assembly.nodes[exponent.node]
+    if not isinstance(node, Affine) or len(node.sources) != 2 or node.bias.any() or node.roundings:
+        return False
+    unit = np.eye(node.size)
+    for own, other in ((0, 1), (1, 0)):
+        if not np.array_equal(node.weights[own], unit):
+            continue
+        picked = _copied(-node.weights[other])
+        if picked is None:
+            return False
+        return all(
+            _largest_of(assembly, node.sources[other], int(picked[element]), node.sources[own]) == set(group)
+            for group in groups.tolist()
+            for element in group
+        )
+    return False
+
+
+def _largest_of(assembly: Assembly, index: int, element: int, source: int) -> set[int]:
+    """Return the elements of a source of which a value is the largest; empty where it is something else."""
+    if index == source:
+        return {element}
+    node = assembly.nodes[index]
+    if isinstance(node, Maximum):
+        sides = [_largest_of(assembly, side, element, source) for side in (node.left, node.right)]
+        return sides[0] | sides[1] if all(sides) else set()
+    if isinstance(node, Affine) and len(node.sources) == 1 and not node.bias.any() and not node.roundings:
+        picked = _copied(node.weights[0])
+        return (
+            set() if picked is None else _largest_of(assembly, node.sources[0], int(picked[element]), source)
+        )
+    return set()
+
+
+def _copied(weight: Floats) -> Indices | None:
+    """Return the column that each row of a weight copies, None where a row does something else."""
+    if not np.isin(weight, (0.0, 1.0)).all() or (weight.sum(axis=1) != 1).any():
+        return None
+    return np.asarray(weight.argmax(axis=1))
+
+
+def _in_exponential(assembly: Assembly, value: Computed) -> tuple[Computed, float, float] | None:
+    """Return z, a and b of ``b + a exp(z)``, None where the value is something else."""
+    exponent = assembly.function_of(value, "Exp")
+    if exponent is not None:
+        return exponent, 1.0, 0.0
+    scaling = assembly.scaling_of(value)
+    if (
+        scaling is None
+        or scaling.roundings
+        or not (math.isfinite(scaling.factor) and math.isfinite(scaling.offset))
+    ):
+        return None
+    exponent = assembly.function_of(scaling.source, "Exp")
+    return None if exponent is None else (exponent, scaling.factor, scaling.offset)
+
+
+def _sigmoid(
+    assembly: Assembly, exponent: Computed, sign: float, offset: float, precision: Precision
+) -> Computed:
+    """Add ``sigmoid(sign z + offset)``, whose argument no program computes."""
+    if sign == 1.0 and offset == 0.0:
+        return assembly.activation(exponent, "SpelledSigmoid")
+    size = exponent.size
+    magnitude = np.full(size, max(1.0, abs(offset))) if offset else None
+    argument = assembly.affine(
+        [Term(exponent, sign * np.eye(size))], np.full(size, offset), exponent.shape, "float64",
+        roundings=4 if offset else 0, bias_magnitude=magnitude,
+    )  # fmt: skip
+    return assembly.activation_in(precision, argument, activation("SpelledSigmoid"))
+
+
+def _guarded(assembly: Assembly, x: Computed, lowest: float, highest: float) -> Computed:
+    return assembly.activation(x, activation("Guard", min=lowest, max=highest))
