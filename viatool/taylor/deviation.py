@@ -282,6 +282,8 @@ class _Carried:
         precision = self._precision(node)
         if isinstance(node, Input) and self._engine:  # on exact inputs
             return np.zeros_like(self._hulls[0][0])
+        if isinstance(node, Activation) and node.function.passes_on and self._engine:  # nor is it guarded
+            return np.zeros_like(self._hulls[index][0])
         if isinstance(node, Cast) and (
             UNIT_ROUNDOFF[precision] <= UNIT_ROUNDOFF[self._precision(self._network.nodes[node.source])]
         ):

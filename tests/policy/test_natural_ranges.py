@@ -1,0 +1,182 @@
+"""Ratios of exponentials, softmaxes from their parts and normalisations keep to their natural range, and are refused
+where the program gives no number."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import onnxruntime as ort
+import pytest
+from numpy.typing import NDArray
+from onnx import NodeProto
+
+from tests.policy.models import model_of, node, save
+from viatool.errors import EnclosureError
+from viatool.policy import Policy, load_policy
+from viatool.policy.network import Activation
+from viatool.taylor import reach
+
+Floats = NDArray[np.float64]
+ONE = {"one": np.float32(1.0)}
+LEVELS = (ort.GraphOptimizationLevel.ORT_ENABLE_ALL, ort.GraphOptimizationLevel.ORT_DISABLE_ALL)
+
+RATIO = [node("Exp", ["x"], ["e"]), node("Add", ["e", "one"], ["p"]), node("Div", ["e", "p"], ["y"])]
+MIRRORED = [
+    node("Neg", ["x"], ["n"]),
+    node("Exp", ["n"], ["e"]),
+    node("Sub", ["one", "e"], ["a"]),
+    node("Add", ["e", "one"], ["p"]),
+    node("Div", ["a", "p"], ["y"]),
+]
+TANH = [
+    node("Neg", ["x"], ["n"]),
+    node("Exp", ["x"], ["e"]),
+    node("Exp", ["n"], ["f"]),
+    node("Sub", ["e", "f"], ["a"]),
+    node("Add", ["e", "f"], ["b"]),
+    node("Div", ["a", "b"], ["y"]),
+]
+SHIFTED = [
+    node("ReduceMax", ["x"], ["m"], axes=[1], keepdims=1),
+    node("Sub", ["x", "m"], ["z"]),
+    node("Exp", ["z"], ["e"]),
+    node("ReduceSum", ["e", "axis"], ["s"], keepdims=1),
+]
+SOFTMAX = [*SHIFTED, node("Div", ["e", "s"], ["y"])]
+LOG_SOFTMAX = [*SHIFTED, node("Log", ["s"], ["l"]), node("Sub", ["z", "l"], ["y"])]
+RAW_SOFTMAX = [
+    node("Exp", ["x"], ["e"]),
+    node("ReduceSum", ["e", "axis"], ["s"], keepdims=1),
+    node("Div", ["e", "s"], ["y"]),
+]
+AXIS = {"axis": np.array([1])}
+RMS = [
+    node("Mul", ["x", "x"], ["q"]),
+    node("ReduceMean", ["q"], ["m"], axes=[1], keepdims=1),
+    node("Add", ["m", "tiny"], ["v"]),
+    node("Sqrt", ["v"], ["r"]),
+    node("Div", ["x", "r"], ["y"]),
+]
+LAYER = [node("LayerNormalization", ["x", "scale", "shift"], ["y"], axis=-1)]
+
+
+def load(folder: Path, nodes: Sequence[NodeProto], constants: dict[str, object], size: int = 4) -> Policy:
+    return load_policy(save(model_of(nodes, constants, shape=("N", size)), folder))
+
+
+def program(path: Path, points: Floats) -> list[Floats]:
+    """Run both levels of optimisation on float32 observations."""
+    found = []
+    for level in LEVELS:
+        options = ort.SessionOptions()
+        options.graph_optimization_level = level
+        session = ort.InferenceSession(path, options, providers=["CPUExecutionProvider"])
+        found.append(np.asarray(session.run(None, {"x": points.astype(np.float32)})[0], dtype=np.float64))
+    return found
+
+
+def attacked(centre: Floats, eps: float, seed: int = 0) -> Floats:
+    """Return float32 observations of a box: corners, random ones, and neighbours in the last place."""
+    rng = np.random.default_rng(seed)
+    offset = rng.uniform(-1, 1, (400, centre.size))
+    offset[::2] = np.sign(offset[::2])
+    points = (centre + eps * offset).astype(np.float32)
+    points = np.concatenate(
+        [points, np.nextafter(points, np.float32(np.inf)), np.nextafter(points, np.float32(-np.inf))]
+    )
+    inside = (np.abs(points.astype(np.float64) - centre) <= eps).all(axis=1)
+    return points[inside].astype(np.float64)
+
+
+@pytest.mark.parametrize("eps", [0.0, 0.01, 0.5, 3.0])
+@pytest.mark.parametrize("scale", [0.5, 8.0, 60.0])
+@pytest.mark.parametrize(
+    ("nodes", "constants", "lowest", "highest"),
+    [
+        (RATIO, ONE, 0.0, 1.0),
+        (MIRRORED, ONE, -1.0, 1.0),
+        (TANH, {}, -1.0, 1.0),
+        (SOFTMAX, AXIS, 0.0, 1.0),
+        (RAW_SOFTMAX, AXIS, 0.0, 1.0),
+        (LOG_SOFTMAX, AXIS, -np.inf, 0.0),
+    ],
+    ids=["ratio", "mirrored", "tanh", "softmax", "raw softmax", "log softmax"],
+)
+def test_quotients_of_exponentials_hold_the_program_and_keep_to_their_range(
+    nodes: Sequence[NodeProto], constants: dict[str, object], lowest: float, highest: float, scale: float,
+    eps: float, tmp_path: Path,
+) -> None:  # fmt: skip
+    policy = load(tmp_path, nodes, constants)
+    centre = scale * np.random.default_rng(1).uniform(-1, 1, 4)
+    bounds = reach(policy, centre[None], eps)
+    spare = 1e-4 if np.isfinite(lowest) else 1e-4 * (1 + 4 * scale)
+    assert bounds.lower.min() >= lowest - spare
+    assert bounds.upper.max() <= highest + spare
+    points = attacked(centre, eps)
+    for actions in program(
+        policy.path, points if eps else centre.astype(np.float32)[None].astype(np.float64)
+    ):
+        assert (actions >= bounds.lower - (0 if eps else 1e-5)).all()
+        assert (actions <= bounds.upper + (0 if eps else 1e-5)).all()
+
+
+@pytest.mark.parametrize(
+    ("nodes", "constants", "centre"),
+    [
+        (RATIO, ONE, 95.0),
+        (MIRRORED, ONE, -95.0),
+        (TANH, {}, 95.0),
+        (TANH, {}, -95.0),
+        (RAW_SOFTMAX, AXIS, 95.0),
+        (RAW_SOFTMAX, AXIS, -110.0),
+    ],
+)
+def test_where_the_program_gives_no_number_the_box_is_refused_by_name(
+    nodes: Sequence[NodeProto], constants: dict[str, object], centre: float, tmp_path: Path
+) -> None:
+    policy = load(tmp_path, nodes, constants)
+    observation = np.full((1, 4), centre)
+    assert np.isnan(program(policy.path, observation)[1]).any()
+    with pytest.raises(EnclosureError, match=r"node '\w+' \((Div|Exp)\)"):
+        reach(policy, observation, 0.1)
+    reach(policy, observation, 0.1, arithmetic="real")
+
+
+def test_a_softmax_from_parts_is_as_tight_as_the_operator(tmp_path: Path) -> None:
+    parts = load(tmp_path, SOFTMAX, AXIS)
+    whole = load(tmp_path, [node("Softmax", ["x"], ["y"], axis=1)], {})
+    centre = np.random.default_rng(2).uniform(-10, 10, (5, 4))
+    found, expected = (reach(policy, centre, 0.1, arithmetic="real") for policy in (parts, whole))
+    assert found.width == pytest.approx(expected.width, rel=1e-6, abs=1e-12)
+
+
+@pytest.mark.parametrize("eps", [0.1, 10.0, 1000.0])
+@pytest.mark.parametrize(
+    ("nodes", "constants"),
+    [
+        (RMS, {"tiny": np.float32(1e-5)}),
+        (LAYER, {"scale": np.ones(4, np.float32), "shift": np.zeros(4, np.float32)}),
+    ],
+    ids=["rms from parts", "layer"],
+)
+def test_a_normalisation_is_at_most_the_root_of_how_many_it_normalises(
+    nodes: Sequence[NodeProto], constants: dict[str, object], eps: float, tmp_path: Path
+) -> None:
+    policy = load(tmp_path, nodes, constants)
+    centre = np.array([0.5, -1.0, 2.0, 0.25])
+    bounds = reach(policy, centre[None], eps, arithmetic="real")
+    assert bounds.upper.max() <= 2.0 + 1e-5
+    assert bounds.lower.min() >= -2.0 - 1e-5
+    exact = policy.network(attacked(centre, eps))
+    assert (exact >= bounds.lower - 1e-12).all()
+    assert (exact <= bounds.upper + 1e-12).all()
+
+
+def test_what_is_known_of_a_value_does_not_cut_the_rounding_of_the_program(tmp_path: Path) -> None:
+    """One value alone is 1 after its normalisation, but a program may give a little more."""
+    policy = load(tmp_path, RMS, {"tiny": np.float32(1e-12)}, size=1)
+    assert any(isinstance(n, Activation) and n.function.name == "Known" for n in policy.network.nodes)
+    bounds = reach(policy, np.array([[3.0]]), 0.5)
+    assert bounds.upper[0, 0] > 1.0 + 2.0**-20 + 2.0**-24
