@@ -47,8 +47,12 @@ _NOTES = """\
 - Activations that exporters write as several operators (`x * Sigmoid(x)`, `x * (1 + Erf(x / 1.4142135))`,
   `Where(x > 20, x, Softplus(x))`, ...) are recognised where they are equal to one function in real arithmetic.
 - A logistic from its parts (`1 / (1 + Exp(-x))`, with `Div`, `Reciprocal` or `Pow`, and `x / (1 + Exp(-b * x))`)
-  keeps to its range also where its exponential overflows, which makes the quotient 0. `Exp(x) / (1 + Exp(x))` is NaN
-  there, and is refused.
+  keeps to its range also where its exponential overflows, which makes the quotient 0. `Exp(x) / (1 + Exp(x))`, tanh
+  from two exponentials and a softmax from its parts (`Exp(z) / ReduceSum(Exp(z))`, `z - Log(ReduceSum(Exp(z)))`) keep
+  to theirs, too, and are refused by name where the program gives NaN: where an exponential may overflow, or all may
+  vanish, unless `z` is `x - ReduceMax(x)`.
+- What is divided by its own root mean square (`LayerNormalization`, `x / Sqrt(ReduceMean(x * x) + e)`, ...) is at most
+  the square root of how many values there are, whatever the box.
 - `Softmax` and `LogSoftmax` are functions of the log-odds of each value, which keep to their range whatever the logits
   are, up to magnitudes of 1e30.
 - Terms that are added up when a graph is read (constants in a Sum, a Gemm whose C is its own input) count as large as
