@@ -102,7 +102,7 @@ def test_a_map_that_names_no_robot_leaves_it_to_the_policy(policy):
     assert setting.rules.footprint.kind == "polygon"
     v, omega = policy.spec.action
     lame = said(policy, action=[v, omega.model_copy(update={"lower": -0.5})])
-    with pytest.raises(ConfigurationError, match="clips turns alike"):
+    with pytest.raises(ConfigurationError, match="limits turns equally"):
         Setting.of(lame, GRID, 0.01)
 
 

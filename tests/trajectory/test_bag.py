@@ -162,7 +162,7 @@ def test_readings_that_are_no_distances_are_told_and_never_invented(tmp_path, pl
     assert len(states) == len(expected)
     assert "left out: 1 with a bin that measured nothing" in told(states)
     assert "18 of" in told(states)
-    assert "no measurement" in told(states)
+    assert "not measurements" in told(states)
     np.testing.assert_allclose(states.observations[0, 0], min(ranges[1][8], 7.0), atol=1e-6)
     np.testing.assert_allclose(states.observations[1, 1], 0.2, atol=1e-6)
     np.testing.assert_allclose(states.observations[3:], expected[3:], atol=5e-5)

@@ -96,7 +96,7 @@ def test_a_contradiction_is_named(changes, message):
         ("episode,time,x,x,theta,observation_0\n0,0,1,2,3,4\n", "'x' twice"),
         (
             "episode,time,x,y,theta,observation_0,outcome\n0,0,1,2,3,4,success\n0,1,1,2,3,4,timeout\n",
-            "row 2 tells the outcome 'timeout'",
+            "row 2 gives the outcome 'timeout'",
         ),
     ],
 )
