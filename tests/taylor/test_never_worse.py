@@ -47,7 +47,7 @@ def assert_no_worse(dearer: ReachableSet | None, cheaper: ReachableSet | None) -
     st.sampled_from(RULES),
     st.sampled_from(REFINEMENTS),
 )
-@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=30, deadline=None, suppress_health_check=list(HealthCheck))
 def test_a_higher_order_is_never_worse(plan: NetworkPlan, boxes: BoxPlan, rule: str, refine: str) -> None:
     network = plan.build()
     found = [bounds(network, boxes, order=k, approximation=rule, refine=refine) for k in (1, 2, 3)]
@@ -61,7 +61,7 @@ def test_a_higher_order_is_never_worse(plan: NetworkPlan, boxes: BoxPlan, rule: 
     st.sampled_from(RULES),
     st.sampled_from((1, 2)),
 )
-@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=30, deadline=None, suppress_health_check=list(HealthCheck))
 def test_more_refinement_is_never_worse(plan: NetworkPlan, boxes: BoxPlan, rule: str, order: int) -> None:
     network = plan.build()
     found = [bounds(network, boxes, order=order, approximation=rule, refine=refine) for refine in REFINEMENTS]

@@ -1,14 +1,16 @@
-"""How many states go together, so that arrays stay in the cache where they can, and small in any case."""
+"""What a network allows: how many states go together, so that arrays stay small, and what is worth its time."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 from math import comb
 
 import numpy as np
 
-from viatool.arrays import Indices
-from viatool.policy.network import Network
+from viatool.arrays import Floats, Indices
+from viatool.policy.network import Activation, Affine, Network
+from viatool.taylor.model import MOST_SYMBOLS
 from viatool.taylor.propagation import Box
 
 CACHED_FLOATS = 400_000
@@ -19,6 +21,9 @@ LARGEST_FLOATS = 4_000_000
 
 _LEAST_STATES = 8
 """States of a pass through a network so wide that nothing stays in the cache: enough to share the work of Python."""
+
+_OPERATIONS = 4e9
+"""Multiplications of what refines the bounds of one state: some tenths of a second."""
 
 _ALIKE = 4
 """Free inputs by which the boxes of one pass of higher order may differ."""
@@ -46,16 +51,45 @@ def blocks_of_order(network: Network, box: Box, order: int, largest: int) -> Ite
     Monomials grow with the `order`-th power of the free inputs. Boxes without any, and those of which one alone needs
     more than `largest` floats in an array, are left out.
     """
-    free = (box.upper > box.lower).sum(axis=1)
-    floats = np.array([_floats(network, count, order) for count in range(int(free.max(initial=0)) + 1)])
-    rows = np.flatnonzero((free > 0) & (floats[free] <= largest))
+    free, floats = (box.upper > box.lower).sum(axis=1), floats_of_order(network, box, order)
+    rows = np.flatnonzero((free > 0) & (floats <= largest))
     rows = rows[np.argsort(free[rows], kind="stable")]
     for some in np.split(rows, np.flatnonzero(np.diff(free[rows] // _ALIKE)) + 1):
         if some.size:
-            step = max(1, CACHED_FLOATS // int(floats[free[some[-1]]]))
+            step = max(1, CACHED_FLOATS // int(floats[some[-1]]))
             yield from (some[start : start + step] for start in range(0, some.size, step))
 
 
-def _floats(network: Network, free: int, order: int) -> int:
-    """Return the size of the largest array over one state: monomials by neurons, or by the variables in them."""
-    return (comb(free + order, order) - 1) * max(free, *(node.size for node in network.nodes))
+def floats_of_order(network: Network, box: Box, order: int) -> Floats:
+    """Return the size of the largest array of a pass over each box alone, (B,)."""
+    free = (box.upper > box.lower).sum(axis=1)
+    widest = max(node.size for node in network.nodes)
+    sizes = [(comb(k + order, order) - 1) * max(k, widest) for k in range(int(free.max(initial=0)) + 1)]
+    return np.asarray(np.array(sizes, dtype=np.float64)[free])
+
+
+def affords_passes(network: Network, count: int) -> bool:
+    """Tell whether so many passes of order 1 over single boxes are worth their time, for one state."""
+    return count * _operations_of_a_pass(network) <= _OPERATIONS
+
+
+@lru_cache(maxsize=64)
+def _operations_of_a_pass(network: Network) -> float:
+    symbols, operations = network.input_size, 0.0
+    for node in network.nodes:
+        if isinstance(node, Affine):
+            operations += sum(2.0 * symbols * weight.size for weight in node.weights)
+        elif isinstance(node, Activation):
+            symbols = min(symbols + node.size, MOST_SYMBOLS)
+    return operations
+
+
+def affordable_squares(symbols: int, questions: int) -> int:
+    """Return the neurons whose curvature may be traded for squares in all questions of one state, see `squares`.
+
+    A question of C squares in S symbols takes about ``2 C^2 S + 6 C^3`` multiplications.
+    """
+    counts = np.arange(16, 1025, 16)
+    costs = questions * (2.0 * counts**2 * symbols + 6.0 * counts**3)
+    affordable = int((costs <= _OPERATIONS).sum())
+    return int(counts[affordable - 1]) if affordable else 0

@@ -60,7 +60,7 @@ class BoxParts:
     next_neuron: Indices
     next_threshold: Floats
 
-    def rows(self, which: Indices) -> BoxParts:
+    def rows(self, which: Indices | slice) -> BoxParts:
         """Return some of the parts."""
         return BoxParts(*(getattr(self, field.name)[which] for field in fields(self)))
 

@@ -18,9 +18,16 @@ from viatool.taylor.attained import attained_actions
 from viatool.taylor.deviation import runtime_deviation
 from viatool.taylor.head import hulls_through, split_head, values_through
 from viatool.taylor.higher_order import higher_hulls
-from viatool.taylor.memory import blocks_of_states
+from viatool.taylor.memory import CACHED_FLOATS, affords_passes, blocks_of_states
 from viatool.taylor.propagation import Box, propagate
-from viatool.taylor.refinement import extrema_of, refine_by_order, refine_by_pieces, refine_monotone, unfold
+from viatool.taylor.refinement import (
+    extrema_of,
+    refine_by_order,
+    refine_by_pieces,
+    refine_by_squares,
+    refine_monotone,
+    unfold,
+)
 from viatool.taylor.rounding import widen
 from viatool.taylor.splitting import SplittingEffort, refine_by_splitting
 from viatool.taylor.watch import require_program_within
@@ -43,6 +50,11 @@ class _Settings:
     refine: Refinement
     arithmetic: Arithmetic
     effort: SplittingEffort
+
+    def refines_one_by_one(self, network: Network) -> bool:
+        """Tell whether each extremum of an action gets passes of its own; by default not where these take too long."""
+        affordable = affords_passes(network, 2 * network.output_size)
+        return self.refine == "split" or (self.refine == "monotone" and affordable)
 
     def __post_init__(self) -> None:
         if self.order < 1:
@@ -265,16 +277,19 @@ def _reach_chunk(network: Network, box: Box, settings: _Settings) -> tuple[Reach
     if max(node.size for node in trunk.nodes) >= _WIDE:
         extrema = refine_by_pieces(trunk, extrema, passes)
     if settings.refine != "none":
+        extrema = refine_by_squares(trunk, extrema, passes, rule=settings.rule)
+    one_by_one = settings.refines_one_by_one(trunk)
+    if one_by_one:
         extrema = refine_monotone(trunk, extrema, passes, rule=settings.rule)
     points, found = attained_actions(trunk, box, extrema, steps=1 if settings.refine == "none" else 4)
-    if settings.refine != "none":
+    if one_by_one:
         extrema, found = refine_by_splitting(
             trunk, extrema, found, rule=settings.rule, effort=settings.effort
         )
     if settings.order > 1:
         hulls = higher_hulls(trunk, box, hulls, order=settings.order, rule=settings.rule)
         extrema = extrema.met(extrema_of(box, *hulls[-1]).bound)
-    if settings.order > 1 and settings.refine != "none":
+    if settings.order > 1 and one_by_one:
         loose = np.flatnonzero(extrema.bound > found)
         extrema = refine_by_order(trunk, extrema, loose, order=settings.order, rule=settings.rule)
     actions = network.output_size
@@ -299,5 +314,7 @@ def _finer_hulls(
     """Return hulls of every node over some boxes with those of a pass of the next order met."""
     trunk, head = split_head(network)
     known = [(lower[rows], upper[rows]) for lower, upper in hulls]
-    order = settings.order + 1
-    return hulls_through(head, higher_hulls(trunk, box.rows(rows), known, order=order, rule=settings.rule))
+    finer = higher_hulls(
+        trunk, box.rows(rows), known, order=settings.order + 1, rule=settings.rule, largest=CACHED_FLOATS
+    )
+    return hulls_through(head, finer)

@@ -19,8 +19,15 @@ from viatool.taylor.derivatives import gradient_bounds
 from viatool.taylor.deviation import runtime_deviation
 from viatool.taylor.duality import DualEffort, DualProblem, SymbolLayout, descend, relaxation_conditions
 from viatool.taylor.higher_order import higher_hulls
-from viatool.taylor.memory import LARGEST_FLOATS, blocks_of_questions
+from viatool.taylor.memory import (
+    CACHED_FLOATS,
+    LARGEST_FLOATS,
+    affordable_squares,
+    blocks_of_questions,
+    floats_of_order,
+)
 from viatool.taylor.propagation import Box, Enclosure, is_curved, propagate
+from viatool.taylor.squares import SquareProblem
 
 _ROUNDS = 4
 _NEURONS_OF_A_STATE = 96
@@ -188,6 +195,31 @@ def refine_by_pieces(network: Network, extrema: Extrema, passes: Sequence[Enclos
         block = slice(start, start + batch)
         bound[block] = np.minimum(bound[block], bound_by_pieces(network, passes, extrema.seed[block], effort))
     return Extrema(extrema.box, extrema.seed, bound)
+
+
+def refine_by_squares(
+    network: Network, extrema: Extrema, passes: Sequence[Enclosure], *, rule: Approximation
+) -> Extrema:
+    """Tighten one-sided bounds, as `extrema_of` asks them, by what curvature adds to one pass over the B boxes.
+
+    Only where a pass of order 2, which sees more, would be too large.
+
+    **Sound:** yes.
+    """
+    model = passes[-1].model
+    batch, actions = model.constant.shape
+    questions = 2 * actions
+    box = Box(*passes[0].hull)
+    rows = np.flatnonzero(floats_of_order(network, box, 2) > CACHED_FLOATS)
+    symbols = model.linear.symbols + sum(form.symbols for form in model.symbols.values())
+    neurons = affordable_squares(symbols, questions)
+    if not is_curved(network) or not rows.size or not neurons:
+        return extrema
+    seed = np.swapaxes(extrema.seed.reshape(questions, batch, actions), 0, 1)[rows]
+    problem = SquareProblem.of(network, [e.rows(rows) for e in passes], seed, neurons=neurons, rule=rule)
+    bound = np.full((questions, batch), np.inf)
+    bound[:, rows] = problem.upper().T
+    return extrema.met(bound.ravel())
 
 
 def refine_by_order(

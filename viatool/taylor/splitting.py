@@ -14,7 +14,7 @@ import numpy as np
 from viatool.arrays import Booleans, Floats
 from viatool.policy.network import Network
 from viatool.taylor.approximation import Approximation
-from viatool.taylor.memory import CACHED_FLOATS
+from viatool.taylor.memory import CACHED_FLOATS, blocks_of_questions
 from viatool.taylor.parts import BoxParts, examine, whole_boxes
 from viatool.taylor.refinement import Extrema, refine_by_order, unfold
 
@@ -92,11 +92,14 @@ def refine_by_splitting(
         questions = np.flatnonzero(extrema.bound > found + margin)
     fresh, waiting = whole_boxes(extrema, questions), whole_boxes(extrema, questions[:0])
     while fresh.owner.size:
-        fresh, points = examine(network, extrema, fresh, found + margin if effort.exact else None, rule)
-        reached = (network(points) * extrema.seed[fresh.owner]).sum(axis=1)
-        np.maximum.at(found, fresh.owner, reached)
-        np.add.at(spent, fresh.owner, 1)
-        parts = waiting.joined(fresh)
+        parts = waiting
+        target = found + margin if effort.exact else None
+        for block in blocks_of_questions(network, fresh.owner.size):
+            examined, points = examine(network, extrema, fresh.rows(block), target, rule)
+            reached = (network(points) * extrema.seed[examined.owner]).sum(axis=1)
+            np.maximum.at(found, examined.owner, reached)
+            np.add.at(spent, examined.owner, 1)
+            parts = parts.joined(examined)
         done = (parts.bound <= (found + margin)[parts.owner]) | (parts.next_node == 0)
         done |= (spent >= effort.parts)[parts.owner]
         np.maximum.at(closed, parts.owner[done], parts.bound[done])
