@@ -164,6 +164,6 @@ class Campaign:
         assert worker.current is not None, "a worker cannot start"
         number = worker.current
         self._done.add(number)
-        self._start(worker)
         detail = f"the process ended with code {worker.process.exitcode}"
+        self._start(worker)
         return Outcome(number, kind, findings=[Finding(kind, detail)]).as_dict()

@@ -103,7 +103,8 @@ def logistic(g: Builder, x: Value) -> Value:
     """Write ``1 / (1 + exp(-k (x - c)))``."""
     steep = g.call("Mul", x, g.stored(g.typed(-g.number(1.0, 10.0, 0.3))))
     moved = g.call("Add", steep, g.stored(g.typed(g.number(0.0, 2.0, -35.0))))
-    below = g.call("Add", g.call("Exp", moved), near(g, 1.0))
+    with g.overflowing():
+        below = g.call("Add", g.call("Exp", moved), near(g, 1.0))
     return g.call("Div", g.stored(g.typed(1.0)), below) if g.chance(0.6) else g.call("Reciprocal", below)
 
 
@@ -179,6 +180,48 @@ def clipped_rectifier(g: Builder, x: Value) -> Value:
     if g.chance(0.5):
         return g.call("Clip", g.call("Relu", x), *ends)
     return g.call("Min", g.call("Max", x, ends[0]), ends[1])
+
+
+@_idiom
+def normaliser(g: Builder, x: Value) -> Value:
+    """Subtract means, divide by spreads of any size, and clip."""
+    x = g.ranked(x, 2)
+    size = x.shape[1]
+    mean = g.typed(g.rng.normal(size=size) * g.pick([1.0, 30.0]))
+    spread = g.typed(10.0 ** g.rng.uniform(-1.5, 2, size))
+    centred = g.call("Sub", x, constant(g, mean))
+    if g.chance(0.6):
+        scaled = g.call("Div", centred, constant(g, spread))
+    else:
+        scaled = g.call("Mul", centred, constant(g, 1 / spread))
+    return g.call(
+        "Clip", scaled, g.stored(g.typed(-g.number(5.0, 10.0))), g.stored(g.typed(g.number(5.0, 10.0)))
+    )
+
+
+@_idiom
+def norm_of_what_is_far_from_zero(g: Builder, x: Value) -> Value:
+    """Normalise numbers whose mean is large beside their spread."""
+    x = linear(g, x, g.between(2, 6))
+    x = g.call("Add", x, g.stored(g.typed(g.number(3.0, 10.0, 100.0))))
+    return (
+        PIECES["LayerNormalization"](g, x) if g.opset >= 17 and g.chance(0.6) else layer_norm_from_parts(g, x)
+    )
+
+
+@_idiom
+def wide_layers(g: Builder, x: Value) -> Value:
+    """Two dense layers with more neurons than anything else has."""
+    width = min(g.most, g.pick([16, 32, 140]))
+    for _ in range(g.between(1, 2)):
+        x = PIECES[g.pick(["Relu", "Relu", "Tanh", "LeakyRelu"])](g, linear(g, x, width))
+    return linear(g, x, g.between(1, 4))
+
+
+@_idiom
+def stacked(g: Builder, x: Value) -> Value:
+    """Put one idiom on another."""
+    return g.pick(IDIOMS)(g, g.pick(IDIOMS)(g, x))
 
 
 @_idiom

@@ -610,10 +610,12 @@ def run_alone(node: onnx.NodeProto, opset: int, feeds: Sequence[Array | None]) -
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 4
-    session = onnxruntime.InferenceSession(
-        model.SerializeToString(), options, providers=["CPUExecutionProvider"]
-    )
-    return [np.asarray(result) for result in session.run(None, {})]
+    content = model.SerializeToString()
+    try:
+        session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+        return [np.asarray(result) for result in session.run(None, {})]
+    except Exception as error:  # onnxruntime raises its own, undocumented classes
+        raise ValueError(f"{node.op_type} cannot be run: {error}") from error
 
 
 # --- graphs ----------------------------------------------------------------------------------------------
