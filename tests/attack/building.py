@@ -25,11 +25,14 @@ MOST_ELEMENTS = 48
 
 WITHOUT_DOUBLE = frozenset(
     (
-        "AveragePool", "Celu", "Elu", "Erf", "Gelu", "GlobalAveragePool", "GlobalMaxPool", "HardSigmoid", "HardSwish",
-        "LeakyRelu", "Mish", "PRelu", "Selu", "Softplus", "Softsign", "Swish", "ThresholdedRelu",
+        "AveragePool", "Celu", "Conv", "Elu", "Erf", "Gelu", "GlobalAveragePool", "GlobalMaxPool", "HardSigmoid",
+        "HardSwish", "InstanceNormalization", "LeakyRelu", "Mean", "Mish", "PRelu", "Selu", "Softplus", "Softsign",
+        "Swish", "ThresholdedRelu",
     )
 )  # fmt: skip
 """Operators for which onnxruntime has no double-precision kernel on a CPU."""
+
+_LACKING = {"float64": WITHOUT_DOUBLE, "float16": frozenset(("Celu",))}
 
 _LARGEST = {"float16": 2e3, "float32": 1e5, "float64": 1e7}
 _LARGEST_OF_WILD = {"float16": 6e4, "float32": 3e37, "float64": 1e300}
@@ -156,7 +159,7 @@ class Builder:
 
     def has(self, operator: str) -> bool:
         """Whether the opset has an operator, and onnxruntime a kernel of this element type."""
-        if self.kind == "float64" and operator in WITHOUT_DOUBLE:
+        if operator in _LACKING.get(self.kind, ()):
             return False
         try:
             onnx.defs.get_schema(operator, self.opset, "")

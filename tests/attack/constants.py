@@ -81,6 +81,8 @@ def _function(g: Builder, wanted: Array) -> Value:
 
 @_folds("Sin", "Cos", "Tan", "Atan", "Asin", "Acos", "Sinh", "Cosh", "Asinh", "Acosh", "Atanh")
 def _trigonometric(g: Builder, wanted: Array) -> Value:
+    if g.kind != "float32":
+        raise Unfit("onnxruntime has kernels for float32")
     operator = g.pick(
         ["Sin", "Cos", "Tan", "Atan", "Asin", "Acos", "Sinh", "Cosh", "Asinh", "Acosh", "Atanh"]
     )
@@ -106,10 +108,15 @@ def _cast(g: Builder, wanted: Array) -> Value:
     return g.call("Cast", first, to=KINDS[g.kind])
 
 
+def check_quantised(g: Builder) -> None:
+    """Raise Unfit where onnxruntime has no kernels of quantised weights."""
+    if g.kind != "float32" or g.version("DequantizeLinear") > 25:
+        raise Unfit("no quantised weights")
+
+
 @_folds("QuantizeLinear", "DequantizeLinear")
 def _quantised(g: Builder, wanted: Array) -> Value:
-    if g.kind != "float32":
-        raise Unfit("quantisation is of float32 weights")
+    check_quantised(g)
     kind = g.pick([np.int8, np.uint8])
     axis = wanted.ndim - 1
     by_channel = wanted.ndim == 2 and g.chance(0.5)

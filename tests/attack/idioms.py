@@ -7,8 +7,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from tests.attack.building import Builder, Unfit, Value
-from tests.attack.constants import constant, integers
+from tests.attack.building import Builder, Value
+from tests.attack.constants import check_quantised, constant, integers
 from tests.attack.pieces import PIECES, bounded, linear, scaled_down
 
 Idiom = Callable[[Builder, Value], Value]
@@ -249,8 +249,7 @@ def convolved_layer(g: Builder, x: Value) -> Value:
 @_idiom
 def quantised_layer(g: Builder, x: Value) -> Value:
     """Multiply by int8 weights that the graph dequantises."""
-    if g.kind != "float32":
-        raise Unfit("quantisation is of float32 weights")
+    check_quantised(g)
     x = g.ranked(x, 2)
     rows = g.between(1, 6)
     stored = g.stored(g.rng.integers(-127, 128, (x.shape[1], rows)).astype(np.int8))

@@ -44,11 +44,11 @@ def attack_many(numbers: range, seed: int, effort: Effort) -> tuple[Counter[str]
 
 
 def test_no_value_of_a_random_graph_leaves_its_bounds() -> None:
-    tally, found = attack_many(range(40), 2026, SHORT)
+    tally, found = attack_many(range(20), 2026, SHORT)
     assert not found, "\n".join(found)
-    assert tally["attacked"] >= 30
-    assert tally["points"] > 8_000
-    assert tally["exact"] > 60
+    assert tally["attacked"] >= 14
+    assert tally["points"] > 3_000
+    assert tally["exact"] > 30
 
 
 @pytest.mark.slow

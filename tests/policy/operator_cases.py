@@ -374,14 +374,20 @@ def comparison(operator: str, version: int) -> list[Case]:
 
 @case("Or")
 def either(operator: str, version: int) -> list[Case]:
-    nodes = [
-        node("Greater", ["x", "b"], ["above"]),
-        node("Less", ["x", "a"], ["below"]),
-        node("Or", ["above", "below"], ["c"]),
-        node("Where", ["c", "x", "z"], ["y"]),
-    ]
+    def shrunk(name: str) -> list[onnx.NodeProto]:
+        return [
+            node("Greater", [name, "b"], ["above"]),
+            node("Less", [name, "a"], ["below"]),
+            node("Or", ["above", "below"], ["c"]),
+            node("Where", ["c", name, "z"], ["y"]),
+        ]
+
     bounds = {"a": np.float32(-0.5), "b": np.float32(0.5), "z": np.float32(0.0)}
-    return [Case(nodes, bounds, name="hard shrinkage", least_opset=9)]
+    summed = [node("Tanh", ["x"], ["t"]), node("Add", ["x", "t"], ["s"]), *shrunk("s")]
+    return [
+        Case(shrunk("x"), bounds, name="hard shrinkage", least_opset=9),
+        Case(summed, bounds, name="hard shrinkage of a sum", least_opset=9),
+    ]
 
 
 @case("ReduceSum", "ReduceMean", "ReduceSumSquare", "ReduceL1", "ReduceL2", "ReduceMax", "ReduceMin")

@@ -92,9 +92,11 @@ def _soft_shrink(
         return None
     weights = dict(zip(node.sources, node.weights, strict=True))
     own = weights.pop(argument.node, None)
+    if own is None or len(weights) != 1:
+        return None
     ((other, weight),) = weights.items()
     jump = assembly.scaling_of(Computed(other, x.shape, x.precision))
-    if jump is None or jump.offset or jump.factor != bound or jump.roundings or own is None:
+    if jump is None or jump.offset or jump.factor != bound or jump.roundings:
         return None
     sign = assembly.function_of(jump.source, "Sign")
     if sign is None or sign.node != argument.node:
