@@ -243,7 +243,15 @@ class Looks:
         return self.now
 
 
-@pytest.mark.parametrize("seconds", [400.0, 1000.0])
+@pytest.mark.parametrize(
+    "seconds",
+    [
+        400.0,
+        1000.0,
+        pytest.param(700.0, marks=pytest.mark.slow),  # other moments of the same rounds
+        pytest.param(1300.0, marks=pytest.mark.slow),
+    ],
+)
 def test_what_was_not_followed_in_time_is_not_claimed(look, straight, seconds, monkeypatch):
     monkeypatch.setattr(over_time, "_CELLS_AT_ONCE", 50)
     found = look(until=Deadline.after(seconds, Looks()))
