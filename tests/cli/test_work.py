@@ -132,7 +132,7 @@ def test_a_chunk_that_kills_every_worker_is_named(tmp_path: Path) -> None:
     run = subprocess.run(
         command, cwd=ROOT, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True, check=False
     )
-    assert run.stdout == ""
+    assert run.stdout == "", run.stderr
     assert_explained(run.returncode, run.stderr, "the worker process died", "memory ran out")
     kept = {path.name for path in (tmp_path / "run").glob("units-*")}
     assert "units-00000000-00000001.npz" in kept  # though its worker died as well
