@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.policy.models import save, two_layers
+from tests.policy.models import model_of, node, save, two_layers
 from viatool.errors import SelfCheckError
 from viatool.policy import Policy, load_policy
 from viatool.policy.runtime import Runtime
@@ -66,3 +66,27 @@ def test_a_program_that_keeps_to_its_bounds_passes(policy: Policy) -> None:
     require_program_within(policy, points, actions, actions)
     with pytest.raises(SelfCheckError):
         require_program_within(policy, points, np.nextafter(actions, np.inf), actions + 1.0)
+
+
+def test_observations_that_a_batch_mixes_where_a_gate_is_open_are_run_one_by_one(tmp_path: Path) -> None:
+    """The first observation's numbers times a gate of each: closed wherever the self-check compares batches."""
+    nodes = [
+        node("Gather", ["x", "second"], ["s"], axis=1),
+        node("Sub", ["s", "far"], ["above"]),
+        node("Clip", ["above", "zero", "one"], ["gate"]),
+        node("GatherND", ["x", "first"], ["f"]),
+        node("Mul", ["gate", "f"], ["y"]),
+    ]
+    constants = {
+        "second": np.array([1]),
+        "far": np.float32(FAR),
+        "zero": np.float32(0.0),
+        "one": np.float32(1.0),
+        "first": np.array([[[0, 0]]]),
+    }
+    policy = load_policy(save(model_of(nodes, constants, shape=(1, 2)), tmp_path))
+    assert policy.runtime.batches
+    observations = np.array([[1.0, FAR + 10.0], [2.0, FAR + 10.0]])
+    sets = reach(policy, observations, 0.01)
+    np.testing.assert_allclose((sets.lower + sets.upper).ravel() / 2, [1.0, 2.0], rtol=1e-5)
+    np.testing.assert_allclose(policy.run(observations).ravel(), [1.0, 2.0], rtol=1e-5)

@@ -45,6 +45,10 @@ def require_program_within(policy: Any, points: Floats, lower: Floats, upper: Fl
     observations = points.reshape(-1, size)[chosen]
     actions = program(observations)
     outside = ~((actions >= lower[box]) & (actions <= upper[box]))
+    if outside.any() and policy.runtime.batches:
+        policy.runtime.batches = False  # a part that is open here alone may mix the observations of a batch
+        actions = program(observations)
+        outside = ~((actions >= lower[box]) & (actions <= upper[box]))
     if outside.any():
         row, action = np.argwhere(outside)[0]
         ends = lower[box[row], action], upper[box[row], action]
