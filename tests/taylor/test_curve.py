@@ -204,3 +204,15 @@ def test_limits_far_away_limit_nothing_near(sides: tuple[str, ...], limit: float
     found, slopes = curve.range(lower, upper), curve.range(lower, upper, 1)
     np.testing.assert_array_equal([found.lower, found.upper], [lower, upper])
     np.testing.assert_array_equal([slopes.lower, slopes.upper], np.ones((2, 3)))
+
+
+@pytest.mark.parametrize("x", [1e31, 1e40, 1e99])
+@pytest.mark.parametrize("name", ["Tanh", "Sigmoid", "Silu", "Softplus", "Gelu", "Elu", "Mish", "Softsign"])
+def test_doubles_beyond_all_float32_numbers_have_a_range(name: str, x: float) -> None:
+    curve = curve_of(activation(name))
+    for sign in (-1.0, 1.0):
+        ends = np.sort(sign * np.array([x, 1.5 * x]))
+        value = curve.range(ends[:1], ends[1:])
+        exact = curve.function(ends)
+        assert np.isfinite([value.lower[0], value.upper[0]]).all()
+        assert value.lower[0] <= exact.min() <= exact.max() <= value.upper[0]

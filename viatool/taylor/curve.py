@@ -21,7 +21,7 @@ from viatool.arrays import Booleans, Floats, Indices
 from viatool.policy.activations import FLOAT_MODULES, ActivationFunction, X
 from viatool.taylor.interval import ENCLOSED_FUNCTIONS, Interval, interval_of
 
-REACH = 1e30
+REACH = 1e100
 """Pre-activations beyond this magnitude are not enclosed where a function is curved."""
 
 _EVERYWHERE = float(np.finfo(np.float64).max)

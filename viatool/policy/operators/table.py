@@ -54,7 +54,7 @@ _NOTES = """\
 - What is divided by its own root mean square (`LayerNormalization`, `x / Sqrt(ReduceMean(x * x) + e)`, ...) is at most
   the square root of how many values there are, whatever the box.
 - `Softmax` and `LogSoftmax` are functions of the log-odds of each value, which keep to their range whatever the logits
-  are, up to magnitudes of 1e30.
+  are, up to magnitudes of 1e100.
 - Terms that are added up when a graph is read (constants in a Sum, a Gemm whose C is its own input) count as large as
   they were before they cancelled: `x + 1e6 - 1e6` loses the digits of x in the program, and its bounds say so.
 - A constant that the graph computes from others is kept as the real number that it stands for. A runtime may round it
