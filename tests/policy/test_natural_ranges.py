@@ -180,3 +180,47 @@ def test_what_is_known_of_a_value_does_not_cut_the_rounding_of_the_program(tmp_p
     assert any(isinstance(n, Activation) and n.function.name == "Known" for n in policy.network.nodes)
     bounds = reach(policy, np.array([[3.0]]), 0.5)
     assert bounds.upper[0, 0] > 1.0 + 2.0**-20 + 2.0**-24
+
+
+def test_the_logarithm_of_a_large_sum_rounds_as_such(tmp_path: Path) -> None:
+    twice = [
+        node("Concat", ["x", "x"], ["z"], axis=1),
+        node("Exp", ["z"], ["e"]),
+        node("ReduceSum", ["e", "axis"], ["s"], keepdims=1),
+        node("Log", ["s"], ["l"]),
+        node("Sub", ["z", "l"], ["y"]),
+    ]
+    policy = load(tmp_path, twice, AXIS, size=1)
+    points = np.linspace(80.0, 86.0, 2001)[:, None].astype(np.float32).astype(np.float64)
+    reached = reach(policy, points, 0.0)
+    for actions in program(policy.path, points):
+        assert (actions >= reached.lower).all()
+        assert (actions <= reached.upper).all()
+
+
+@pytest.mark.parametrize(("shift", "lowest", "highest"), [(3e38, 80.0, 87.5), (1e-40, -103.0, -80.0)])
+def test_a_quotient_of_exponentials_counts_overflow_and_small_numbers(
+    tmp_path: Path, shift: float, lowest: float, highest: float
+) -> None:
+    nodes = [node("Exp", ["x"], ["e"]), node("Add", ["e", "b"], ["p"]), node("Div", ["e", "p"], ["y"])]
+    policy = load_policy(
+        save(model_of(nodes, {"b": np.float32(shift)}, shape=("N", 1)), tmp_path), self_check=False
+    )
+    points = np.linspace(lowest, highest, 501)[:, None].astype(np.float32).astype(np.float64)
+    for point in points:
+        try:
+            reached = reach(policy, point[None], 0.0)
+        except EnclosureError:
+            continue
+        for actions in program(policy.path, point[None]):
+            assert reached.lower[0, 0] <= actions[0, 0] <= reached.upper[0, 0]
+
+
+def test_observations_at_which_a_guarded_exponential_overflows_are_left_out_of_the_self_check(
+    tmp_path: Path,
+) -> None:
+    nodes = [node("Mul", ["x", "steep"], ["z"]), *RATIO]
+    nodes[1] = node("Exp", ["z"], ["e"])
+    policy = load(tmp_path, nodes, {**ONE, "steep": np.float32(60.0)}, size=2)
+    assert policy.self_check is not None
+    assert policy.self_check.points > 0

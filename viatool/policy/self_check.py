@@ -370,6 +370,10 @@ def _affine_error(
 
 
 def _activation_error(node: Activation, x: Floats, value: Floats, inherited: Floats, unit: float) -> Floats:
+    if node.function.passes_on:
+        limits = dict(node.function.parameters)
+        inside = (x - inherited >= limits["min"]) & (x + inherited <= limits["max"])
+        return np.where(inside | (node.function.name == "Known"), inherited, np.inf)
     moved = np.zeros_like(value)
     for step in (-1.0, -0.5, 0.5, 1.0):
         moved = np.maximum(moved, np.abs(node.function(x + step * inherited) - value))

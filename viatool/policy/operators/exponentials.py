@@ -22,7 +22,7 @@ from viatool.policy.activations import activation
 from viatool.policy.assembly import Assembly, Computed, Term, UniformScaling, broadcast_index
 from viatool.policy.network import Affine, Maximum, Precision
 from viatool.policy.operators.reduction import softmax_of
-from viatool.rounding import LARGEST, SMALLEST_NORMAL
+from viatool.rounding import LARGEST, SMALLEST_NORMAL, UNIT_ROUNDOFF
 
 
 def of_exponentials(assembly: Assembly, numerator: Computed, divisor: Computed) -> Computed | None:
@@ -42,7 +42,7 @@ def log_softmax(assembly: Assembly, logits: Computed, logarithm: Computed) -> Co
     exponent, groups = _summed_exponentials(assembly, total, logits.shape)
     if exponent is None or groups is None or exponent.node != logits.node:
         return None
-    return softmax_of(assembly, _within_range(assembly, exponent, groups), groups, "LogSoftmax")
+    return _softmax_of_parts(assembly, exponent, groups, "LogSoftmax")
 
 
 def _ratio(assembly: Assembly, numerator: Computed, divisor: Computed) -> Computed | None:
@@ -51,11 +51,10 @@ def _ratio(assembly: Assembly, numerator: Computed, divisor: Computed) -> Comput
     if below is None or above is None or numerator.shape != divisor.shape:
         return None
     (exponent, a, b), (same, q, p) = below, above
-    if same.node != exponent.node or not (a > 0 and b > 0):
+    if same.node != exponent.node or not (a > 0 and b > 0 and _are_moderate(divisor.precision, a, b, p, q)):
         return None
-    guarded = _guarded(
-        assembly, exponent, -math.inf, math.log(LARGEST[divisor.precision] / (a + abs(q) + 1.0))
-    )
+    highest = math.log(LARGEST[divisor.precision] / (a + abs(q) + 1.0)) - 1.0
+    guarded = _guarded(assembly, exponent, -math.inf, highest)
     share = _sigmoid(assembly, guarded, 1.0, math.log(a) - math.log(b), divisor.precision)
     factor, offset = q / a - p / b, p / b
     weight = factor * np.eye(share.size)
@@ -64,6 +63,12 @@ def _ratio(assembly: Assembly, numerator: Computed, divisor: Computed) -> Comput
         [Term(share, weight, size * np.eye(share.size))],
         np.full(share.size, offset), numerator.shape, numerator.precision, roundings=4,
     )  # fmt: skip
+
+
+def _are_moderate(precision: Precision, *numbers: float) -> bool:
+    """Tell whether sums with exponentials neither overflow nor suffer from what is flushed to zero."""
+    limit = (8 * UNIT_ROUNDOFF[precision] / SMALLEST_NORMAL[precision]) ** 0.25
+    return all(number == 0 or 1 / limit <= abs(number) <= limit for number in numbers)
 
 
 def _tanh(assembly: Assembly, numerator: Computed, divisor: Computed) -> Computed | None:
@@ -112,7 +117,7 @@ def _softmax(assembly: Assembly, numerator: Computed, divisor: Computed) -> Comp
     exponent, groups = _summed_exponentials(assembly, divisor, numerator.shape)
     if exponent is None or groups is None or exponent.node != argument.node:
         return None
-    return softmax_of(assembly, _within_range(assembly, argument, groups), groups, "Softmax")
+    return _softmax_of_parts(assembly, argument, groups, "Softmax")
 
 
 def _summed_exponentials(
@@ -140,13 +145,26 @@ def _summed_exponentials(
     return argument, np.nonzero(sets)[1].reshape(len(sets), int(counts[0]))
 
 
-def _within_range(assembly: Assembly, exponent: Computed, groups: Indices) -> Computed:
-    """Return exponents with a guard, unless the largest of each group was subtracted from it."""
+def _softmax_of_parts(assembly: Assembly, exponent: Computed, groups: Indices, name: str) -> Computed:
+    """Add a softmax or its logarithm, with a guard unless the largest of each group was subtracted.
+
+    Notes
+    -----
+    **Sound:** without that subtraction exponentials err by ``16 max(1, |z|)`` roundings, which move a share y by
+    ``2 y (1 - y)`` times as much. The logarithm of their sum errs by as much, and by 4 roundings of its own size, at
+    most ``max |z| + log K``. The result also reads the exponents, with weight 0 and magnitudes that give at least that.
+    """
     if _are_below_largest(assembly, exponent, groups):
-        return exponent
-    precision = exponent.precision
-    highest = math.log(LARGEST[precision] / groups.shape[1]) - 1.0
-    return _guarded(assembly, exponent, math.log(SMALLEST_NORMAL[precision]) + 1.0, highest)
+        return softmax_of(assembly, exponent, groups, name)
+    precision, count = exponent.precision, groups.shape[1]
+    highest = math.log(LARGEST[precision] / count) - 1.0
+    guarded = _guarded(assembly, exponent, math.log(SMALLEST_NORMAL[precision]) + 1.0, highest)
+    result = softmax_of(assembly, guarded, groups, name)
+    magnitudes = np.zeros((result.size, result.size))
+    for group in groups:
+        magnitudes[np.ix_(group, group)] = (8.0 if name == "Softmax" else 32.0) / (count + 2)
+    terms = [Term(result, np.eye(result.size)), Term(guarded, np.zeros_like(magnitudes), magnitudes)]
+    return assembly.affine(terms, np.zeros(result.size), result.shape, result.precision)
 
 
 def _are_below_largest(assembly: Assembly, exponent: Computed, groups: Indices) -> bool:
@@ -215,9 +233,9 @@ def _sigmoid(
         return assembly.activation(exponent, "SpelledSigmoid")
     size = exponent.size
     magnitude = np.full(size, max(1.0, abs(offset))) if offset else None
-    argument = assembly.affine(
-        [Term(exponent, sign * np.eye(size))], np.full(size, offset), exponent.shape, "float64",
-        roundings=4 if offset else 0, bias_magnitude=magnitude,
+    argument = assembly.affine(  # away from 0 the exponential errs by 16 roundings of its argument
+        [Term(exponent, sign * np.eye(size))], np.full(size, offset), exponent.shape, precision,
+        roundings=20 if offset else 0, bias_magnitude=magnitude,
     )  # fmt: skip
     return assembly.activation_in(precision, argument, activation("SpelledSigmoid"))
 
