@@ -1,6 +1,6 @@
 """How much the rounding of a float32 program adds to the bounds of deep networks, beside what the program does.
 
-    python tests/benchmarks/deep.py [--case tanh-8 ...] [--states 4] [--eps 0.01] [--samples 2000]
+    python tests/benchmarks/deep.py [--case tanh-8 ...] [--states 4] [--eps 0.01] [--seed 21] [--samples 2000]
 
 For networks of width 32 with random weights of the usual initial size: the width of float32 bounds over that of real
 bounds (target: at most 1.1), the allowance for rounding, what onnxruntime really strays from the network over random
@@ -147,6 +147,7 @@ def main() -> None:
     parser.add_argument("--case", action="append", choices=sorted(CASES), help="only these")
     parser.add_argument("--states", type=int, default=4)
     parser.add_argument("--eps", type=float, default=0.01)
+    parser.add_argument("--seed", type=int, default=21, help="of the weights")
     parser.add_argument("--samples", type=int, default=2000, help="observations of each box that are run")
     arguments = parser.parse_args()
     centre = observations(arguments.states)
@@ -155,7 +156,7 @@ def main() -> None:
     )
     for name in arguments.case or CASES:
         with tempfile.TemporaryDirectory() as folder:
-            policy = deep_policy(*CASES[name], Path(folder))
+            policy = deep_policy(*CASES[name], Path(folder), arguments.seed)
             reach(policy, centre[:1], arguments.eps)  # compiles the activations
             start = time.process_time()
             bounds = reach(policy, centre, arguments.eps)
