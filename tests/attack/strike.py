@@ -148,7 +148,7 @@ def _first_line(error: Exception) -> str:
 
 def _refusal(message: str) -> str:
     """Return the operator and the reason of the first refused node, without names and numbers."""
-    found = re.search(r"\((\w+)\) ([^\n]*)", message)
+    found = re.search(r"\(([\w.]+)\) ([^\n]*)", message)
     text = f"{found[1]}: {found[2]}" if found else message.rpartition(".onnx")[2].splitlines()[0]
     return re.sub(r"-?\d[\d.e+-]*", "N", text)[:90]
 
