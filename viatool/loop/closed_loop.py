@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from viatool.arrays import Booleans, Floats
 from viatool.channels import Quantities
+from viatool.channels.previous import PreviousCommand
 from viatool.loop.observation import Sensors
 from viatool.loop.retreat import keep_away
 from viatool.loop.waiting import after_waiting
@@ -216,6 +217,15 @@ class ClosedLoop:
         moved = moved.max(axis=2)  # (C, 3 + A + n)
         pose, before = moved.sum(axis=1), []
         for axis in range(len(self.rules.kinematics.axes)):
-            before.append(moved[:, 3 + axis])
+            before.append(moved[:, [3 + axis, *self._told_of(axis)]].sum(axis=1))
             pose = pose - before[-1]
         return CommandBounds(lower, upper, np.stack([pose, *before], axis=1))
+
+    def _told_of(self, axis: int) -> list[int]:
+        """Return the columns of an influence in which the previous command of an axis errs as the policy is told it."""
+        quantities, first = self.sensors.quantities, 3 + len(self.rules.kinematics.axes)
+        return [
+            first + place.start
+            for quantity, place in zip(quantities, quantities.columns, strict=True)
+            if isinstance(quantity, PreviousCommand) and quantity.axis == axis
+        ]
