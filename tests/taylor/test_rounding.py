@@ -11,7 +11,7 @@ from viatool.errors import EnclosureError
 from viatool.policy.activations import ActivationFunction, activation
 from viatool.policy.network import Affine, Input, Network
 from viatool.taylor.deviation import runtime_deviation
-from viatool.taylor.rounding import affine_rounding, gamma, runtime_units
+from viatool.taylor.rounding import activation_error, affine_rounding, gamma, runtime_units
 
 STEEP = (
     activation("Elu", alpha=1e4),
@@ -27,6 +27,16 @@ def test_onnxruntime_stays_within_half_of_the_margin_of_an_activation(function: 
     worst = worst_error(function, 40_009, -LARGEST, LARGEST)
     assert worst.points > 40_000
     assert 2 * worst.units <= runtime_units(function)
+
+
+def test_a_spelled_logistic_errs_by_what_its_exponential_errs() -> None:
+    for x in np.linspace(-80.0, 80.0, 321):
+        argument = np.full((1, 1), x)
+        value = 1.0 / (1.0 + np.exp(-argument))
+        allowed = activation_error(activation("Logistic"), "float32", (argument, argument), value)
+        for error in (-1.0, 1.0):
+            exponential = np.exp(-argument) * (1.0 + error * 16 * UNIT * max(1.0, abs(x)))
+            assert abs(1.0 / (1.0 + exponential) - value) <= allowed
 
 
 def test_the_sum_of_n_terms_errs_by_n_roundings() -> None:

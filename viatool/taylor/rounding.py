@@ -56,7 +56,8 @@ _DEFAULT_UNITS = 64.0
 _RELATIVE_TO_VALUE = frozenset(("Logistic", "Pow", "Reciprocal", "Sqrt"))
 """IEEE 754 rounds these correctly, or they are a few products: they err relative to their value, however small.
 
-So does a logistic that is spelled out, since its exponential does: ``1 / (1 + e (1 + d))`` errs by at most d of itself.
+So does a logistic that is spelled out, up to what its exponential errs by: ``1 / (1 + e (1 + d))`` is off by at most d
+of itself.
 """
 
 _SOFTMAX_UNITS = 48.0
@@ -203,6 +204,8 @@ def _flushed(name: str, argument: Hull, tiny: float) -> Floats:
 
 def error_scale(function: ActivationFunction, argument: Floats, value: Floats) -> Floats:
     """Return what the error of a runtime's activation is proportional to, given absolute values."""
+    if function.name == "Logistic":  # errs by 16 max(1, |x|) y (1 - y), where y (1 - y) |x| <= 0.28
+        return np.asarray(np.minimum(value * np.maximum(1.0, argument), value + 0.3))
     if function.name in _RELATIVE_TO_VALUE:
         return value
     if function.name == "Exp":
