@@ -266,6 +266,7 @@ class _Carried:
             for key, form in side.scaled(part).items():
                 symbols[key] = join_forms(symbols.get(key), form)
         rest = share * left.rest + (1 - share) * right.rest
+        rest = rest + 4 * ENGINE_ROUNDOFF * (left.bound + right.bound)  # of the joined forms
         undecided = np.where(share == 0.5, (left.bound + right.bound) / 2, 0.0)
         return symbols, rest + undecided
 
