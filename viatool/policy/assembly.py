@@ -271,10 +271,6 @@ class Assembly:
             function = activation(function)
         return self._append(Activation(x.node, function, x.size, x.precision), x.shape, x.precision)
 
-    def activation_in(self, precision: Precision, x: Computed, function: ActivationFunction) -> Computed:
-        """Add an elementwise function that the program evaluates, with all that led to it, in another precision."""
-        return self._append(Activation(x.node, function, x.size, precision), x.shape, precision)
-
     def product(self, left: Computed, right: Computed) -> Computed:
         """Add an elementwise product with broadcasting; a square is a function of one variable."""
         left, right = self._together(left, right)

@@ -248,19 +248,10 @@ class _Carried:
         left, right = self._deviations[node.left], self._deviations[node.right]
         if not self._with_symbols:
             return {}, np.maximum(left.bound, right.bound)
-        (left_lower, left_upper), (right_lower, right_upper) = (
-            self._program(node.left),
-            self._program(node.right),
-        )
-        if isinstance(node, Minimum):
-            left_lower, left_upper, right_lower, right_upper = (
-                -right_upper,
-                -right_lower,
-                -left_upper,
-                -left_lower,
-            )
-            left, right = right, left
-        share = np.where(left_lower >= right_upper, 1.0, np.where(right_lower >= left_upper, 0.0, 0.5))
+        ours, theirs = self._program(node.left), self._program(node.right)
+        larger, smaller = ours[0] >= theirs[1], theirs[0] >= ours[1]
+        left_wins, right_wins = (larger, smaller) if isinstance(node, Maximum) else (smaller, larger)
+        share = np.where(left_wins, 1.0, np.where(right_wins, 0.0, 0.5))
         symbols: dict[int, Form] = {}
         for side, part in ((left, share), (right, 1 - share)):
             for key, form in side.scaled(part).items():

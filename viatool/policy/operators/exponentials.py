@@ -37,12 +37,8 @@ def of_exponentials(assembly: Assembly, numerator: Computed, divisor: Computed) 
 def log_softmax(assembly: Assembly, logits: Computed, logarithm: Computed) -> Computed | None:
     """Return ``z - log sum exp(z)``, None where the logarithm is another."""
     total = assembly.function_of(logarithm, "Log")
-    if total is None:
-        return None
-    exponent, groups = _summed_exponentials(assembly, total, logits.shape)
-    if exponent is None or groups is None or exponent.node != logits.node:
-        return None
-    return _softmax_of_parts(assembly, exponent, groups, "LogSoftmax")
+    groups = None if total is None else _groups_of_sum(assembly, total, logits)
+    return None if groups is None else _softmax_of_parts(assembly, logits, groups, "LogSoftmax")
 
 
 def _ratio(assembly: Assembly, numerator: Computed, divisor: Computed) -> Computed | None:
@@ -55,7 +51,7 @@ def _ratio(assembly: Assembly, numerator: Computed, divisor: Computed) -> Comput
         return None
     highest = math.log(LARGEST[divisor.precision] / (a + abs(q) + 1.0)) - 1.0
     guarded = _guarded(assembly, exponent, -math.inf, highest)
-    share = _sigmoid(assembly, guarded, 1.0, math.log(a) - math.log(b), divisor.precision)
+    share = _sigmoid(assembly, guarded, math.log(a) - math.log(b))
     factor, offset = q / a - p / b, p / b
     weight = factor * np.eye(share.size)
     size = abs(q / a) + abs(p / b)
@@ -111,38 +107,35 @@ def _are_opposite(assembly: Assembly, left: Computed, right: Computed) -> bool:
 
 def _softmax(assembly: Assembly, numerator: Computed, divisor: Computed) -> Computed | None:
     """Recognise ``exp(z) / sum exp(z)``."""
-    argument = assembly.function_of(numerator, "Exp")
-    if argument is None:
-        return None
-    exponent, groups = _summed_exponentials(assembly, divisor, numerator.shape)
-    if exponent is None or groups is None or exponent.node != argument.node:
-        return None
-    return _softmax_of_parts(assembly, argument, groups, "Softmax")
+    exponent = assembly.function_of(numerator, "Exp")
+    groups = None if exponent is None else _groups_of_sum(assembly, divisor, exponent)
+    return (
+        None
+        if exponent is None or groups is None
+        else _softmax_of_parts(assembly, exponent, groups, "Softmax")
+    )
 
 
-def _summed_exponentials(
-    assembly: Assembly, total: Computed, shape: tuple[int, ...]
-) -> tuple[Computed | None, Indices | None]:
-    """Return z and the groups (G, K) in which a value, broadcast to a shape, sums ``exp(z)``; None if it does not."""
+def _groups_of_sum(assembly: Assembly, total: Computed, exponent: Computed) -> Indices | None:
+    """Return the groups (G, K) of elements of z in which a value sums ``exp(z)``; None if it is something else."""
     node = assembly.nodes[total.node]
     if not isinstance(node, Affine) or len(node.sources) != 1 or node.bias.any() or node.roundings:
-        return None, None
-    precision = total.precision
-    argument = assembly.function_of(Computed(node.sources[0], shape, precision), "Exp")
+        return None
+    argument = assembly.function_of(Computed(node.sources[0], exponent.shape, total.precision), "Exp")
     weight = node.weights[0]
-    if argument is None or weight.shape[1] != math.prod(shape) or not np.isin(weight, (0.0, 1.0)).all():
-        return None, None
+    if argument is None or argument.node != exponent.node or not np.isin(weight, (0.0, 1.0)).all():
+        return None
     try:
-        row = broadcast_index(total, shape)
+        row = broadcast_index(total, exponent.shape)
     except ValueError:
-        return None, None
+        return None
     inside = weight[row] != 0  # (N, N): what is summed for each element
     sets, member = np.unique(inside, axis=0, return_inverse=True)
     counts = sets.sum(axis=1)
     own = sets[member.ravel(), np.arange(len(inside))]
     if not own.all() or (counts != counts[0]).any() or (sets.sum(axis=0) != 1).any():
-        return None, None
-    return argument, np.nonzero(sets)[1].reshape(len(sets), int(counts[0]))
+        return None
+    return np.nonzero(sets)[1].reshape(len(sets), int(counts[0]))
 
 
 def _softmax_of_parts(assembly: Assembly, exponent: Computed, groups: Indices, name: str) -> Computed:
@@ -225,19 +218,16 @@ def _in_exponential(assembly: Assembly, value: Computed) -> tuple[Computed, floa
     return None if exponent is None else (exponent, scaling.factor, scaling.offset)
 
 
-def _sigmoid(
-    assembly: Assembly, exponent: Computed, sign: float, offset: float, precision: Precision
-) -> Computed:
-    """Add ``sigmoid(sign z + offset)``, whose argument no program computes."""
-    if sign == 1.0 and offset == 0.0:
+def _sigmoid(assembly: Assembly, exponent: Computed, offset: float) -> Computed:
+    """Add ``sigmoid(z + offset)``; away from 0 the exponential of the program errs by 16 roundings of its argument."""
+    if offset == 0.0:
         return assembly.activation(exponent, "SpelledSigmoid")
     size = exponent.size
-    magnitude = np.full(size, max(1.0, abs(offset))) if offset else None
-    argument = assembly.affine(  # away from 0 the exponential errs by 16 roundings of its argument
-        [Term(exponent, sign * np.eye(size))], np.full(size, offset), exponent.shape, precision,
-        roundings=20 if offset else 0, bias_magnitude=magnitude,
+    argument = assembly.affine(
+        [Term(exponent, np.eye(size))], np.full(size, offset), exponent.shape, exponent.precision,
+        roundings=20, bias_magnitude=np.full(size, max(1.0, abs(offset))),
     )  # fmt: skip
-    return assembly.activation_in(precision, argument, activation("SpelledSigmoid"))
+    return assembly.activation(argument, "SpelledSigmoid")
 
 
 def _guarded(assembly: Assembly, x: Computed, lowest: float, highest: float) -> Computed:
