@@ -224,3 +224,14 @@ def test_observations_at_which_a_guarded_exponential_overflows_are_left_out_of_t
     policy = load(tmp_path, nodes, {**ONE, "steep": np.float32(60.0)}, size=2)
     assert policy.self_check is not None
     assert policy.self_check.points > 0
+
+
+def test_a_shifted_ratio_allows_for_an_exponential_as_bad_as_its_margin(tmp_path: Path) -> None:
+    """Half-way up ``e / (1e7 + e)`` the exponent is 16, of which an exponential may err by 16 roundings of its value."""
+    nodes = [node("Exp", ["x"], ["e"]), node("Add", ["e", "many"], ["p"]), node("Div", ["e", "p"], ["y"])]
+    policy = load(tmp_path, nodes, {"many": np.float32(1e7)}, size=1)
+    exponent = float(np.float32(np.log(1e7)))
+    exact = np.exp(exponent)
+    bad = exact * (1 + 16 * 2.0**-24 * exponent)
+    strayed = bad / (1e7 + bad) - exact / (1e7 + exact)
+    assert reach(policy, np.array([[exponent]]), 0.0).deviation[0, 0] >= strayed
