@@ -227,7 +227,7 @@ def test_observations_at_which_a_guarded_exponential_overflows_are_left_out_of_t
 
 
 def test_a_shifted_ratio_allows_for_an_exponential_as_bad_as_its_margin(tmp_path: Path) -> None:
-    """Half-way up ``e / (1e7 + e)`` the exponent is 16, of which an exponential may err by 16 roundings of its value."""
+    """Half-way up ``e / (1e7 + e)`` z is 16; the exponential may err by 16 times as many roundings."""
     nodes = [node("Exp", ["x"], ["e"]), node("Add", ["e", "many"], ["p"]), node("Div", ["e", "p"], ["y"])]
     policy = load(tmp_path, nodes, {"many": np.float32(1e7)}, size=1)
     exponent = float(np.float32(np.log(1e7)))
