@@ -369,7 +369,12 @@ def comparison(operator: str, version: int) -> list[Case]:
     constants = {"a": np.float32(0.2), "z": np.float32(0.0)}
     forward = [slow, node(operator, ["x", "z"], ["c"]), node("Where", ["c", *branches], ["y"])]
     backward = [slow, node(operator, ["z", "x"], ["c"]), node("Where", ["c", *branches[::-1]], ["y"])]
-    return [Case(forward, constants, name="x first"), Case(backward, constants, name="bound first")]
+    steep = {**constants, "a": floats(0.25, 0.1, -0.5, 1e-12)}
+    return [
+        Case(forward, constants, name="x first"),
+        Case(backward, constants, name="bound first"),
+        Case(forward, steep, name="a slope for each element"),
+    ]
 
 
 @case("Or")

@@ -7,6 +7,7 @@ each step to the type of the model.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
@@ -56,6 +57,11 @@ CHAINS = {
     ),
     "a sum of three": Chain([node("Neg", ["a"], ["n"]), node("Sum", ["a", "b", "n"], ["c"])], lambda a, b: (a + b) - a),
 }  # fmt: skip
+
+
+def root(square: Any) -> Any:
+    """Return the square root of a number, that of a fraction to 40 digits."""
+    return Fraction(math.isqrt(int(square * 10**80)), 10**40) if isinstance(square, Fraction) else np.sqrt(square)
 
 
 @dataclass(frozen=True)
@@ -110,6 +116,12 @@ USES = {
         [node("Concat", ["c", "c"], ["p"], axis=0),
          node("BatchNormalization", ["x", "one", "p", "p", "one"], ["y"], epsilon=0.0)],
         lambda x, z, c: (x - c) + c,
+        ("float32",),
+    ),
+    "InstanceNormalization": Use(
+        [node("Unsqueeze", ["x", "none"], ["i"]),
+         node("InstanceNormalization", ["i", "c", "c"], ["o"], epsilon=0.25), node("Squeeze", ["o", "none"], ["y"])],
+        lambda x, z, c: (x - z) / 2 / root((x - z) ** 2 / 4 + type(x)(0.25)) * c + c,
         ("float32",),
     ),
 }  # fmt: skip

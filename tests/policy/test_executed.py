@@ -12,6 +12,7 @@ import onnx
 import pytest
 
 from tests.policy import rewritten as models
+from tests.policy.enclosure import escapes
 from tests.policy.models import model_of, node, save, two_layers, weights
 from viatool.errors import PolicyError, SelfCheckError
 from viatool.policy import Policy, describe, load_policy
@@ -165,6 +166,19 @@ def test_several_outputs_that_cannot_be_run_together_do_not_matter(tmp_path: Pat
     model.opset_import.append(onnx.helper.make_opsetid("com.example", 1))
     model.graph.output.append(onnx.helper.make_tensor_value_info("other", onnx.TensorProto.FLOAT, None))
     assert load_policy(save(model, tmp_path), output_name="y").rewritten == ()
+
+
+@pytest.mark.parametrize("kind", [np.float16, np.float64])
+def test_a_rectifier_with_a_slope_for_each_element_is_read_where_it_is_run_as_a_selection(
+    kind: Any, tmp_path: Path
+) -> None:
+    """Without a kernel for the type, onnxruntime compares with 0 and selects."""
+    dtype = onnx.helper.np_dtype_to_tensor_dtype(np.dtype(kind))
+    slopes = {"s": np.array([0.25, 0.1, -0.5, 1e-3], dtype=kind)}
+    policy = load_policy(save(model_of([node("PRelu", ["x", "s"], ["y"])], slopes, dtype=dtype), tmp_path))
+
+    assert "Where" in operators(policy, "none")
+    assert escapes(policy, samples=2000) == 0
 
 
 # What cannot be read

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from viatool.policy.activations import ActivationFunction, activation
-from viatool.policy.assembly import Computed, Refusal, Term
+from viatool.policy.assembly import Computed, Counted, Refusal
 from viatool.policy.operators.gates import reciprocal
+from viatool.policy.operators.rectifiers import leaky
 from viatool.policy.operators.registry import Call, Value, counted, reads
 
 _WITHOUT_PARAMETERS: dict[str, tuple[int, ...]] = {
@@ -118,27 +119,11 @@ def clipped(call: Call, x: Computed, lower: float, upper: float) -> Computed:
 @reads("PRelu", 6, 7, 9, 16, treatment="enclosed")
 def read_prelu(call: Call) -> Sequence[Value]:
     """Read a leaky rectifier whose slope may differ from element to element."""
-    x, constant = call.computed(0), call.constant(1, "slope")
-    slope = counted(constant, "slope").values
-    if call.version == 6 and slope.size > 1 and len(x.shape) > 2:
+    x, slopes = call.computed(0), counted(call.constant(1, "slope"), "slope")
+    if call.version == 6 and slopes.values.size > 1 and len(x.shape) > 2:
         raise Refusal(
             "has a slope for each channel, which onnxruntime takes as one for each last element",
             "use opset 7",
         )
-    slopes = np.broadcast_to(slope, x.shape).ravel()
-    if (slopes == slopes[0]).all() and not constant.roundings:
-        return [call.assembly.activation(x, activation("LeakyRelu", alpha=float(slopes[0])))]
-    assembly = call.assembly
-    assembly.reserve(x.size, x.size)
-    positive = assembly.activation(x, "Relu")
-    rest = 1.0 - slopes
-    if (
-        (rest + slopes == 1.0).all() and ((1.0 - rest) == slopes).all() and not constant.roundings
-    ):  # 1 - s is exact: one bent term is tighter
-        terms = [Term(positive, np.diag(rest)), Term(x, np.diag(slopes))]
-    else:
-        negative = assembly.activation(assembly.scaled(x, -1.0), "Relu")
-        magnitudes = np.broadcast_to(counted(constant, "slope").magnitudes, x.shape)
-        steep = Term(negative, np.diag(-slopes), np.diag(magnitudes.ravel()))
-        terms = [Term(positive, np.eye(x.size)), steep]
-    return [assembly.affine(terms, np.zeros(x.size), x.shape, x.precision, constant.roundings)]
+    spread = [np.broadcast_to(part, x.shape).ravel() for part in (slopes.values, slopes.magnitudes)]
+    return [leaky(call.assembly, x, Counted(*spread, slopes.roundings, slopes.unit))]

@@ -137,12 +137,8 @@ def read_group_normalization(call: Call) -> Sequence[Value]:
 
 def _by_channel(call: Call, x: Computed) -> Computed:
     trailing = (-1, *(1 for _ in x.shape[2:]))
-    scale, shift = call.weights(1, "scale"), call.weights(2, "shift")
-    if scale.size != x.shape[1] or shift.size != x.shape[1]:
-        raise Refusal(f"has {scale.size} channels for the shape {list(x.shape)}")
-    return _scaled_and_shifted(
-        call,
-        x,
-        Constant(scale.reshape(trailing), x.precision),
-        Constant(shift.reshape(trailing), x.precision),
-    )
+    scale, shift = call.constant(1, "scale"), call.constant(2, "shift")
+    if scale.array.size != x.shape[1] or shift.array.size != x.shape[1]:
+        raise Refusal(f"has {scale.array.size} channels for the shape {list(x.shape)}")
+    scale, shift = (part.rearranged(lambda numbers: numbers.reshape(trailing)) for part in (scale, shift))
+    return _scaled_and_shifted(call, x, scale, shift)

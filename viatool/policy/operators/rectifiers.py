@@ -6,8 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+from viatool.arrays import Floats
 from viatool.policy.activations import activation
-from viatool.policy.assembly import Assembly, Computed
+from viatool.policy.assembly import Assembly, Computed, Counted, Term
 from viatool.policy.network import Affine
 from viatool.policy.operators.gates import is_product
 
@@ -41,15 +42,41 @@ def rectified(
 
 
 def _leaky(assembly: Assembly, x: Computed, bound: float, above: Branch, below: Branch) -> Computed | None:
-    """Recognise Relu and LeakyRelu: x above 0, a multiple of it below."""
+    """Recognise Relu, LeakyRelu and PRelu: x above 0, a multiple of each element below."""
     if bound != 0 or not _is(above, x):
         return None
     if isinstance(below, float):
         return assembly.activation(x, "Relu") if below == 0 else None
-    scaling = assembly.scaling_of(below)
-    if scaling is None or scaling.source.node != x.node or scaling.offset or scaling.roundings:
+    slopes = _multiples(assembly, below, x)
+    return None if slopes is None else leaky(assembly, x, Counted(slopes, np.abs(slopes)))
+
+
+def leaky(assembly: Assembly, x: Computed, slopes: Counted) -> Computed:
+    """Add a rectifier that multiplies each element below 0 by a slope of its own, ``(x.size,)``."""
+    given = slopes.values
+    if (given == given[0]).all() and not slopes.roundings:
+        return assembly.activation(x, activation("LeakyRelu", alpha=float(given[0])))
+    assembly.reserve(x.size, x.size)
+    positive, rest = assembly.activation(x, "Relu"), 1.0 - given
+    exact = (rest + given == 1.0).all() and ((1.0 - rest) == given).all()
+    if exact and not slopes.roundings:  # one bent term is tighter
+        terms = [Term(positive, np.diag(rest)), Term(x, np.diag(given))]
+    else:
+        negative = assembly.activation(assembly.scaled(x, -1.0), "Relu")
+        steep = Term(negative, np.diag(-given), np.diag(slopes.magnitudes))
+        terms = [Term(positive, np.eye(x.size)), steep]
+    return assembly.affine(terms, np.zeros(x.size), x.shape, x.precision, slopes.roundings)
+
+
+def _multiples(assembly: Assembly, value: Computed, x: Computed) -> Floats | None:
+    """Return by which number each element of x was multiplied to make a value, None where it was not."""
+    node = assembly.nodes[value.node]
+    if not isinstance(node, Affine) or node.sources != (x.node,) or node.bias.any() or node.roundings:
         return None
-    return assembly.activation(x, activation("LeakyRelu", alpha=scaling.factor))
+    if node.merged_weights is not None or node.merged_bias is not None or node.size != x.size:
+        return None
+    slopes = np.diag(node.weights[0])
+    return slopes if np.array_equal(node.weights[0], np.diag(slopes)) else None
 
 
 def _elu(assembly: Assembly, x: Computed, bound: float, above: Branch, below: Branch) -> Computed | None:
