@@ -61,7 +61,11 @@ CHAINS = {
 
 def root(square: Any) -> Any:
     """Return the square root of a number, that of a fraction to 40 digits."""
-    return Fraction(math.isqrt(int(square * 10**80)), 10**40) if isinstance(square, Fraction) else np.sqrt(square)
+    return (
+        Fraction(math.isqrt(int(square * 10**80)), 10**40)
+        if isinstance(square, Fraction)
+        else np.sqrt(square)
+    )
 
 
 @dataclass(frozen=True)

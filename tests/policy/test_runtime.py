@@ -14,6 +14,7 @@ import onnxruntime
 import pytest
 
 from tests.policy.models import model_of, node, save, two_layers, weights
+from viatool.errors import PolicyError
 from viatool.policy import load_policy
 
 OBSERVATIONS = np.random.default_rng(0).normal(size=(200, 4)).astype(np.float32)
@@ -102,3 +103,10 @@ def test_onnxruntime_reports_to_nobody_what_is_run(tmp_path: Path) -> None:
     homes = dict.fromkeys(("HOME", "XDG_CACHE_HOME", "USERPROFILE", "LOCALAPPDATA"), str(tmp_path))
     subprocess.run([sys.executable, "-c", program], env={**environment, **homes}, check=True)
     assert not [path for path in tmp_path.rglob("*") if "onnxruntime" in path.name]
+
+
+def test_an_operator_that_onnxruntime_lacks_in_float64_is_named(tmp_path: Path) -> None:
+    double = model_of([node("Erf", ["x"], ["y"])], dtype=onnx.TensorProto.DOUBLE)
+    with pytest.raises(PolicyError, match="Erf") as caught:
+        load_policy(save(double, tmp_path))
+    assert "float32" in caught.value.hint

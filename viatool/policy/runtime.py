@@ -35,6 +35,13 @@ _LEVELS: dict[Optimisation, str] = {
     "default": "ORT_ENABLE_ALL",
 }
 
+_OF_ELEMENT_TYPE = ("NOT_IMPLEMENTED", "Type Error")
+"""What onnxruntime says of an operator that it does not have for some element type."""
+
+_IN_FLOAT32 = (
+    "export the policy in float32 (module.float()), for which onnxruntime has every operator, and run that"
+)
+
 _LAYOUT_STEP = "NchwcTransformer"
 """The one step that writes for one kind of processor: it moves the blocks of convolutions about in memory."""
 
@@ -182,9 +189,15 @@ def _open(model: bytes, optimisation: Optimisation, written: Path | None = None)
         )
     except Exception as error:  # onnxruntime raises its own, undocumented classes
         raise PolicyError(
-            f"onnxruntime cannot load the policy: {_first_line(error)}",
-            "export for a version of ONNX that the installed onnxruntime runs",
+            f"onnxruntime cannot load the policy: {_first_line(error)}", _remedy(str(error))
         ) from error
+
+
+def _remedy(message: str) -> str:
+    """Return what to do about a model that onnxruntime cannot load."""
+    if any(sign in message for sign in _OF_ELEMENT_TYPE):
+        return _IN_FLOAT32
+    return "export for a version of ONNX that the installed onnxruntime runs"
 
 
 def _with_free_batch(model: onnx.ModelProto, port: Port) -> bytes:
@@ -213,7 +226,8 @@ def runtime_of(model: ModelFile, graph: Graph, port: Port) -> Runtime:
     """
     if port.precision not in _NUMPY_TYPES:
         raise PolicyError(
-            f"the input '{port.name}' is {port.precision}, which onnxruntime does not run on a CPU"
+            f"the input '{port.name}' is {port.precision}, in which onnxruntime computes next to nothing on a CPU",
+            _IN_FLOAT32,
         )
     proto = onnx.ModelProto()
     proto.CopyFrom(model.proto)
