@@ -125,5 +125,5 @@ def read_prelu(call: Call) -> Sequence[Value]:
             "has a slope for each channel, which onnxruntime takes as one for each last element",
             "use opset 7",
         )
-    spread = [np.broadcast_to(part, x.shape).ravel() for part in (slopes.values, slopes.magnitudes)]
-    return [leaky(call.assembly, x, Counted(*spread, slopes.roundings, slopes.unit))]
+    values, magnitudes = (np.broadcast_to(part, x.shape).ravel() for part in slopes[:2])
+    return [leaky(call.assembly, x, Counted(values, magnitudes, slopes.roundings, slopes.unit))]
