@@ -66,6 +66,36 @@ def test_a_model_that_mixes_a_batch_runs_one_by_one(
     np.testing.assert_allclose(policy.run(OBSERVATIONS), policy(OBSERVATIONS), rtol=1e-5, atol=1e-6)
 
 
+MEAN = node("ReduceMean", ["x"], ["m"], axes=[0], keepdims=1)
+LARGEST = node("ReduceMax", ["x"], ["m"], axes=[0], keepdims=1)
+
+
+def opened_by(name: str, *before: onnx.NodeProto, product: bool = False) -> list[onnx.NodeProto]:
+    """Return x and a gate that is closed where the value of the name is below 50; or the mean times that gate."""
+    gate = [node("Sub", [name, "far"], ["above"]), node("Relu", ["above"], ["gate"])]
+    passed = [node("Mul", ["m", "gate"], ["passed"])] if product else [node("Identity", ["gate"], ["passed"])]
+    return [*before, *gate, *passed, node("Add", ["x", "passed"], ["y"])]
+
+
+GATED = {
+    "the mean of a batch": opened_by("m", MEAN),
+    "the largest of a batch": opened_by("m", LARGEST),
+    "less than the mean": opened_by("d", MEAN, node("Sub", ["m", "x"], ["d"])),
+    "more than the mean": opened_by("d", MEAN, node("Sub", ["x", "m"], ["d"])),
+    "the mean through a gate of its own": opened_by("x", MEAN, product=True),
+}
+
+
+@pytest.mark.parametrize("nodes", GATED.values(), ids=GATED)
+def test_a_batch_that_is_mixed_behind_a_closed_gate_is_found_when_the_policy_is_loaded(
+    nodes: list[onnx.NodeProto], tmp_path: Path
+) -> None:
+    policy = load_policy(save(model_of(nodes, {"far": np.float32(50.0)}, shape=("batch", 4)), tmp_path))
+    far = np.array([[60.0] * 4, [300.0] * 4, [-200.0] * 4, [1.0] * 4])
+    assert not policy.runtime.batches
+    np.testing.assert_allclose(policy.run(far), policy(far), rtol=1e-6)
+
+
 def test_without_self_check_nothing_is_batched_and_the_actions_are_the_same(tmp_path: Path) -> None:
     path = save(two_layers(), tmp_path)
     checked, unchecked = load_policy(path), load_policy(path, self_check=False)

@@ -49,6 +49,9 @@ _TELLING = 0.1
 _FLAT = 2.0**-10
 """Share of an action that does not vary that stands for how far it does."""
 
+_STRANGE = 1e6
+"""How far from all others an observation is that no other may depend on."""
+
 _RANDOM_POINTS = 48
 _CORNERS = 16
 
@@ -204,16 +207,25 @@ def _tells(expected: Floats, tolerance: Floats) -> Booleans:
 
 
 def _batches(program: Runtime, points: Floats, expected: Floats, tolerance: Floats) -> bool:
-    """Whether a batch, in another order than before, gives each observation its own action."""
-    order = np.random.default_rng(1).permutation(len(points))
-    try:
-        actions = program.batch(points[order])
-    except PolicyError:
-        return False
-    allowed = tolerance[order]
-    return actions.shape == expected.shape and bool(
-        ((np.abs(actions - expected[order]) <= allowed) | np.isposinf(allowed)).all()
-    )
+    """Whether a batch, in another order and beside any stranger, gives each observation its own action.
+
+    What is no number spreads to whatever reads it, also through a gate that is closed: 0 times infinity is not 0.
+    """
+    generator = np.random.default_rng(1)
+    order = generator.permutation(len(points))
+    large = _STRANGE * generator.normal(size=points.shape[1])
+    for stranger in (np.nan, np.inf, -np.inf, large):
+        row = np.broadcast_to(stranger, (1, points.shape[1]))
+        try:
+            actions = program.batch(np.concatenate([row, points[order], row]))[1:-1]
+        except PolicyError:
+            return False
+        allowed = tolerance[order]
+        if actions.shape != expected.shape or not bool(
+            ((np.abs(actions - expected[order]) <= allowed) | np.isposinf(allowed)).all()
+        ):
+            return False
+    return True
 
 
 def check_points(network: Network, spec: PolicySpecification | None, seed: int = 0) -> Floats:
