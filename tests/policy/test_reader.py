@@ -289,3 +289,30 @@ def test_observations_of_the_wrong_size_are_refused(tmp_path: Path) -> None:
         with pytest.raises(PolicyError, match="takes \\(states, 4\\)"):
             policy.run(observations)
     assert policy.run(np.zeros((0, 4))).shape == (0, 2)
+
+
+INTEGERS = np.arange(-60, 60, 10, dtype=np.int32).reshape(4, 3)
+
+
+@pytest.mark.parametrize("opset", [11, 13, 17, 19, 21])
+def test_dequantised_weights_are_read_in_every_version(opset: int, tmp_path: Path) -> None:
+    model = model_of(
+        [node("DequantizeLinear", ["q", "s"], ["w"]), node("Gemm", ["x", "w"], ["y"])],
+        {"q": INTEGERS, "s": np.float32(0.25)},
+        opset=opset,
+    )
+    policy = load_policy(save(model, tmp_path))
+    np.testing.assert_array_equal(policy(np.eye(4)), 0.25 * INTEGERS)
+
+
+def test_a_scale_for_each_channel_in_a_version_that_has_one_alone_is_refused_by_its_reason(
+    tmp_path: Path,
+) -> None:
+    model = model_of(
+        [node("DequantizeLinear", ["q", "s"], ["w"]), node("Gemm", ["x", "w"], ["y"])],
+        {"q": INTEGERS, "s": np.float32([0.25, 0.5, 1.0])},
+        opset=11,
+    )
+    with pytest.raises(PolicyError, match="a scale for each channel") as caught:
+        load_policy(save(model, tmp_path))
+    assert "opset_version 13" in caught.value.hint

@@ -35,6 +35,9 @@ FOLDED = frozenset((
 _OF_MATRICES = frozenset(("Hardmax", "LogSoftmax", "Softmax"))
 """Before opset 13 they took a tensor as a matrix."""
 
+_OLDEST_KNOWN = {"DequantizeLinear": 19}
+"""Where the reference implementation begins with a version that means the same as those before it."""
+
 Arrays = Sequence[Array | None]
 Values = Sequence[Constant | Computed | None]
 Maker = Callable[[GraphNode, Values, Mapping[str, Any]], Constant]
@@ -94,6 +97,10 @@ def evaluate(node: GraphNode, arrays: Arrays, attributes: Mapping[str, Any]) -> 
     from onnx.reference import ReferenceEvaluator
 
     _guard_size(node, arrays, attributes)
+    if node.operator == "DequantizeLinear" and node.opset < 13 and _present(arrays, 2)[1].size != 1:
+        raise Refusal(
+            "has a scale for each channel, as only opset 13 or newer does", "export with opset_version 13"
+        )
     if node.operator in _OF_MATRICES and node.opset < 13:
         return _evaluate_as_matrix(node, arrays[0], attributes.get("axis", 1))
     # fresh names: the file's own may be given twice or be empty
@@ -104,6 +111,7 @@ def evaluate(node: GraphNode, arrays: Arrays, attributes: Mapping[str, Any]) -> 
     del call.input[:], call.output[:]
     call.input.extend(inputs)
     call.output.extend(outputs)
+    opset = max(node.opset, _OLDEST_KNOWN.get(node.operator, 0))
     given = {name: array for name, array in zip(inputs, arrays, strict=True) if name and array is not None}
     anything = onnx.TypeProto()
     graph = onnx.helper.make_graph(
@@ -112,7 +120,7 @@ def evaluate(node: GraphNode, arrays: Arrays, attributes: Mapping[str, Any]) -> 
         [onnx.helper.make_value_info(name, anything) for name in given],
         [onnx.helper.make_value_info(name, anything) for name in outputs if name],
     )
-    model = onnx.helper.make_model(graph, opset_imports=[onnx.helper.make_opsetid("", node.opset)])
+    model = onnx.helper.make_model(graph, opset_imports=[onnx.helper.make_opsetid("", opset)])
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         results = ReferenceEvaluator(model).run(None, given)
