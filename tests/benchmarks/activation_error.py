@@ -3,9 +3,10 @@
     python tests/benchmarks/activation_error.py [--every 4099] [--range LOW HIGH] [--activation NAME ...]
 
 Takes every N-th of the 2^32 float32 numbers (all of them with `--every 1`), runs each declared activation in
-onnxruntime, and compares with float64. The error is given in unit roundoffs (2^-24) of `error_scale`, as the margins
-of viatool/taylor/rounding.py are; a margin below twice the largest error seen is flagged, and the command
-fails. The float64 reference itself is compared with 240-bit arithmetic at random points of the range.
+onnxruntime, and compares with float64. The error is given in unit roundoffs (2^-24) of the scale that
+its declaration names, as the margins of viatool/policy/activations.py are; a margin below twice the largest error seen
+is flagged, and the command fails. The float64 reference itself is compared with 240-bit arithmetic at random points of
+the range.
 """
 
 from __future__ import annotations
@@ -33,7 +34,6 @@ from tests.strategies import ACTIVATIONS
 from viatool.policy.activations import ActivationFunction
 from viatool.policy.network import Activation, Input, Network
 from viatool.rounding import SMALLEST_NORMAL
-from viatool.taylor.rounding import error_scale, runtime_units
 
 Floats = NDArray[np.float64]
 
@@ -77,7 +77,7 @@ def errors(function: ActivationFunction, session: Any, x: NDArray[np.float32]) -
         value = function(exact)
         found = session.run(None, {"v0": x[:, None]})[0][:, 0].astype(np.float64)
         inside = defined(function, exact, value)
-        size = error_scale(function, np.abs(exact), np.abs(value))
+        size = function.error.scale(function.named, np.abs(exact), np.abs(value))
         beyond = np.maximum(np.abs(found - value) - SMALLEST_NORMAL["float32"], 0.0)
         units = np.where(inside & (beyond > 0), beyond / (UNIT * size), 0.0)
     return np.where(np.isnan(units), np.inf, units), int(inside.sum())
@@ -133,7 +133,7 @@ def main() -> None:
             continue
         start = time.perf_counter()
         worst = worst_error(function, arguments.every, low, high)
-        margin = runtime_units(function)
+        margin = function.error.roundings(function.named)
         enough = margin >= SAFETY * worst.units
         flagged += [] if enough else [function.name]
         spare = f"{margin / worst.units:.1f}x" if worst.units else "exact"

@@ -14,8 +14,10 @@ import jsonschema
 import numpy as np
 import pytest
 from click.testing import Result
+from onnx import helper
 
 import viatool
+from tests.policy.models import model_of, node, save
 from viatool.report import formats_of
 from viatool.report.states.run import StatesRun
 
@@ -209,6 +211,17 @@ def test_bounds_need_no_specification(run: Run, tmp_path: Path) -> None:
     sets = viatool.reach(policy, np.zeros((3, 26)), 0.1)
     np.testing.assert_array_equal(bounds["lower"], sets.lower)
     np.testing.assert_array_equal(bounds["upper"], sets.upper)
+
+
+@pytest.mark.parametrize(("kind", "told"), [("float16", True), ("float32", False)])
+def test_bounds_tell_where_they_are_mostly_rounding(run: Run, tmp_path: Path, kind: str, told: bool) -> None:
+    nodes = [node("MatMul", ["x", "w"], ["y"])]
+    dtype = helper.np_dtype_to_tensor_dtype(np.dtype(kind))
+    save(model_of(nodes, {"w": np.ones((4, 1), dtype=kind)}, dtype=dtype), tmp_path, "sum.onnx")
+    np.save(tmp_path / "one.npy", np.full((1, 4), 3.0))
+    result = run("bounds", tmp_path / "sum.onnx", tmp_path / "one.npy", "--eps", "0.001")
+    assert result.exit_code == 0
+    assert ("exported in float32 it would round less" in " ".join(result.stdout.split())) == told
 
 
 def test_bounds_read_text_and_write_what_reads_back_exactly(run: Run, tmp_path: Path) -> None:

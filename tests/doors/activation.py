@@ -11,13 +11,13 @@ from viatool import load_policy, reach
 
 FILES = {
     "viatool/policy/activations.py": {
-        '@_declare("Exp")\n': """\
+        '@_declare("Log")\n': """\
 @_declare("Cosh")
 def _cosh() -> Expression:
     return (sympy.exp(X) + sympy.exp(-X)) / 2
 
 
-@_declare("Exp")
+@_declare("Log")
 """
     },
     "viatool/policy/operators/elementwise.py": {

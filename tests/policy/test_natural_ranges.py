@@ -10,7 +10,7 @@ import numpy as np
 import onnxruntime as ort
 import pytest
 from numpy.typing import NDArray
-from onnx import NodeProto
+from onnx import NodeProto, TensorProto, helper
 
 from tests.policy.models import model_of, node, save
 from viatool.errors import EnclosureError
@@ -235,3 +235,72 @@ def test_a_shifted_ratio_allows_for_an_exponential_as_bad_as_its_margin(tmp_path
     bad = exact * (1 + 16 * 2.0**-24 * exponent)
     strayed = bad / (1e7 + bad) - exact / (1e7 + exact)
     assert reach(policy, np.array([[exponent]]), 0.0).deviation[0, 0] >= strayed
+
+
+MOVED = {
+    "by a constant": [node("Sub", ["x", "m"], ["d"]), node("Add", ["d", "b"], ["z"])],
+    "by a temperature": [node("Sub", ["x", "m"], ["d"]), node("Div", ["d", "t"], ["z"])],
+    "by both": [
+        node("Sub", ["x", "m"], ["d"]),
+        node("Mul", ["d", "t"], ["s"]),
+        node("Add", ["s", "b"], ["z"]),
+    ],
+}
+
+
+def moved(kind: str, *, logarithm: bool = False) -> list[NodeProto]:
+    """Return a softmax from its parts, or its logarithm, whose exponents are moved after the largest is subtracted."""
+    total = [node("Exp", ["z"], ["e"]), node("ReduceSum", ["e", "axis"], ["q"], keepdims=1)]
+    end = (
+        [node("Log", ["q"], ["l"]), node("Sub", ["z", "l"], ["y"])]
+        if logarithm
+        else [node("Div", ["e", "q"], ["y"])]
+    )
+    return [SHIFTED[0], *MOVED[kind], *total, *end]
+
+
+@pytest.mark.parametrize("logarithm", [False, True], ids=["softmax", "logarithm"])
+@pytest.mark.parametrize("kind", MOVED)
+@pytest.mark.parametrize("dtype", [np.float16, np.float32])
+def test_exponents_that_are_moved_from_the_largest_need_no_guard(
+    dtype: type[np.floating], kind: str, logarithm: bool, tmp_path: Path
+) -> None:
+    """Without one, float16 is not refused where some exponentials vanish."""
+    constants = {"b": np.array([0.5, -1.0, 0.25, 2.0], dtype), "t": np.array([0.75], dtype), **AXIS}
+    nodes = moved(kind, logarithm=logarithm)
+    read = {name for call in nodes for name in call.input}
+    element = helper.np_dtype_to_tensor_dtype(np.dtype(dtype))
+    model = model_of(nodes, {k: v for k, v in constants.items() if k in read}, shape=("N", 4), dtype=element)
+    policy = load_policy(save(model, tmp_path))
+    centre = np.array([30.0, 2.0, -1.0, 29.0])
+    bounds = reach(policy, centre[None], 0.5)
+    points = attacked(centre, 0.5).astype(dtype).astype(np.float64)
+    points = points[(np.abs(points - centre) <= 0.5).all(axis=1)]
+    for level in ("none", "default"):
+        actions = policy.runtime.at(level).rows(points)
+        assert (actions >= bounds.lower).all()
+        assert (actions <= bounds.upper).all()
+
+
+@pytest.mark.parametrize("logarithm", [False, True], ids=["softmax", "logarithm"])
+def test_a_moved_softmax_allows_for_exponentials_as_bad_as_their_margin(
+    logarithm: bool, tmp_path: Path
+) -> None:
+    """Moved by 4, exponentials may err by 64 roundings, one up and the others down."""
+    shift = np.full(2, 4.0, np.float32)
+    policy = load(tmp_path, moved("by a constant", logarithm=logarithm), {"b": shift, **AXIS}, size=2)
+    error = 64 * 2.0**-24
+    program = np.log(0.5 / (1 + error)) if logarithm else (1 + error) / ((1 + error) + (1 - error))
+    strayed = abs(program - (np.log(0.5) if logarithm else 0.5))
+    assert reach(policy, np.zeros((1, 2)), 0.0).deviation[0, 0] >= strayed
+
+
+def test_a_moved_softmax_allows_for_exponentials_that_are_flushed_to_zero(tmp_path: Path) -> None:
+    count = 48
+    constants = {"b": np.full(count, -4.0, np.float16), **AXIS}
+    model = model_of(moved("by a constant"), constants, shape=("N", count), dtype=TensorProto.FLOAT16)
+    policy = load_policy(save(model, tmp_path))
+    observation = np.array([[0.0] + [-5.7109375] * (count - 1)])
+    assert np.exp(-9.7109375) < 2.0**-14  # the smallest normal number of float16
+    exact = 1 / (1 + (count - 1) * np.exp(-5.7109375))
+    assert reach(policy, observation, 0.0).deviation[0, 0] >= 1 - exact

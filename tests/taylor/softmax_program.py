@@ -11,14 +11,18 @@ from viatool.policy.activations import activation
 from viatool.rounding import SMALLEST_NORMAL, UNIT_ROUNDOFF
 from viatool.taylor.rounding import activation_error
 
-_EXPONENTIAL = 4
-"""Roundings of an exponential: the programs that are known have at most 2."""
+_EXPONENTIAL = 16
+"""Roundings of an exponential, times the larger of 1 and its argument: the programs that are known have at most 2."""
+
+_LOGARITHM = 4
+"""Roundings of a logarithm: the programs that are known have at most 2."""
 
 LOGITS: tuple[tuple[float, ...], ...] = (
     (0.0, -70.0),
     (0.0, 0.0),
     (1.0, -2.0, 0.5, -30.0, 3.0),
     (0.0,) * 64,
+    (0.0,) + (-3.0,) * 63,
     tuple(np.linspace(-20, 20, 64)),
 )
 
@@ -50,8 +54,8 @@ def _exact_and_rounded(logits: tuple[float, ...], chosen: int, *, logarithm: boo
 
         def rounded(k: int, way: int) -> Any:
             difference = MP.mpf(logits[k]) - largest
-            grown = MP.exp(difference + way * abs(difference) * unit) * (1 + way * _EXPONENTIAL * unit)
-            return grown + way * tiny
+            error = abs(difference) + _EXPONENTIAL * max(1, abs(difference))
+            return MP.exp(difference) * (1 + way * error * unit) + way * tiny
 
         added = MP.fsum(rounded(k, -sign) for k in range(len(logits)))
         added = max(added, 1 - 2 * _EXPONENTIAL * unit) * (1 - sign * unit) ** len(logits)
@@ -59,7 +63,7 @@ def _exact_and_rounded(logits: tuple[float, ...], chosen: int, *, logarithm: boo
             difference = MP.mpf(logits[chosen]) - largest
             term = difference + sign * abs(difference) * unit
             subtracted = MP.log(added)
-            result = term - subtracted + sign * _EXPONENTIAL * unit * abs(subtracted)
+            result = term - subtracted + sign * _LOGARITHM * unit * abs(subtracted)
             moved.append(result + sign * abs(result) * unit)
         else:
             moved.append(rounded(chosen, sign) / added * (1 + sign * unit))

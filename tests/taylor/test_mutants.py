@@ -64,7 +64,8 @@ class Mutant:
 def mutated(mutant: Mutant) -> Iterator[None]:
     """Put the mutant in the place of its function, wherever the engine has imported it."""
     module_name, *path = mutant.function.split(".")
-    module = importlib.import_module(f"viatool.taylor.{module_name}")
+    room = "policy" if module_name == "kernel_error" else "taylor"
+    module = importlib.import_module(f"viatool.{room}.{module_name}")
     owner: Any = module
     for name in path[:-1]:
         owner = getattr(owner, name)
@@ -565,8 +566,8 @@ MUTANTS = [
     ),
     Mutant(
         deployed(chain(1, [[1.0]], activation("Elu", alpha=1e5)), [[-3.3e-3]]),
-        "rounding.error_scale",
-        "function.amplitude *",
+        "kernel_error.KernelError.scale",
+        "amplitude(parameters) *",
         "",
     ),
     Mutant(
@@ -590,24 +591,28 @@ MUTANTS = [
     *CARRYING,
     Mutant(
         lambda: escape_of_softmax("Softmax"),
-        "rounding.error_scale",
-        "value * _softmax_units(function) + np.minimum(value * argument, 1.0)",
-        "value * _softmax_units(function)",
+        "kernel_error.SoftmaxError.scale",
+        "+ 17.0 * np.minimum(value * argument, 0.4)",
+        "",
     ),
     *(
         Mutant(
             partial(escape_of_softmax, name),
-            "rounding._softmax_units",
-            '_SOFTMAX_UNITS + 2 * dict(function.parameters)["terms"]',
-            "_SOFTMAX_UNITS",
+            "kernel_error.SoftmaxError.of_terms",
+            rule,
+            "",
         )
-        for name in ("LogSoftmax", "Softmax")
+        for name, rule in (
+            ("Softmax", "+ (EXPONENTIAL_UNITS + 1) * math.log(terms)"),
+            ("LogSoftmax", "+ (EXPONENTIAL_UNITS + 1) * math.log(terms)"),
+            ("LogSoftmax", "+ terms"),
+        )
     ),
     Mutant(
         partial(escape_of_softmax, "LogSoftmax"),
-        "rounding.error_scale",
-        "_softmax_units(function) + 2 * value",
-        "_softmax_units(function)",
+        "kernel_error.LogSoftmaxError.scale",
+        "+ 2 * value",
+        "",
     ),
 ]
 

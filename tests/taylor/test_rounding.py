@@ -11,7 +11,7 @@ from viatool.errors import EnclosureError
 from viatool.policy.activations import ActivationFunction, activation
 from viatool.policy.network import Affine, Input, Network
 from viatool.taylor.deviation import runtime_deviation
-from viatool.taylor.rounding import activation_error, affine_rounding, gamma, runtime_units
+from viatool.taylor.rounding import activation_error, affine_rounding, gamma
 
 STEEP = (
     activation("Elu", alpha=1e4),
@@ -26,7 +26,7 @@ STEEP = (
 def test_onnxruntime_stays_within_half_of_the_margin_of_an_activation(function: ActivationFunction) -> None:
     worst = worst_error(function, 40_009, -LARGEST, LARGEST)
     assert worst.points > 40_000
-    assert 2 * worst.units <= runtime_units(function)
+    assert 2 * worst.units <= function.error.roundings(function.named)
 
 
 def test_a_spelled_logistic_errs_by_what_its_exponential_errs() -> None:

@@ -1,13 +1,13 @@
 """What each activation function is: one sympy expression, from which everything else is derived.
 
-To add an activation, add one declaration below: its ONNX name, its parameters with their defaults, and its
-expression. Evaluation, derivatives, kinks, monotone and convex pieces, and bounds follow from the expression.
+To add an activation, add one declaration below: its ONNX name, how far a runtime's kernel may be from it, its
+parameters with their defaults, and its expression. Evaluation, derivatives, kinks, monotone and convex pieces, and
+bounds follow from the expression.
 Expressions are written so that float64 evaluation neither overflows nor cancels on the branch that is taken.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -18,6 +18,19 @@ import sympy
 from scipy import special
 
 from viatool.arrays import Floats
+from viatool.policy.kernel_error import (
+    BoundedError,
+    ExponentialError,
+    GuardedError,
+    KernelError,
+    LogisticError,
+    LogSoftmaxError,
+    PowerError,
+    ReciprocalError,
+    RootError,
+    SoftmaxError,
+    amplitude,
+)
 
 X = sympy.Symbol("x", real=True)
 Expression: TypeAlias = sympy.Expr
@@ -34,22 +47,47 @@ class NormalCdf(sympy.Function):  # type: ignore[misc]  # sympy carries no types
 FLOAT_MODULES: list[Any] = [{"NormalCdf": special.ndtr}, "scipy", "numpy"]
 """The namespace in which expressions are compiled for float64 evaluation."""
 
-_SCALES = frozenset(("alpha", "beta", "gamma", "slope"))
-"""Parameters by which an expression multiplies, or that it adds."""
 
-_DECLARATIONS: dict[str, tuple[Callable[..., Expression], dict[str, float]]] = {}
-_JUMPING: set[str] = set()
+@dataclass(frozen=True)
+class _Declaration:
+    """What an activation is.
+
+    Parameters
+    ----------
+    expression : callable
+        Makes its sympy expression of its parameters.
+    defaults : dict
+        Its parameters.
+    error : KernelError
+        How far a runtime may be from it.
+    jumps : bool
+        Whether its value jumps somewhere, as it does in every step function.
+    passes_on : bool
+        Whether the program passes its argument on as it is: what the function says is knowledge alone.
+    """
+
+    expression: Callable[..., Expression]
+    defaults: dict[str, float]
+    error: KernelError
+    jumps: bool
+    passes_on: bool
+
+
+_DECLARATIONS: dict[str, _Declaration] = {}
 
 
 def _declare(
-    name: str, *, jumps: bool = False, **defaults: float
+    name: str,
+    error: KernelError | None = None,
+    *,
+    jumps: bool = False,
+    passes_on: bool = False,
+    **defaults: float,
 ) -> Callable[[Callable[..., Expression]], Callable[..., Expression]]:
-    """Register an activation, with the defaults of its parameters and whether its value jumps somewhere."""
+    """Register an activation with the defaults of its parameters; without an error it has that of 64 roundings."""
 
     def register(expression: Callable[..., Expression]) -> Callable[..., Expression]:
-        _DECLARATIONS[name] = (expression, defaults)
-        if jumps:
-            _JUMPING.add(name)
+        _DECLARATIONS[name] = _Declaration(expression, defaults, error or KernelError(), jumps, passes_on)
         return expression
 
     return register
@@ -59,48 +97,48 @@ def _pieces(*pieces: tuple[object, object]) -> Expression:
     return sympy.Piecewise(*pieces)
 
 
-@_declare("Relu")
+@_declare("Relu", KernelError(0.0))
 def _relu() -> Expression:
     return _pieces((0, X < 0), (X, True))
 
 
-@_declare("LeakyRelu", alpha=0.01)
+@_declare("LeakyRelu", KernelError(1.0), alpha=0.01)
 def _leaky_relu(alpha: float) -> Expression:
     return _pieces((alpha * X, X < 0), (X, True))
 
 
-@_declare("ThresholdedRelu", jumps=True, alpha=1.0)
+@_declare("ThresholdedRelu", KernelError(0.0), jumps=True, alpha=1.0)
 def _thresholded_relu(alpha: float) -> Expression:
     return _pieces((0, X <= alpha), (X, True))
 
 
-@_declare("Elu", alpha=1.0)
+@_declare("Elu", KernelError(8.0), alpha=1.0)
 def _elu(alpha: float) -> Expression:
     return _pieces((alpha * (sympy.exp(X) - 1), X < 0), (X, True))
 
 
-@_declare("Celu", alpha=1.0)
+@_declare("Celu", KernelError(8.0), alpha=1.0)
 def _celu(alpha: float) -> Expression:
     return _pieces((alpha * (sympy.exp(X / alpha) - 1), X < 0), (X, True))
 
 
-@_declare("Selu", alpha=1.67326319217681884765625, gamma=1.05070102214813232421875)
+@_declare("Selu", KernelError(48.0), alpha=1.67326319217681884765625, gamma=1.05070102214813232421875)
 def _selu(alpha: float, gamma: float) -> Expression:
     return _pieces((gamma * alpha * (sympy.exp(X) - 1), X < 0), (gamma * X, True))
 
 
-@_declare("Sigmoid")
+@_declare("Sigmoid", KernelError(8.0))
 def _sigmoid() -> Expression:
     return (1 + sympy.tanh(X / 2)) / 2
 
 
-@_declare("Logistic")
+@_declare("Logistic", LogisticError())
 def _logistic() -> Expression:
     """Return the sigmoid as ``1 / (1 + exp(-x))`` spells it: 0 where the exponential overflows."""
     return _quotient_of_exponentials()
 
 
-@_declare("Softmax", terms=2.0)
+@_declare("Softmax", SoftmaxError(), terms=2.0)
 def _softmax(terms: float) -> Expression:
     """Return a softmax of so many values as a function of log-odds: one of them less log sum exp of the others."""
     return _quotient_of_exponentials()
@@ -111,58 +149,58 @@ def _quotient_of_exponentials() -> Expression:
     return _pieces((sympy.exp(X) / (1 + sympy.exp(X)), X < 0), (1 / (1 + sympy.exp(-X)), True))
 
 
-@_declare("LogSoftmax", terms=2.0)
+@_declare("LogSoftmax", LogSoftmaxError(), terms=2.0)
 def _log_softmax(terms: float) -> Expression:
     """Return the logarithm of a softmax of so many values, as a function of the log-odds of one."""
     return _pieces((X - sympy.log(1 + sympy.exp(X)), X < 0), (-sympy.log(1 + sympy.exp(-X)), True))
 
 
-@_declare("SpelledSigmoid")
+@_declare("SpelledSigmoid", BoundedError(32.0))
 def _spelled_sigmoid() -> Expression:
     """Return ``exp(x) / (1 + exp(x))`` as a program spells it, which rounds relative to 1."""
     return _quotient_of_exponentials()
 
 
-@_declare("SpelledTanh")
+@_declare("SpelledTanh", BoundedError(32.0))
 def _spelled_tanh() -> Expression:
     """Return ``(exp(x) - exp(-x)) / (exp(x) + exp(-x))`` as a program spells it."""
     return _tanh()
 
 
-@_declare("Known", min=-np.inf, max=np.inf)
+@_declare("Known", KernelError(0.0), passes_on=True, min=-np.inf, max=np.inf)
 def _known(min: float, max: float) -> Expression:
     """Return x, known to lie between limits but for rounding: enclosures are cut, the program is not."""
     return _clip(min, max)
 
 
-@_declare("Guard", min=-np.inf, max=np.inf)
+@_declare("Guard", GuardedError(), passes_on=True, min=-np.inf, max=np.inf)
 def _guard(min: float, max: float) -> Expression:
     """Return x, with which the program can go on between limits only: beyond them it gives no number."""
     return X
 
 
-@_declare("HardSigmoid", alpha=0.2, beta=0.5)
+@_declare("HardSigmoid", KernelError(8.0), alpha=0.2, beta=0.5)
 def _hard_sigmoid(alpha: float, beta: float) -> Expression:
     line = alpha * X + beta
     return _pieces((0, X <= -beta / alpha), (1, X >= (1 - beta) / alpha), (line, True))
 
 
-@_declare("Tanh")
+@_declare("Tanh", KernelError(12.0))
 def _tanh() -> Expression:
     return sympy.tanh(X)
 
 
-@_declare("Softplus")
+@_declare("Softplus", KernelError(24.0))
 def _softplus() -> Expression:
     return _pieces((sympy.log(1 + sympy.exp(X)), X < 0), (X + sympy.log(1 + sympy.exp(-X)), True))
 
 
-@_declare("Softsign")
+@_declare("Softsign", KernelError(8.0))
 def _softsign() -> Expression:
     return _pieces((X / (1 - X), X < 0), (X / (1 + X), True))
 
 
-@_declare("Silu")
+@_declare("Silu", KernelError(12.0))
 def _silu() -> Expression:
     return _pieces((X * sympy.exp(X) / (1 + sympy.exp(X)), X < 0), (X / (1 + sympy.exp(-X)), True))
 
@@ -176,17 +214,17 @@ def _swish(slope: float) -> Expression:
     )
 
 
-@_declare("HardSwish")
+@_declare("HardSwish", KernelError(12.0))
 def _hard_swish() -> Expression:
     return _pieces((0, X <= -3), (X, X >= 3), (X * (X + 3) / 6, True))
 
 
-@_declare("Gelu")
+@_declare("Gelu", KernelError(32.0))
 def _gelu() -> Expression:
     return X * NormalCdf(X)
 
 
-@_declare("GeluTanh")
+@_declare("GeluTanh", KernelError(32.0))
 def _gelu_tanh() -> Expression:
     growth = sympy.exp(-2 * sympy.sqrt(2 / sympy.pi) * (sympy.Abs(X) + _exact(0.044715) * sympy.Abs(X) ** 3))
     left = growth.subs(sympy.Abs(X), -X)
@@ -244,7 +282,7 @@ def _soft_shrink(lambd: float) -> Expression:
     return _pieces((X + lambd, X < -lambd), (0, X <= lambd), (X - lambd, True))
 
 
-@_declare("Mish")
+@_declare("Mish", KernelError(96.0))
 def _mish() -> Expression:
     left, right = sympy.exp(X), sympy.exp(-X)
     return _pieces(
@@ -253,12 +291,12 @@ def _mish() -> Expression:
     )
 
 
-@_declare("Erf")
+@_declare("Erf", KernelError(12.0))
 def _erf() -> Expression:
     return sympy.erf(X)
 
 
-@_declare("Exp")
+@_declare("Exp", ExponentialError())
 def _exp() -> Expression:
     return sympy.exp(X)
 
@@ -268,27 +306,27 @@ def _log() -> Expression:
     return sympy.log(X)
 
 
-@_declare("Abs")
+@_declare("Abs", KernelError(0.0))
 def _abs() -> Expression:
     return _pieces((-X, X < 0), (X, True))
 
 
-@_declare("Sqrt")
+@_declare("Sqrt", RootError(4.0))
 def _sqrt() -> Expression:
     return sympy.sqrt(X)
 
 
-@_declare("Pow", exponent=2.0)
+@_declare("Pow", PowerError(4.0), exponent=2.0)
 def _pow(exponent: float) -> Expression:
     return X ** int(exponent)
 
 
-@_declare("Reciprocal")
+@_declare("Reciprocal", ReciprocalError(4.0))
 def _reciprocal() -> Expression:
     return 1 / X
 
 
-@_declare("Clip", min=-np.inf, max=np.inf)
+@_declare("Clip", KernelError(0.0), min=-np.inf, max=np.inf)
 def _clip(min: float, max: float) -> Expression:
     pieces = [(X, True)]
     if max != np.inf:
@@ -316,28 +354,36 @@ class ActivationFunction:
     @cached_property
     def expression(self) -> Expression:
         """Return the function as a sympy expression in `X`."""
-        declaration, _ = _DECLARATIONS[self.name]
-        return declaration(**{name: _exact(value) for name, value in self.parameters})
+        return self._declaration.expression(**{name: _exact(value) for name, value in self.parameters})
+
+    @property
+    def named(self) -> dict[str, float]:
+        """Return the parameters by their names."""
+        return dict(self.parameters)
+
+    @property
+    def error(self) -> KernelError:
+        """Return how far a runtime's kernel may be from the function."""
+        return self._declaration.error
 
     @property
     def jumps(self) -> bool:
         """Tell whether the value jumps somewhere, as it does in every step function."""
-        return self.name in _JUMPING
+        return self._declaration.jumps
 
     @property
     def passes_on(self) -> bool:
         """Tell whether the program passes its argument on as it is: what the function says is knowledge alone."""
-        return self.name in ("Guard", "Known")
+        return self._declaration.passes_on
 
     @property
     def amplitude(self) -> float:
-        """Return how much larger than its argument and its value, and than 1, an intermediate result may be.
+        """Return how much larger than its argument and its value, and than 1, an intermediate result may be."""
+        return amplitude(self.named)
 
-        A program computes ``alpha * (exp(x) - 1)`` with an error that is relative to alpha, also where the value
-        is small.
-        """
-        scales = (abs(value) for name, value in self.parameters if name in _SCALES)
-        return math.prod(max(1.0, scale) for scale in scales)
+    @property
+    def _declaration(self) -> _Declaration:
+        return _DECLARATIONS[self.name]
 
     def __call__(self, x: Floats) -> Floats:
         """Evaluate elementwise in float64; the error is far below one float32 rounding."""
@@ -361,7 +407,7 @@ def activation(name: str, **parameters: float) -> ActivationFunction:
         raise ValueError(
             f"activation '{name}' is not declared; declared are {', '.join(sorted(_DECLARATIONS))}"
         )
-    _, defaults = _DECLARATIONS[name]
+    defaults = _DECLARATIONS[name].defaults
     unknown = parameters.keys() - defaults.keys()
     if unknown:
         raise ValueError(f"activation '{name}' has no parameter {', '.join(sorted(unknown))}")

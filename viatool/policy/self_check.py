@@ -32,7 +32,6 @@ _MARGIN = 8.0
 _ACTIVATION_UNITS = 64.0
 """Error of a runtime's activation in unit roundoffs of max(1, |x|, |f(x)|), above all that was seen."""
 
-_EXACT_ACTIVATIONS = ("Abs", "Clip", "Guard", "Known", "Relu", "ThresholdedRelu")
 _SIMULATIONS = 4
 _SIMULATED = 2.0
 """Tolerance in root mean squares of the simulated rounding; what was seen in onnxruntime is below 0.05."""
@@ -383,7 +382,7 @@ def _affine_error(
 
 def _activation_error(node: Activation, x: Floats, value: Floats, inherited: Floats, unit: float) -> Floats:
     if node.function.passes_on:
-        limits = dict(node.function.parameters)
+        limits = node.function.named
         inside = (x - inherited >= limits["min"]) & (x + inherited <= limits["max"])
         return np.where(inside | (node.function.name == "Known"), inherited, np.inf)
     moved = np.zeros_like(value)
@@ -393,6 +392,6 @@ def _activation_error(node: Activation, x: Floats, value: Floats, inherited: Flo
         inherited
     )  # rounding may leave the domain, as that of a logarithm
     moved = np.where(undefined, np.inf, moved)
-    units = 0.0 if node.function.name in _EXACT_ACTIVATIONS else _ACTIVATION_UNITS
+    units = _ACTIVATION_UNITS if node.function.error.units else 0.0
     size = node.function.amplitude * np.maximum(1.0, np.maximum(np.abs(x), np.abs(value)))
     return moved + units * unit * size

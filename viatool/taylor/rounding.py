@@ -1,8 +1,9 @@
-"""The one place that knows how floating-point programs round.
+"""How floating-point programs round, node by node.
 
 Two programs are accounted for: the engine itself, in float64, and the deployed one, in the precision that each node
 names. `own_error` bounds what one node adds to the errors that reach it, for any order of summation and with or without
-fused multiply-add; `deviation` carries these errors to the actions.
+fused multiply-add; `deviation` carries these errors to the actions. What a runtime's activations err by stands with
+their declarations (`policy.activations`).
 """
 
 from __future__ import annotations
@@ -17,51 +18,6 @@ from viatool.policy.activations import ActivationFunction
 from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Node, Precision, Product
 from viatool.rounding import SLIGHTLY_MORE, SMALLEST_NORMAL, UNIT_ROUNDOFF
 from viatool.sets.bounds import require_ordered
-
-# Error of a runtime's activation in unit roundoffs of `error_scale`, at least twice what was ever measured in
-# onnxruntime; composites (Silu as x * sigmoid(x), ...) count each of their operations.
-_RUNTIME_UNITS = {
-    "Abs": 0.0,
-    "Clip": 0.0,
-    "Relu": 0.0,
-    "ThresholdedRelu": 0.0,
-    "LeakyRelu": 1.0,
-    "Reciprocal": 4.0,
-    "Sqrt": 4.0,
-    "Elu": 8.0,
-    "Celu": 8.0,
-    "Guard": 0.0,
-    "Known": 0.0,
-    "SpelledSigmoid": 32.0,
-    "SpelledTanh": 32.0,
-    "Exp": 16.0,
-    "Logistic": 24.0,
-    "LogSoftmax": 1.0,
-    "Sigmoid": 8.0,
-    "Softmax": 1.0,
-    "HardSigmoid": 8.0,
-    "Softsign": 8.0,
-    "Erf": 12.0,
-    "Tanh": 12.0,
-    "Silu": 12.0,
-    "HardSwish": 12.0,
-    "Softplus": 24.0,
-    "Gelu": 32.0,
-    "GeluTanh": 32.0,
-    "Selu": 48.0,
-    "Mish": 96.0,
-}
-_DEFAULT_UNITS = 64.0
-
-_RELATIVE_TO_VALUE = frozenset(("Logistic", "Pow", "Reciprocal", "Sqrt"))
-"""IEEE 754 rounds these correctly, or they are a few products: they err relative to their value, however small.
-
-So does a logistic that is spelled out, up to what its exponential errs by: ``1 / (1 + e (1 + d))`` is off by at most d
-of itself.
-"""
-
-_SOFTMAX_UNITS = 48.0
-"""Roundings of two exponentials, a quotient and a logarithm."""
 
 
 def gamma(terms: int | Floats, unit: float) -> Floats:
@@ -165,16 +121,6 @@ def widen(lower: Floats, upper: Floats, deviation: Floats) -> Hull:
     return np.where(np.isnan(lower), -np.inf, lower), np.where(np.isnan(upper), np.inf, upper)
 
 
-def runtime_units(function: ActivationFunction) -> float:
-    """Return the largest error of a runtime's activation in unit roundoffs of `error_scale`.
-
-    A power with a small exponent is a few products, or the function of a library that is as good as two of them.
-    """
-    if function.name == "Pow":
-        return max(4.0, 2.0 * function.parameters[0][1])
-    return _RUNTIME_UNITS.get(function.name, _DEFAULT_UNITS)
-
-
 def magnitude(hull: Hull) -> Floats:
     """Return the largest absolute value between two bounds."""
     return np.maximum(np.abs(hull[0]), np.abs(hull[1]))
@@ -184,49 +130,7 @@ def activation_error(
     function: ActivationFunction, precision: Precision, argument: Hull, value: Floats
 ) -> Floats:
     """Bound the error of a runtime's activation (B, N), given its argument and a bound on its absolute value."""
-    units = runtime_units(function) * UNIT_ROUNDOFF[precision]
-    own = units * error_scale(function, magnitude(argument), value)
-    if function.name == "Guard":
-        limits = dict(function.parameters)
-        return np.where((argument[0] >= limits["min"]) & (argument[1] <= limits["max"]), 0.0, np.inf)
-    if function.name == "Exp" or function.name in _RELATIVE_TO_VALUE:
-        return own + _flushed(function.name, argument, SMALLEST_NORMAL[precision])
-    if function.name in ("LogSoftmax", "Softmax"):  # every exponential may be flushed to zero
-        own = own + 2 * dict(function.parameters)["terms"] * SMALLEST_NORMAL[precision]
-    return np.asarray(own)
-
-
-def _flushed(name: str, argument: Hull, tiny: float) -> Floats:
-    """Bound what is lost where a program takes arguments and results below the smallest normal number for zero."""
-    at_zero = {"Sqrt": np.sqrt(tiny), "Reciprocal": np.inf}.get(name, tiny)
-    return np.where((argument[0] < tiny) & (argument[1] > -tiny), at_zero, tiny)
-
-
-def error_scale(function: ActivationFunction, argument: Floats, value: Floats) -> Floats:
-    """Return what the error of a runtime's activation is proportional to, given absolute values."""
-    if function.name == "Logistic":  # errs by 16 max(1, |x|) y (1 - y), where y (1 - y) |x| <= 0.28
-        return np.asarray(np.minimum(value * np.maximum(1.0, argument), value + 0.3))
-    if function.name in _RELATIVE_TO_VALUE:
-        return value
-    if function.name == "Exp":
-        return np.asarray(value * np.maximum(1.0, argument))
-    if function.name in ("SpelledSigmoid", "SpelledTanh"):
-        return np.maximum(1.0, value)
-    if function.name == "Softmax":
-        return np.asarray(value * _softmax_units(function) + np.minimum(value * argument, 1.0))
-    if function.name == "LogSoftmax":
-        return np.asarray(_softmax_units(function) + 2 * value)
-    return np.asarray(function.amplitude * np.maximum(1.0, np.maximum(value, argument)))
-
-
-def _softmax_units(function: ActivationFunction) -> float:
-    """Return how many roundings a softmax of K values errs by, beside those of its logits' differences.
-
-    Notes
-    -----
-    The program's ``exp(x_j - m)``, m the largest, errs by ``|x_j - m|`` roundings of itself for the difference, and by
-    those of the exponential. Their mean over the softmax p errs by ``sum_j p_j |x_j - m| <= log K`` roundings, the sum
-    by K more. The one in the numerator has ``|x_i - m|`` roundings, at most the magnitude of the log-odds, but never
-    more than one of 1, since it is ``exp(-|x_i - m|)`` itself.
-    """
-    return _SOFTMAX_UNITS + 2 * dict(function.parameters)["terms"]
+    error, parameters = function.error, function.named
+    units = error.roundings(parameters) * UNIT_ROUNDOFF[precision]
+    own = units * error.scale(parameters, magnitude(argument), value)
+    return np.asarray(own + error.lost(parameters, argument, SMALLEST_NORMAL[precision]))

@@ -14,15 +14,19 @@ than half of what `taylor.rounding` counts for the functions here.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from viatool.arrays import Floats, Indices
 from viatool.policy.activations import activation
 from viatool.policy.assembly import Assembly, Computed, Term, UniformScaling, broadcast_index
-from viatool.policy.network import Affine, Maximum, Precision
+from viatool.policy.network import Affine, Cast, Maximum, Precision
 from viatool.policy.operators.reduction import softmax_of
 from viatool.rounding import LARGEST, SMALLEST_NORMAL, UNIT_ROUNDOFF
+
+_NEAR = 4.0
+"""How far from 0 the largest exponent may be where it is not asked whether others vanish."""
 
 
 def of_exponentials(assembly: Assembly, numerator: Computed, divisor: Computed) -> Computed | None:
@@ -146,18 +150,57 @@ def _softmax_of_parts(assembly: Assembly, exponent: Computed, groups: Indices, n
     **Sound:** without that subtraction exponentials err by ``16 max(1, |z|)`` roundings, which move a share y by
     ``2 y (1 - y)`` times as much. The logarithm of their sum errs by as much, and by 4 roundings of its own size, at
     most ``max |z| + log K``. The result also reads the exponents, with weight 0 and magnitudes that give at least that.
+    Where the largest exponent is within b of 0, ``max |z|`` counts from there on, so that b takes its place; the sum is
+    at least ``exp(-b)``, so that what is flushed to zero weighs ``exp(b)`` times as much.
     """
-    if _are_below_largest(assembly, exponent, groups):
-        return softmax_of(assembly, exponent, groups, name)
     precision, count = exponent.precision, groups.shape[1]
     highest = math.log(LARGEST[precision] / count) - 1.0
-    guarded = _guarded(assembly, exponent, math.log(SMALLEST_NORMAL[precision]) + 1.0, highest)
+    least = math.log(SMALLEST_NORMAL[precision]) + 1.0
+    share = 8.0 if name == "Softmax" else 32.0
+    away = _largest_from_zero(assembly, exponent, groups)
+    if away == 0.0:
+        return softmax_of(assembly, exponent, groups, name)
+    if away <= min(highest, _NEAR):
+        flushed = 2 * count * SMALLEST_NORMAL[precision] / UNIT_ROUNDOFF[precision] * math.exp(away)
+        result = softmax_of(assembly, exponent, groups, name)
+        lost = np.full(
+            result.size, (share * away + flushed) / 3
+        )  # a copy with a constant has three roundings
+        terms = [Term(result, np.eye(result.size))]
+        return assembly.affine(
+            terms, np.zeros(result.size), result.shape, result.precision, bias_magnitude=lost
+        )
+    guarded = _guarded(assembly, exponent, least, highest)
     result = softmax_of(assembly, guarded, groups, name)
     magnitudes = np.zeros((result.size, result.size))
     for group in groups:
-        magnitudes[np.ix_(group, group)] = (8.0 if name == "Softmax" else 32.0) / (count + 2)
+        magnitudes[np.ix_(group, group)] = share / (count + 2)
     terms = [Term(result, np.eye(result.size)), Term(guarded, np.zeros_like(magnitudes), magnitudes)]
     return assembly.affine(terms, np.zeros(result.size), result.shape, result.precision)
+
+
+def _largest_from_zero(assembly: Assembly, exponent: Computed, groups: Indices) -> float:
+    """Return how far from 0 the largest exponent of a group may be, infinite where nothing is known.
+
+    It is 0 in ``x - max(x)``, by whatever positive numbers the elements are multiplied; a constant moves it by no more
+    than itself.
+    """
+    if _are_below_largest(assembly, exponent, groups):
+        return 0.0
+    node = assembly.nodes[exponent.node]
+    if isinstance(node, Cast):
+        return _largest_from_zero(assembly, replace(exponent, node=node.source), groups)
+    if not isinstance(node, Affine) or len(node.sources) != 1:
+        return math.inf
+    if node.merged_weights is not None or node.merged_bias is not None:
+        return math.inf
+    (weight,) = node.weights
+    if weight.shape != (node.size, node.size) or not np.array_equal(weight, np.diag(np.diag(weight))):
+        return math.inf
+    if not (np.diag(weight) > 0).all():
+        return math.inf
+    before = _largest_from_zero(assembly, replace(exponent, node=node.sources[0]), groups)
+    return float(np.diag(weight).max() * before + np.abs(node.bias).max())
 
 
 def _are_below_largest(assembly: Assembly, exponent: Computed, groups: Indices) -> bool:
