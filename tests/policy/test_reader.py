@@ -316,3 +316,17 @@ def test_a_scale_for_each_channel_in_a_version_that_has_one_alone_is_refused_by_
     with pytest.raises(PolicyError, match="a scale for each channel") as caught:
         load_policy(save(model, tmp_path))
     assert "opset_version 13" in caught.value.hint
+
+
+def test_a_quantised_policy_is_refused_as_such(tmp_path: Path) -> None:
+    model = model_of(
+        [
+            node("QuantizeLinear", ["x", "step", "zero"], ["q"], name="rounded"),
+            node("DequantizeLinear", ["q", "step", "zero"], ["d"]),
+            node("Relu", ["d"], ["y"]),
+        ],
+        {"step": np.float32(0.1), "zero": np.int8(0)},
+    )
+    with pytest.raises(PolicyError, match=r"'rounded' \(QuantizeLinear\).*the policy is quantised") as caught:
+        load_policy(save(model, tmp_path))
+    assert "before it was quantised" in caught.value.hint

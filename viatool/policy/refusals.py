@@ -8,8 +8,12 @@ from viatool.policy.graph import GraphNode
 # fmt: off
 _STEPS = frozenset((
     "Equal", "Greater", "GreaterOrEqual", "Less", "LessOrEqual", "Not", "And", "Or", "Xor",
-    "Floor", "Ceil", "Round", "Mod", "IsNaN", "IsInf", "QuantizeLinear", "DynamicQuantizeLinear",
+    "Floor", "Ceil", "Round", "Mod", "IsNaN", "IsInf",
     "BitShift", "BitwiseAnd", "BitwiseNot", "BitwiseOr", "BitwiseXor", "BitCast",
+))
+_QUANTISED = frozenset((
+    "ConvInteger", "DequantizeLinear", "DynamicQuantizeLinear", "MatMulInteger", "QLinearConv", "QLinearMatMul",
+    "QuantizeLinear",
 ))
 # fmt: on
 
@@ -49,6 +53,11 @@ FAMILIES: tuple[tuple[str, str, frozenset[str]], ...] = (
         "is a step function of computed values",
         "export the actor without the comparison, or clip instead",
         _STEPS,
+    ),
+    (
+        "computes with integers to which values were rounded: the policy is quantised",
+        "verify and deploy the policy as it was before it was quantised",
+        _QUANTISED,
     ),
 )
 """Reason, hint and operators of each family that is refused when it meets computed values."""
