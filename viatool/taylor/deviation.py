@@ -32,7 +32,7 @@ from viatool.policy.network import (
 from viatool.rounding import ENGINE_ROUNDOFF, LARGEST, SLIGHTLY_MORE, UNIT_ROUNDOFF
 from viatool.taylor.curve import curve_of
 from viatool.taylor.model import Diagonal, Form, fold_symbols, join_forms
-from viatool.taylor.rounding import affine_size, gamma, magnitude, own_error
+from viatool.taylor.rounding import affine_size, floor_of, gamma, magnitude, own_error
 
 _WORTH = 2.0**-5
 """Share of an action's width up to which a deviation is not worth symbols."""
@@ -155,6 +155,8 @@ class _Carried:
         self._engine = engine
         self._with_symbols = with_symbols
         self._deviations: list[Deviation] = []
+        self._floors: list[Floats] = []
+        self._ranges: dict[int, Hull] = {}
         self._overflows = np.zeros(hulls[0][0].shape[0], dtype=bool)
         self.problem: tuple[str, str] | None = None
         self._readers = np.zeros(len(network.nodes), dtype=int)
@@ -165,6 +167,7 @@ class _Carried:
         """Return the bound of the last node, (B, A); infinite where norms alone leave the range of a precision."""
         with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is infinite
             for index, node in enumerate(self._network.nodes):
+                self._floors.append(floor_of(node, self._precision(node), self._floors))
                 self._deviations.append(self._at(index, node))
         return np.where(self._overflows[:, None], np.inf, self._deviations[-1].bound)
 
@@ -283,7 +286,14 @@ class _Carried:
         sources = [self._program(source) for source in node.sources]
         value = self._exact_on_program(index, node, sources)
         self._check_overflow(index, value)
-        return own_error(node, precision, sources, value)
+        own = own_error(node, precision, sources, value)
+        if isinstance(node, Activation) and not node.function.passes_on:
+            exact = curve_of(node.function).range(*sources[0])
+            self._ranges[index] = (
+                np.nextafter(exact.lower - own, -np.inf),
+                np.nextafter(exact.upper + own, np.inf),
+            )
+        return own
 
     def _exact_on_program(self, index: int, node: Node, sources: Sequence[Hull]) -> Floats:
         """Bound the absolute value of a node that is evaluated exactly on what the program has before it.
@@ -306,9 +316,11 @@ class _Carried:
                 return magnitude(sources[0])
 
     def _program(self, index: int) -> Hull:
-        """Bound what the program has at a node."""
+        """Bound what the program has at a node: near the exact value, and what it makes of what it reads."""
         (lower, upper), bound = self._hulls[index], self._deviations[index].bound
-        return lower - bound, upper + bound
+        lower, upper = np.maximum(lower - bound, self._floors[index]), upper + bound
+        least, largest = self._ranges.get(index, (lower, upper))
+        return np.maximum(lower, least), np.minimum(upper, largest)
 
     def _check_overflow(self, index: int, size: Floats) -> None:
         precision = self._precision(self._network.nodes[index])

@@ -95,6 +95,59 @@ def own_error(node: Node, precision: Precision, sources: Sequence[Hull], value: 
             return unit * value + tiny
 
 
+_NEVER_NEGATIVE = ("Abs", "Exp", "Relu")
+
+
+def floor_of(node: Node, precision: Precision, floors: Sequence[Floats]) -> Floats:
+    """Return what no program has less of at a node (N,), whatever the observation is: -inf where nothing is known.
+
+    Parameters
+    ----------
+    node : Node
+        Of size N.
+    precision : str
+        In which it is evaluated.
+    floors : sequence of ndarray
+        Those of the nodes before it, (N_k,) each.
+
+    Notes
+    -----
+    **Sound:** a square is not negative, and a sum of terms that are not never gets less by a further one, as rounding
+    is monotone; so it is at least its constant, as it is stored. What is flushed to zero is not negative either. What
+    may be added up otherwise than it stands there (`merged_weights`, as in a variance of one pass) may be anything.
+    """
+    unit, tiny = UNIT_ROUNDOFF[precision], SMALLEST_NORMAL[precision]
+    match node:
+        case Input():
+            floor = np.full(node.size, -np.inf)
+        case Affine():
+            floor = _floor_of_sum(node, unit, floors)
+        case Activation():
+            square = node.function.name == "Pow" and node.function.named["exponent"] % 2 == 0
+            positive = square or node.function.name in _NEVER_NEGATIVE
+            floor = np.full(node.size, 0.0 if positive else -np.inf)
+        case Product():
+            both = (floors[node.left] >= 0) & (floors[node.right] >= 0)
+            floor = np.where(both, 0.0, -np.inf)
+        case Maximum():
+            floor = np.maximum(floors[node.left], floors[node.right])
+        case Minimum():
+            floor = np.minimum(floors[node.left], floors[node.right])
+        case Cast():
+            floor = floors[node.source]
+            floor = np.where(floor >= 0, floor * (1 - 2 * unit), -np.inf)
+    return np.where((floor >= 0) & (floor < 2 * tiny), 0.0, floor)
+
+
+def _floor_of_sum(node: Affine, unit: float, floors: Sequence[Floats]) -> Floats:
+    if node.merged_weights is not None or node.merged_bias is not None:
+        return np.full(node.size, -np.inf)
+    positive = node.bias >= 0
+    for source, weight in zip(node.sources, node.weights, strict=True):
+        positive &= ((weight == 0) | ((weight > 0) & (floors[source] >= 0))).all(axis=1)
+    return np.where(positive, node.bias * (1 - gamma(3 + node.roundings, unit)), -np.inf)
+
+
 def affine_size(node: Affine, sources: Sequence[Hull]) -> Floats:
     """Bound the absolute value (B, N) of every partial sum of an affine node, given what its sources may be."""
     size = node.bias_magnitude
