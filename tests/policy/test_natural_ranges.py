@@ -304,3 +304,54 @@ def test_a_moved_softmax_allows_for_exponentials_that_are_flushed_to_zero(tmp_pa
     assert np.exp(-9.7109375) < 2.0**-14  # the smallest normal number of float16
     exact = 1 / (1 + (count - 1) * np.exp(-5.7109375))
     assert reach(policy, observation, 0.0).deviation[0, 0] >= 1 - exact
+
+
+def cast(source: str, target: str, to: int) -> NodeProto:
+    return node("Cast", [source], [target], to=to)
+
+
+HALF, SINGLE = TensorProto.FLOAT16, TensorProto.FLOAT
+CAST_SUM = [
+    cast("e", "e32", SINGLE),
+    node("ReduceSum", ["e32", "axis"], ["s32"], keepdims=1),
+    cast("s32", "s", HALF),
+]
+CAST_LARGEST = [
+    cast("x", "x32", SINGLE),
+    node("ReduceMax", ["x32"], ["m32"], axes=[1], keepdims=1),
+    cast("m32", "m", HALF),
+]
+IN_PARTS = {
+    "softmax": [node("Exp", ["z"], ["e"]), *CAST_SUM, node("Div", ["e", "s"], ["y"])],
+    "logarithm": [
+        node("Exp", ["z"], ["e"]),
+        *CAST_SUM,
+        node("Log", ["s"], ["l"]),
+        node("Sub", ["z", "l"], ["y"]),
+    ],
+}
+
+
+@pytest.mark.parametrize("end", IN_PARTS.values(), ids=IN_PARTS)
+def test_a_softmax_in_float16_that_adds_up_in_float32_is_read_as_one(
+    end: list[NodeProto], tmp_path: Path
+) -> None:
+    """As torch exports it; the largest and the sum are cast to and fro."""
+    nodes = [*CAST_LARGEST, node("Sub", ["x", "m"], ["z"]), *end]
+    policy = load_policy(save(model_of(nodes, AXIS, shape=("N", 4), dtype=HALF), tmp_path))
+    assert not any(isinstance(n, Activation) and n.function.name == "Guard" for n in policy.network.nodes)
+    centre = np.array([12.0, 2.0, -1.0, 11.5])
+    bounds = reach(policy, centre[None], 1.0)
+    points = attacked(centre, 1.0).astype(np.float16).astype(np.float64)
+    points = points[(np.abs(points - centre) <= 1.0).all(axis=1)]
+    for level in ("none", "default"):
+        actions = policy.runtime.at(level).rows(points)
+        assert (actions >= bounds.lower).all()
+        assert (actions <= bounds.upper).all()
+
+
+def test_a_largest_that_was_rounded_is_none(tmp_path: Path) -> None:
+    """Less a largest number in float16, those of float32 may be above 0, and their exponentials above 1."""
+    rounded = [SHIFTED[0], cast("m", "m16", HALF), cast("m16", "c", SINGLE), node("Sub", ["x", "c"], ["z"])]
+    policy = load(tmp_path, [*rounded, *SOFTMAX[2:]], AXIS)
+    assert any(isinstance(n, Activation) and n.function.name == "Guard" for n in policy.network.nodes)

@@ -40,9 +40,15 @@ def of_exponentials(assembly: Assembly, numerator: Computed, divisor: Computed) 
 
 def log_softmax(assembly: Assembly, logits: Computed, logarithm: Computed) -> Computed | None:
     """Return ``z - log sum exp(z)``, None where the logarithm is another."""
-    total = assembly.function_of(logarithm, "Log")
-    groups = None if total is None else _groups_of_sum(assembly, total, logits)
-    return None if groups is None else _softmax_of_parts(assembly, logits, groups, "LogSoftmax")
+    before, rounded = _behind_casts(assembly, logarithm)
+    total = assembly.function_of(before, "Log")
+    found = None if total is None else _groups_of_sum(assembly, total, logits)
+    if found is None:
+        return None
+    groups, summed = found
+    precisions = {logits.precision, rounded, summed}
+    result = _in_precision_of(assembly, logits, groups, "LogSoftmax", precisions)
+    return None if result is None else assembly.cast(result, logits.precision)
 
 
 def _ratio(assembly: Assembly, numerator: Computed, divisor: Computed) -> Computed | None:
@@ -111,21 +117,48 @@ def _are_opposite(assembly: Assembly, left: Computed, right: Computed) -> bool:
 
 def _softmax(assembly: Assembly, numerator: Computed, divisor: Computed) -> Computed | None:
     """Recognise ``exp(z) / sum exp(z)``."""
-    exponent = assembly.function_of(numerator, "Exp")
-    groups = None if exponent is None else _groups_of_sum(assembly, divisor, exponent)
-    return (
-        None
-        if exponent is None or groups is None
-        else _softmax_of_parts(assembly, exponent, groups, "Softmax")
-    )
+    above, rounded = _behind_casts(assembly, numerator)
+    exponent = assembly.function_of(above, "Exp")
+    found = None if exponent is None else _groups_of_sum(assembly, divisor, exponent)
+    if exponent is None or found is None:
+        return None
+    groups, summed = found
+    result = _in_precision_of(assembly, exponent, groups, "Softmax", {rounded, summed})
+    return None if result is None else assembly.cast(result, numerator.precision)
 
 
-def _groups_of_sum(assembly: Assembly, total: Computed, exponent: Computed) -> Indices | None:
-    """Return the groups (G, K) of elements of z in which a value sums ``exp(z)``; None if it is something else."""
+def _in_precision_of(
+    assembly: Assembly, exponent: Computed, groups: Indices, name: str, precisions: set[Precision]
+) -> Computed | None:
+    """Add a softmax or its logarithm that is computed in several precisions, as one in the coarsest of them."""
+    if {"float16", "bfloat16"} <= precisions:  # neither has the other's range
+        return None
+    coarsest = max(precisions, key=UNIT_ROUNDOFF.__getitem__)
+    return _softmax_of_parts(assembly, replace(exponent, precision=coarsest), groups, name)
+
+
+def _behind_casts(assembly: Assembly, value: Computed) -> tuple[Computed, Precision]:
+    """Return a value before it was cast, and the coarsest precision that it went through."""
+    index, precisions = value.node, {value.precision}
+    node = assembly.nodes[index]
+    while isinstance(node, Cast):
+        precisions.add(node.precision)
+        index, node = node.source, assembly.nodes[node.source]
+    precisions.add(node.precision)
+    coarsest = max(precisions, key=UNIT_ROUNDOFF.__getitem__)
+    return replace(value, node=index, precision=node.precision), coarsest
+
+
+def _groups_of_sum(
+    assembly: Assembly, divisor: Computed, exponent: Computed
+) -> tuple[Indices, Precision] | None:
+    """Return in which groups (G, K) of elements of z a value sums ``exp(z)``, and how coarsely; else None."""
+    total, rounded = _behind_casts(assembly, divisor)
     node = assembly.nodes[total.node]
     if not isinstance(node, Affine) or len(node.sources) != 1 or node.bias.any() or node.roundings:
         return None
-    argument = assembly.function_of(Computed(node.sources[0], exponent.shape, total.precision), "Exp")
+    terms, added = _behind_casts(assembly, Computed(node.sources[0], exponent.shape, total.precision))
+    argument = assembly.function_of(terms, "Exp")
     weight = node.weights[0]
     if argument is None or argument.node != exponent.node or not np.isin(weight, (0.0, 1.0)).all():
         return None
@@ -139,7 +172,8 @@ def _groups_of_sum(assembly: Assembly, total: Computed, exponent: Computed) -> I
     own = sets[member.ravel(), np.arange(len(inside))]
     if not own.all() or (counts != counts[0]).any() or (sets.sum(axis=0) != 1).any():
         return None
-    return np.nonzero(sets)[1].reshape(len(sets), int(counts[0]))
+    groups = np.nonzero(sets)[1].reshape(len(sets), int(counts[0]))
+    return groups, max(rounded, added, key=UNIT_ROUNDOFF.__getitem__)
 
 
 def _softmax_of_parts(assembly: Assembly, exponent: Computed, groups: Indices, name: str) -> Computed:
@@ -227,6 +261,9 @@ def _largest_of(assembly: Assembly, index: int, element: int, source: int) -> se
     if index == source:
         return {element}
     node = assembly.nodes[index]
+    if isinstance(node, Cast):  # one that does not round the elements
+        exact = UNIT_ROUNDOFF[node.precision] <= UNIT_ROUNDOFF[assembly.nodes[source].precision]
+        return _largest_of(assembly, node.source, element, source) if exact else set()
     if isinstance(node, Maximum):
         sides = [_largest_of(assembly, side, element, source) for side in (node.left, node.right)]
         return sides[0] | sides[1] if all(sides) else set()
