@@ -158,8 +158,8 @@ class SoftmaxError(KernelError):
 
     The program's ``exp(x_j - m)``, m the largest, errs by ``|x_j - m|`` roundings of itself for the difference and by
     ``16 max(1, |x_j - m|)`` of the exponential, together at most ``16 + 17 |x_j - m|``. Their mean over the softmax p
-    is at most ``16 + 17 log K``, since ``sum_j p_j |x_j - m| <= log K``; the sum errs by K more, quotient and casts by a
-    few.
+    is at most ``16 + 17 log K``, since ``sum_j p_j |x_j - m| <= log K``; the sum errs by K more, quotient and casts by
+    a few.
     In the numerator ``|x_i - m|`` is at most the magnitude of the log-odds, and ``p_i |x_i - m| <= 1 / e``, as p_i is
     at most ``exp(-|x_i - m|)``. Every exponential may be flushed to zero.
     """
