@@ -36,7 +36,7 @@ SPEC = PolicySpecification(
 def test_sizes_and_columns() -> None:
     assert SPEC.observation_size == 22
     assert SPEC.action_size == 2
-    assert SPEC.columns("goal_distance") == slice(20, 21)
+    assert SPEC.columns("goal_distance").tolist() == [20]
     assert SPEC.channel("budget").value == 3.5
     with pytest.raises(ConfigurationError, match="speed"):
         SPEC.channel("speed")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +14,7 @@ from viatool.channels.views import BoxView, Extent, RecordedInstants, View
 from viatool.errors import PolicyError
 from viatool.sets.forms import Forms
 from viatool.sight.scan import enclose_scan
+from viatool.world import Lidar
 
 
 @observes("lidar")
@@ -47,7 +47,7 @@ class LidarReadings(Quantity):
         """
         asked, robot = self.channel.lidar, self.robot
         if self.described:
-            return Fan(robot.lidar if asked is None else replace(robot.lidar, **asked.model_dump()))
+            return Fan(robot.lidar if asked is None else asked.lidar(robot.lidar.noise))
         raise PolicyError(
             f"observation channel '{self.channel.name}' has {self.channel.size} numbers, "
             f"but the LiDAR of {robot.name} has {robot.lidar.bins} bins",
@@ -78,15 +78,45 @@ class LidarReadings(Quantity):
         lidar = self.fan.lidar
         seen = enclose_scan(view.start.poses, view.shapes, lidar)
         if view.submerged.any():
-            ends = (np.full_like(seen.centre, end) for end in (lidar.minimum_range, lidar.maximum_range))
+            ends = (np.full_like(seen.centre, end) for end in self._ends)
             seen = Forms.choose(view.submerged, Forms.between(*ends), seen)
         return view.over_states(seen)
 
     def bounds(self, extent: Extent) -> tuple[float, float]:
-        """Return the limits of the LiDAR."""
-        described = self.channel.lidar or self.robot.lidar
-        return described.minimum_range, described.maximum_range
+        """Return the limits of the LiDAR, and what it reads where nothing returns."""
+        return self._ends
+
+    @property
+    def _ends(self) -> tuple[float, float]:
+        lidar = self.channel.lidar.lidar() if self.channel.lidar else self.robot.lidar
+        readings = (
+            lidar.minimum_range,
+            lidar.maximum_range,
+            *(() if lidar.no_return is None else (lidar.no_return,)),
+        )
+        return min(readings), max(readings)
 
     def mirror(self) -> tuple[Indices, Floats]:
-        """Return the bins from left to right: the field of view is symmetric about forward."""
-        return np.arange(self.channel.size)[::-1], np.ones(self.channel.size)
+        """Return, of each bin, the one that looks where it looks in the mirror image."""
+        return mirrored_bins(self.fan.lidar), np.ones(self.channel.size)
+
+
+def mirrored_bins(lidar: Lidar) -> Indices:
+    """Return which bin looks where each bin looks in the mirror image, (bins,).
+
+    Raises
+    ------
+    PolicyError
+        If there is none, as the rays are not symmetric about forward.
+    """
+    angles = lidar.angles().reshape(lidar.bins, -1)
+    here, there = (np.exp(1j * side * angles) for side in (1.0, -1.0))
+    bins = []
+    for mirrored in there:
+        apart = np.abs(np.sort_complex(here.round(9)) - np.sort_complex(mirrored.round(9))).max(axis=1)
+        bins.append(int(apart.argmin()))
+        if apart.min() > 1e-6:
+            raise PolicyError(
+                f"the LiDAR with {lidar.words} has no mirror image", "train with `mirror: false`"
+            )
+    return np.array(bins)

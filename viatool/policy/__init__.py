@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from viatool.channels import LidarSpecification
+from viatool.policy.action_channels import ActionChannel, ActionMap
 from viatool.policy.inspection import Inspection, Layer, describe
 from viatool.policy.maps import Maps
 from viatool.policy.network import (
@@ -16,12 +17,7 @@ from viatool.policy.network import (
     Product,
 )
 from viatool.policy.policy import Policy, load_policy
-from viatool.policy.specification import (
-    ActionChannel,
-    ActionMap,
-    ObservationChannel,
-    PolicySpecification,
-)
+from viatool.policy.specification import ObservationChannel, PolicySpecification
 from viatool.policy.specification_file import load_specification
 from viatool.policy.template import specification_template
 from viatool.policy.writer import write_onnx

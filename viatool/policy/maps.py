@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from viatool.arrays import Floats
+from viatool.policy.action_channels import ActionMap
 from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Network, Node, Product
-from viatool.policy.specification import ActionMap, PolicySpecification
+from viatool.policy.specification import PolicySpecification
 
 _LISTED = 6
 """Most numbers that are written one by one; of more, the least and the largest are."""

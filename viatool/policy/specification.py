@@ -7,18 +7,22 @@ policies that were exported elsewhere.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from difflib import get_close_matches
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field, FiniteFloat, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
-from viatool.arrays import Floats
+from viatool.arrays import Floats, Indices
 from viatool.channels import kind_named, kinds
-from viatool.channels.channel import Channel, Positive
+from viatool.channels.channel import Channel, Frames, Positive
+from viatool.channels.inputs import Inputs
 from viatool.errors import ConfigurationError
+from viatool.policy.action_channels import ActionChannel, ActionMap, Override
 from viatool.world.fields import Strict
 
-ActionKind = Literal["linear", "angular", "other"]
+_FULL = 1e-3
+"""Radians by which a full circle may be rounded, as in 6.283."""
 
 METADATA_KEY = "viatool.spec"
 """The entry of ``metadata_props`` that holds the specification as JSON."""
@@ -64,51 +68,24 @@ class ObservationChannel(Channel):
         return self
 
 
-class ActionChannel(Strict):
-    """One action and the limits of the robot for it.
-
-    Parameters
-    ----------
-    name, unit : str
-        For people.
-    lower, upper : float
-        The range that the robot accepts, in the unit.
-    kind : str
-        ``linear`` (m/s, forward), ``angular`` (rad/s, counter-clockwise) or ``other``.
-    """
-
-    name: Annotated[str, Field(min_length=1)]
-    unit: str = ""
-    lower: FiniteFloat
-    upper: FiniteFloat
-    kind: ActionKind = "other"
-
-    @model_validator(mode="after")
-    def _ordered(self) -> ActionChannel:
-        if self.lower > self.upper:
-            raise ValueError(f"action '{self.name}': lower {self.lower} exceeds upper {self.upper}")
-        return self
-
-
-class ActionMap(Strict):
-    """What the robot's software does with the raw output: ``scale * output + offset``, then a clip."""
-
-    scale: list[FiniteFloat]
-    offset: list[FiniteFloat]
-    clip: bool = False
-
-
 class PolicySpecification(Strict):
     """What goes into a policy and what comes out.
 
     Parameters
     ----------
     schema_version : int
-        1.
+        1 or 2. Version 1 has no frames, overrides and memory, and its channels no scales.
     observation, action : list of channels
         In the order of the vectors.
     action_map : ActionMap, optional
-        Applied after the network; None when the network gives physical commands.
+        Applied after the network; None when the network gives physical commands. Version 2 gives each action its own
+        scale and offset instead.
+    frames : Frames, optional
+        How many whole observations are stacked.
+    overrides : list of Override
+        Rules around the policy; the first that applies counts.
+    memory : mapping
+        Inputs of the graph that take what an output gave in the step before, by name.
     input, output : str, optional
         Names of the graph's input and output, where it has several.
     robot : str
@@ -119,15 +96,29 @@ class PolicySpecification(Strict):
         Free text about the origin of the policy.
     """
 
-    schema_version: Literal[1] = 1
+    schema_version: Literal[1, 2] = 1
     observation: Annotated[list[ObservationChannel], Field(min_length=1)]
     action: Annotated[list[ActionChannel], Field(min_length=1)]
     action_map: ActionMap | None = None
+    frames: Frames | None = None
+    overrides: list[Override] = Field(default_factory=list)
+    memory: dict[str, str] = Field(default_factory=dict)
     input: str | None = None
     output: str | None = None
     robot: str = "turtlebot3"
     control_interval: Positive = 0.1
     training: dict[str, Any] = Field(default_factory=dict)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _once_around(cls, given: Any) -> Any:
+        """Give a full circle of version 2 no ray twice."""
+        if not isinstance(given, dict) or given.get("schema_version") != 2:
+            return given
+        observation = given.get("observation")
+        if not isinstance(observation, list):
+            return given
+        return {**given, "observation": [_once_around(channel) for channel in observation]}
 
     @model_validator(mode="after")
     def _consistent(self) -> PolicySpecification:
@@ -146,17 +137,86 @@ class PolicySpecification(Strict):
                     raise ValueError(
                         f"action_map.{name} has {len(values)} numbers for {len(self.action)} actions"
                     )
+        self._check_version()
+        self._check_choice()
+        self._check_overrides()
         return self
+
+    def _check_version(self) -> None:
+        """Refuse what version 1 does not have, and what is said twice."""
+        if self.schema_version == 1:
+            newer = [channel.name for channel in self.observation if channel.encoding or channel.frames]
+            newer += [action.name for action in self.action if (action.scale, action.offset) != (1.0, 0.0)]
+            newer += [name for name in ("frames", "overrides", "memory") if getattr(self, name)]
+            newer += [
+                c.name for c in self.observation if c.lidar is not None and c.lidar.field_of_view is None
+            ]
+            if newer:
+                raise ValueError(f"{', '.join(newer)}: this needs `schema_version: 2`")
+        own = [channel.name for channel in self.observation if channel.frames]
+        if own and self.frames:
+            raise ValueError(f"frames are given for everything and for {', '.join(own)}: give one of them")
+        if self.action_map is not None and self.schema_version == 2:
+            raise ValueError("action_map is of version 1: give each action its own `scale` and `offset`")
+
+    def _check_choice(self) -> None:
+        """Refuse another action beside a choice."""
+        choices = [action.name for action in self.action if action.kind == "choice"]
+        if choices and len(self.action) > 1:
+            raise ValueError(
+                f"action '{choices[0]}' is a choice, so it is the only one, but there are {len(self.action)}"
+            )
+
+    def _check_overrides(self) -> None:
+        """Refuse rules about what is not observed, and commands of another length."""
+        known = {name for channel in self.observation for name in (channel.name, channel.kind)}
+        for number, rule in enumerate(self.overrides):
+            unknown = [name for name in rule.when if name not in known]
+            if unknown:
+                close = get_close_matches(unknown[0], sorted(known), n=1, cutoff=0.0)
+                raise ValueError(
+                    f"overrides.{number}.when: no channel is called '{unknown[0]}' or of that kind, "
+                    f"nearest is '{close[0]}'"
+                )
+            if len(rule.command) != len(self.axes):
+                raise ValueError(
+                    f"overrides.{number}.command has {len(rule.command)} numbers for {len(self.axes)} "
+                    f"({', '.join(axis.name for axis in self.axes)})"
+                )
+
+    @property
+    def inputs(self) -> Inputs:
+        """Return where the readings of the channels stand in the observation, and how they are encoded."""
+        return Inputs.of(self.observation, self.frames)
+
+    @property
+    def choice(self) -> ActionChannel | None:
+        """Return the choice among commands; None where the policy gives the numbers of a command."""
+        return self.action[0] if self.action[0].kind == "choice" else None
+
+    @property
+    def axes(self) -> list[ActionChannel]:
+        """Return the numbers of a command: the actions, or one for each axis of a choice with the ends of its table."""
+        choice = self.choice
+        if choice is None:
+            return self.action
+        assert choice.axes is not None  # checked by the channel
+        assert choice.commands is not None
+        columns = zip(*choice.commands, strict=True)
+        return [
+            ActionChannel(name=axis, kind=axis, lower=min(column), upper=max(column))
+            for axis, column in zip(choice.axes, columns, strict=True)
+        ]
 
     @property
     def observation_size(self) -> int:
-        """Return the length of the observation vector."""
-        return sum(channel.size for channel in self.observation)
+        """Return the length of the observation vector, all frames included."""
+        return self.inputs.size
 
     @property
     def action_size(self) -> int:
-        """Return the number of actions."""
-        return len(self.action)
+        """Return the number of outputs: one for each action, or for each command of a choice."""
+        return sum(action.outputs for action in self.action)
 
     def channel(self, name: str) -> ObservationChannel:
         """Return the observation channel of that name.
@@ -172,18 +232,15 @@ class PolicySpecification(Strict):
         known = ", ".join(channel.name for channel in self.observation)
         raise ConfigurationError(f"there is no observation channel '{name}'", f"choose one of {known}")
 
-    def columns(self, name: str) -> slice:
-        """Return the columns of the observation vector that a channel takes."""
-        start = 0
-        for channel in self.observation:
-            if channel.name == name:
-                return slice(start, start + channel.size)
-            start += channel.size
-        return self._no_columns(name)
+    def columns(self, name: str) -> Indices:
+        """Return the columns of the observation vector that a channel takes, in all its frames.
 
-    def _no_columns(self, name: str) -> slice:
-        self.channel(name)
-        raise AssertionError("unreachable: `channel` raises for an unknown name")
+        Raises
+        ------
+        ConfigurationError
+            If there is no such channel.
+        """
+        return self.inputs.columns(self.channel(name).name)
 
     def radii(self, eps: float | Mapping[str, float] | None = None) -> Floats:
         """Return the uncertainty of every observation entry.
@@ -197,7 +254,7 @@ class PolicySpecification(Strict):
         Returns
         -------
         ndarray
-            ``(observation_size,)`` float64, in the units of the channels.
+            ``(observation_size,)`` float64, in the units of the sensors.
 
         Raises
         ------
@@ -217,9 +274,7 @@ class PolicySpecification(Strict):
                     f"channel '{name}' is fixed to {self.channel(name).value} and has no uncertainty",
                     "leave its eps out, or remove its value from the specification",
                 )
-        return np.concatenate(
-            [np.full(channel.size, self._radius(channel, given)) for channel in self.observation]
-        )
+        return np.array([self._radius(channel, given) for channel in self.observation])[self.inputs.channel]
 
     @staticmethod
     def _radius(channel: ObservationChannel, given: Mapping[str, float]) -> float:
@@ -234,11 +289,12 @@ class PolicySpecification(Strict):
         return float(radius)
 
     def fixed_values(self) -> Floats:
-        """Return ``(observation_size,)`` with the value of every fixed entry, and NaN where it is free."""
-        return np.concatenate(
-            [np.full(c.size, np.nan if c.value is None else c.value) for c in self.observation],
-            dtype=np.float64,
-        )
+        """Return ``(observation_size,)`` with what the network takes of every fixed entry, and NaN where it is free."""
+        values = [
+            np.nan if c.value is None else float(c.encoding.apply(np.array(c.value)))
+            for c in self.observation
+        ]
+        return np.array(values, dtype=np.float64)[self.inputs.channel]
 
     def to_json(self) -> str:
         """Return the JSON that stands in the metadata of a model."""
@@ -252,3 +308,21 @@ class PolicySpecification(Strict):
             self.model_dump(mode="json", exclude_none=True), sort_keys=False, allow_unicode=True
         )
         return text
+
+
+def _once_around(channel: Any) -> Any:
+    """Return a channel whose field of view of 2 pi is told by its start and step."""
+    lidar = channel.get("lidar") if isinstance(channel, dict) else None
+    if not isinstance(lidar, dict):
+        return channel
+    view, rays = lidar.get("field_of_view"), lidar.get("rays")
+    if (
+        not isinstance(view, float | int)
+        or not isinstance(rays, int)
+        or rays < 1
+        or view < 2.0 * np.pi - _FULL
+    ):
+        return channel
+    rest = {key: value for key, value in lidar.items() if key != "field_of_view"}
+    side = -1.0 if lidar.get("order") == "clockwise" else 1.0
+    return {**channel, "lidar": {**rest, "start": -side * np.pi, "step": 2.0 * np.pi / rays}}

@@ -6,8 +6,9 @@ import math
 
 from viatool.channels import kinds
 from viatool.errors import PolicyError
+from viatool.policy.action_channels import ActionChannel
 from viatool.policy.inspection import Inspection
-from viatool.policy.specification import ActionChannel, ObservationChannel, PolicySpecification
+from viatool.policy.specification import ObservationChannel, PolicySpecification
 
 _TEMPLATE_HEAD = f"""\
 # Specification of a policy: fill in what the observation holds, in its order, and what the actions mean.

@@ -62,7 +62,7 @@ def print_map(world_map: WorldMap, console: Console) -> None:
         ),
         (
             "LiDAR",
-            f"{lidar.rays} rays in {lidar.bins} bins over {np.degrees(lidar.field_of_view):g} degrees, "
+            f"{lidar.rays} rays in {lidar.bins} bins over {np.degrees(np.ptp(lidar.angles())):g} degrees, "
             f"{lidar.minimum_range:g} to {lidar.maximum_range:g} m, noise {lidar.noise:g} m",
         ),
         ("scenarios", f"{count(len(world_map.scenarios))} fixed{_freedom(world_map)}"),

@@ -92,10 +92,15 @@ class Forms:
     @classmethod
     def choose(cls, holds: Booleans, form: Forms, other: Forms) -> Forms:
         """Return one form or the other for each box, by what holds for it, (C,)."""
+        return cls.where(np.broadcast_to(holds[:, None], form.centre.shape), form, other)
+
+    @classmethod
+    def where(cls, holds: Booleans, form: Forms, other: Forms) -> Forms:
+        """Return one form or the other for each quantity of each box, by what holds for it, (C, K)."""
         return cls(
-            np.where(holds[:, None], form.centre, other.centre),
-            np.where(holds[:, None, None], form.slope, other.slope),
-            np.where(holds[:, None], form.rest, other.rest),
+            np.where(holds, form.centre, other.centre),
+            np.where(holds[:, None], form.slope, other.slope),
+            np.where(holds, form.rest, other.rest),
         )
 
     @property

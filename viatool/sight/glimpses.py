@@ -10,6 +10,9 @@ from viatool.arrays import Booleans, Floats, Indices, Plane
 from viatool.sets.forms import PoseBoxes
 from viatool.world import Lidar
 
+_ROUNDING = 1e-9
+"""Radians by which the bearing of a ray or of a shape may be rounded."""
+
 
 @dataclass(frozen=True, eq=False)
 class Glimpses:
@@ -69,7 +72,7 @@ class Rays:
         """Return all rays between two bearings (C, N) of N shapes, wherever these are near."""
         box, shape, ray = _rays_between(low, high, near, lidar)
         along = np.exp(1j * (boxes.centre[box, 2] + lidar.angles()[ray]))
-        row = box * lidar.bins + ray // (lidar.rays // lidar.bins)
+        row = box * lidar.bins + ray // lidar.each
         radius = boxes.radius[box]
         return cls(row, box, shape, along, radius, boxes.extent[box], radius[:, 2])
 
@@ -104,19 +107,20 @@ def _rays_between(
     box, shape = np.nonzero(near)
     low, high = low[box, shape], high[box, shape]
     known = low <= high  # every ray may meet what lies in no known direction
-    low, high = np.where(known, low, -np.pi), np.where(known, high, np.pi)
-    half = 0.5 * lidar.field_of_view if lidar.rays > 1 else 0.0
-    step = lidar.field_of_view / max(lidar.rays - 1, 1)
+    low, high = np.where(known, low - _ROUNDING, -np.pi), np.where(known, high + _ROUNDING, np.pi)
     high = np.minimum(high, low + 2.0 * np.pi)
-    turns = 2.0 * np.pi * np.floor((low + half) / (2.0 * np.pi))  # brings low into [-half, 2 pi - half)
+    turns = 2.0 * np.pi * np.floor((low + np.pi) / (2.0 * np.pi))  # brings low into [-pi, pi)
     low, high = low - turns, high - turns
-    begin = np.clip(np.ceil((low + half) / step - 1e-6), 0, lidar.rays).astype(np.int64)
-    end = np.clip(np.floor((high + half) / step + 1e-6), -1, lidar.rays - 1).astype(np.int64)
-    again = np.floor((high - 2.0 * np.pi + half) / step + 1e-6)  # the last ray of those beyond a full turn
-    again = np.minimum(np.clip(again, -1, lidar.rays - 1).astype(np.int64), begin - 1)
+    bearing, order = lidar.around
+    begin = np.searchsorted(bearing, low)
+    end = np.searchsorted(bearing, high, side="right") - 1
+    again = (
+        np.searchsorted(bearing, high - 2.0 * np.pi, side="right") - 1
+    )  # the last of those beyond a full turn
+    again = np.minimum(again, begin - 1)
     found = [_expand(box, shape, begin, end), _expand(box, shape, np.zeros_like(begin), again)]
     boxes, shapes, rays = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    return boxes, shapes, rays
+    return boxes, shapes, order[rays]
 
 
 def _expand(box: Indices, shape: Indices, begin: Indices, end: Indices) -> tuple[Indices, Indices, Indices]:

@@ -33,8 +33,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from viatool.arrays import Floats
-from viatool.rounding import SIGHT_ROUNDING
+from viatool.arrays import Booleans, Floats
+from viatool.rounding import SIGHT_ROUNDING, SLIGHTLY_MORE, UNIT_ROUNDOFF
 from viatool.sets.forms import Forms, PoseBoxes
 from viatool.sight.circles import see_circles
 from viatool.sight.edges import see_edges
@@ -69,8 +69,58 @@ def enclose_scan(boxes: PoseBoxes, shapes: Shapes, lidar: Lidar) -> Forms:
         shapes.scale + lidar.maximum_range + float(np.abs(boxes.centre).max(initial=0.0))
     )
     boxes.checked()
+    if lidar.reduce == "minimum" and lidar.no_return is None:
+        return _read(boxes, shapes, lidar, slack)[0]
+    rays, met = _read(boxes, shapes, lidar.unreduced, slack)
+    if lidar.no_return is not None:
+        rays = _without_return(rays, met, lidar.maximum_range - 4.0 * slack, lidar.no_return)
+    return {"minimum": _least, "mean": _mean, "first": _each}[lidar.reduce](rays, lidar.bins)
+
+
+def _read(boxes: PoseBoxes, shapes: Shapes, lidar: Lidar, slack: float) -> tuple[Forms, Booleans]:
+    """Return the least range of every bin, (C, bins), and whether anything may be met in it."""
     parts = [see_circles(boxes, shapes, lidar, slack), see_edges(boxes, shapes, lidar, slack)]
-    return _bins(parts, len(boxes), lidar, slack)
+    met = np.zeros(len(boxes) * lidar.bins, dtype=bool)
+    for part in parts:
+        missed = np.isposinf(part.lower) & np.isposinf(part.least)  # NaN is none
+        met[part.row[~missed]] = True
+    return _bins(parts, len(boxes), lidar, slack), met.reshape(len(boxes), lidar.bins)
+
+
+def _without_return(rays: Forms, met: Booleans, limit: float, reading: float) -> Forms:
+    """Let rays that meet nothing read a number: surely where nothing may be met, perhaps from a limit on."""
+    hull = Forms.between(np.minimum(rays.lower, reading), np.maximum(rays.upper, reading))
+    none = Forms.between(np.full_like(rays.centre, reading), np.full_like(rays.centre, reading))
+    return Forms.where(met, Forms.where(rays.upper >= limit, hull, rays), none)
+
+
+def _each(rays: Forms, bins: int) -> Forms:
+    """Return rays as they are: one for each bin."""
+    return rays
+
+
+def _mean(rays: Forms, bins: int) -> Forms:
+    """Return the means of consecutive rays, as a program in float32 may sum them."""
+    count, symbols = rays.slope.shape[:2]
+    size = np.maximum(np.abs(rays.lower), np.abs(rays.upper)).reshape(count, bins, -1)
+    rounded = (2 + size.shape[2]) * UNIT_ROUNDOFF["float32"] * size.max(axis=2)
+    return Forms(
+        rays.centre.reshape(count, bins, -1).mean(axis=2),
+        rays.slope.reshape(count, symbols, bins, -1).mean(axis=3),
+        (rays.rest.reshape(count, bins, -1).mean(axis=2) + rounded) * SLIGHTLY_MORE,
+    )
+
+
+def _least(rays: Forms, bins: int) -> Forms:
+    """Return the least of consecutive rays, relative to the ray whose middle is the least."""
+    count, symbols = rays.slope.shape[:2]
+    centre, rest = rays.centre.reshape(count, bins, -1), rays.rest.reshape(count, bins, -1)
+    slope = rays.slope.reshape(count, symbols, bins, -1)
+    chosen = centre.argmin(axis=2)[:, :, None]
+    reference = np.take_along_axis(slope, chosen[:, None], axis=3)
+    spread = np.abs(slope - reference).sum(axis=1) + rest
+    low, high = (centre - spread).min(axis=2), (centre + spread).min(axis=2)
+    return Forms(0.5 * (low + high), reference[:, :, :, 0], 0.5 * (high - low) * SLIGHTLY_MORE)
 
 
 def _bins(parts: list[Glimpses], count: int, lidar: Lidar, slack: float) -> Forms:

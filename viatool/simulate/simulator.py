@@ -145,7 +145,7 @@ class Simulator(ABC):
         self.steps = np.zeros(robots, np.int64)
         slow = self.conditions.lidar_rate is not None  # then a scan is held until the next one
         fans = self.observer.fans if slow else ()
-        self._held = {fan: np.zeros((robots, fan.lidar.rays), np.float32) for fan in fans}
+        self._held = {fan: np.zeros((robots, len(fan)), np.float32) for fan in fans}
         self._observation = np.zeros((robots, self.observer.size))
         drift = self.conditions.drift
         track = model_of(self.robot).track if drift > 0.0 else 1.0

@@ -9,9 +9,13 @@ import numpy as np
 
 from viatool.arrays import Floats, Indices, Singles
 from viatool.errors import TrajectoryError
+from viatool.world import Lidar
 
 if TYPE_CHECKING:
     from viatool.policy import LidarSpecification
+
+_ALIKE = 1e-6
+"""Radians by which rays that look the same way may be written differently."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,15 +81,16 @@ class Readings:
         return found
 
 
-def bin_scans(scans: Scans, lidar: LidarSpecification, yaw: float, side: int, seen: Readings) -> Floats:
-    """Return the least distance in each bin, as the simulated sensor does.
+def bin_scans(scans: Scans, described: LidarSpecification, yaw: float, side: int, seen: Readings) -> Floats:
+    """Return what the policy observes of scans, as the simulated sensor does.
 
     Parameters
     ----------
     scans : Scans
         S scans.
-    lidar : LidarSpecification
-        What the policy observes: each recorded ray belongs to the bin of the nearest specified ray.
+    described : LidarSpecification
+        What the policy observes. The least distance of a bin is that of all recorded rays that look where one of its
+        rays looks; of a mean, or of a first ray, the recorded ray that is nearest to each specified one counts.
     yaw : float
         Heading of the sensor on the robot, in radians.
     side : int
@@ -103,50 +108,68 @@ def bin_scans(scans: Scans, lidar: LidarSpecification, yaw: float, side: int, se
     TrajectoryError
         If a bin has no ray at all, so that the sensor does not see what the policy observes.
     """
+    lidar = described.lidar()
     binned = np.empty((len(scans), lidar.bins))
     shapes = np.column_stack([scans.geometry, [len(ranges) for ranges in scans.ranges]])
     kinds, kind = np.unique(shapes, axis=0, return_inverse=True)
     for index, (first, step, least, largest, rays) in enumerate(kinds):
         rows = np.flatnonzero(kind.reshape(-1) == index)
-        bins = _bin_of_rays(side * (first + step * np.arange(int(rays))) + yaw, lidar)
-        chosen = np.flatnonzero(bins >= 0)
-        chosen = chosen[np.argsort(bins[chosen], kind="stable")]
-        _check_bins(bins[chosen], lidar, first, step, int(rays))
-        starts = np.searchsorted(bins[chosen], np.arange(lidar.bins))
+        chosen, bins = _rays_of_bins(side * (first + step * np.arange(int(rays))) + yaw, lidar)
+        _check_bins(bins, lidar, first, step, int(rays))
+        starts = np.searchsorted(bins, np.arange(lidar.bins))
         ranges = np.stack([scans.ranges[row][chosen] for row in rows.tolist()], dtype=np.float64)
-        binned[rows] = np.fmin.reduceat(_clean(ranges, least, largest, lidar, seen), starts, axis=1)
+        binned[rows] = _reduced(_clean(ranges, least, largest, lidar, seen), starts, lidar)
         seen.rays.add(int(rays))
         seen.least, seen.largest = max(seen.least, float(least)), min(seen.largest, float(largest))
     return binned
 
 
-def _bin_of_rays(angles: Floats, lidar: LidarSpecification) -> Indices:
-    """Return the bin of each ray (R,), -1 outside of the field of view."""
-    half = 0.5 * lidar.field_of_view
-    spacing = lidar.field_of_view / max(lidar.rays - 1, 1)
-    middle = angles - np.round(angles / (2.0 * np.pi)) * (2.0 * np.pi)
-    ray = (
-        np.rint((middle + half) / spacing).astype(np.int64) if lidar.rays > 1 else np.zeros(len(angles), int)
+def _rays_of_bins(angles: Floats, lidar: Lidar) -> tuple[Indices, Indices]:
+    """Return recorded rays, of all that have directions (R,), and the bin that each belongs to; ordered by bin."""
+    bearing, order = lidar.around
+    around = angles - 2.0 * np.pi * np.floor((angles + np.pi) / (2.0 * np.pi))
+    ring = np.concatenate([bearing[-1:] - 2.0 * np.pi, bearing, bearing[:1] + 2.0 * np.pi])
+    at = np.clip(np.searchsorted(ring, around), 1, len(ring) - 1)
+    at -= around - ring[at - 1] < ring[at] - around  # the nearest specified ray
+    apart = np.abs(around - ring[at])
+    ray = order[(at - 1) % lidar.rays]
+    gaps = np.diff(ring)
+    spacing = float(np.median(gaps[gaps > _ALIKE])) if lidar.rays > 1 else lidar.field_of_view or 0.0
+    recorded = np.flatnonzero(apart <= 0.5 * spacing + _ALIKE)
+    if lidar.reduce != "minimum":
+        recorded = recorded[np.lexsort((apart[recorded], ray[recorded]))]
+        recorded = recorded[np.unique(ray[recorded], return_index=True)[1]]
+        if lidar.reduce == "first":
+            recorded = recorded[ray[recorded] % lidar.each == 0]
+    recorded = recorded[np.argsort(ray[recorded] // lidar.each, kind="stable")]
+    return recorded, ray[recorded] // lidar.each
+
+
+def _reduced(distances: Floats, starts: Indices, lidar: Lidar) -> Floats:
+    """Return the bins (S, bins) of distances (S, R) in the order of the bins; NaN where nothing was measured."""
+    if lidar.reduce != "mean":
+        return np.asarray(np.fmin.reduceat(distances, starts, axis=1))
+    known = ~np.isnan(distances)
+    total, count = (
+        np.add.reduceat(part, starts, axis=1)
+        for part in (np.where(known, distances, 0.0), known.astype(float))
     )
-    if lidar.rays == 1:
-        ray[np.abs(middle) > half] = -1
-    inside = (ray >= 0) & (ray < lidar.rays)
-    return np.where(inside, ray // (lidar.rays // lidar.bins), -1)
+    return np.where(count > 0, total / np.maximum(count, 1.0), np.nan)
 
 
-def _check_bins(bins: Indices, lidar: LidarSpecification, first: float, step: float, rays: int) -> None:
+def _check_bins(bins: Indices, lidar: Lidar, first: float, step: float, rays: int) -> None:
     """Refuse a sensor that leaves a bin without a ray."""
     empty = np.setdiff1d(np.arange(lidar.bins), bins)
     if empty.size:
         raise TrajectoryError(
             f"the scans have {rays} rays from {np.degrees(first):.1f} to "
             f"{np.degrees(first + step * max(rays - 1, 0)):.1f} degrees, which leaves bin {empty[0]} of the "
-            f"policy's {lidar.bins} over {np.degrees(lidar.field_of_view):.1f} degrees without a ray",
+            f"policy's {lidar.bins} ({lidar.words}) without a ray",
             "record a LiDAR that covers the policy's field of view, or correct the specification's lidar",
         )
 
 
-def _clean(ranges: Floats, least: float, largest: float, lidar: LidarSpecification, seen: Readings) -> Floats:
+def _clean(ranges: Floats, least: float, largest: float, lidar: Lidar, seen: Readings) -> Floats:
     """Return distances (S, R): NaN for no measurement, the largest range where nothing came back (REP 117)."""
     near = np.isneginf(ranges)
     with np.errstate(invalid="ignore"):
@@ -157,4 +180,7 @@ def _clean(ranges: Floats, least: float, largest: float, lidar: LidarSpecificati
     seen.beyond += int(beyond.sum())
     seen.too_near += int(near.sum())
     distances = np.where(beyond, lidar.maximum_range, np.where(absent, np.nan, ranges))
-    return np.clip(distances, lidar.minimum_range, lidar.maximum_range)
+    distances = np.clip(distances, lidar.minimum_range, lidar.maximum_range)
+    if lidar.no_return is None:
+        return distances
+    return np.where(distances >= lidar.maximum_range, lidar.no_return, distances)

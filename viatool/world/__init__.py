@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from viatool.world.generator import ScenarioBatch, ScenarioGenerator
+from viatool.world.lidar import Lidar, bin_ranges
 from viatool.world.map_file import MapFile
 from viatool.world.map_server import MapServerFile
 from viatool.world.occupancy import Cell, OccupancyGrid
 from viatool.world.reachability import unreachable_scenarios
 from viatool.world.reading import load_map
 from viatool.world.rings import simple_polygon
-from viatool.world.robot import ROBOTS, Footprint, Lidar, Robot, bin_ranges
+from viatool.world.robot import ROBOTS, Footprint, Robot
 from viatool.world.scenario import Scenario
 from viatool.world.scenes import Scenes
 from viatool.world.shapes import Obstacles, box_polygon, wall_polygons

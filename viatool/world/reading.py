@@ -16,10 +16,11 @@ from viatool.samples import MAPS
 from viatool.world import map_file as file
 from viatool.world.complaints import located, shortened, validated, wrong
 from viatool.world.generator import ScenarioGenerator
+from viatool.world.lidar import Lidar
 from viatool.world.map_file import Unknown
 from viatool.world.map_server import ServedMap, is_map_server_file, read_map_server
 from viatool.world.obstacle_shapes import Arena, ObstacleShape
-from viatool.world.robot import ROBOTS, Footprint, Lidar, Robot
+from viatool.world.robot import ROBOTS, Footprint, Robot
 from viatool.world.scenario import Scenario
 from viatool.world.scenes import Scenes
 from viatool.world.shapes import Obstacles

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from viatool.arrays import Floats
 from viatool.errors import ConfigurationError
+from viatool.world.lidar import Lidar
 from viatool.world.measurement import as_plane, point_edge_squared, winding_number
 from viatool.world.rings import fit, simple_polygon
 
@@ -18,85 +17,6 @@ FootprintKind = Literal["point", "circle", "polygon"]
 
 _TOUCHING = 1e-9
 """Metres from an outline within which a point counts as neither inside nor outside."""
-
-
-@dataclass(frozen=True)
-class Lidar:
-    """A planar range finder at the origin of the robot's frame, symmetric about its forward axis.
-
-    Parameters
-    ----------
-    field_of_view : float
-        Angle between the first and the last ray, in radians.
-    rays : int
-        Number of rays, evenly spread, both ends included.
-    bins : int
-        Number of groups of consecutive rays that an observation holds; each is the minimum of its rays.
-    minimum_range, maximum_range : float
-        In metres; readings are clipped to them, and a ray that hits nothing reads the maximum.
-    noise : float
-        Standard deviation of the Gaussian error of every ray that hits something, in metres.
-    """
-
-    field_of_view: float = math.pi
-    rays: int = 180
-    bins: int = 20
-    minimum_range: float = 0.2
-    maximum_range: float = 7.0
-    noise: float = 0.01
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.field_of_view <= 2.0 * math.pi + 1e-9:
-            raise ConfigurationError(
-                f"LiDAR field_of_view is {self.field_of_view} rad, expected more than 0 and at most 2 pi",
-                "give the field of view in radians",
-            )
-        if self.rays < 1 or self.bins < 1 or self.rays % self.bins:
-            raise ConfigurationError(
-                f"LiDAR has {self.rays} rays in {self.bins} bins, expected equally many rays in each",
-                "choose a number of bins that divides the number of rays",
-            )
-        if not 0.0 <= self.minimum_range < self.maximum_range < math.inf:
-            raise ConfigurationError(
-                f"LiDAR range is {self.minimum_range} to {self.maximum_range} m, "
-                "expected 0 <= minimum < maximum",
-                "correct the range limits",
-            )
-        if not 0.0 <= self.noise < math.inf:
-            raise ConfigurationError(
-                f"LiDAR noise is {self.noise} m, expected 0 or more", "correct the noise"
-            )
-
-    def angles(self) -> Floats:
-        """Return the directions of the rays in the robot's frame, (rays,) radians, from right to left."""
-        half = 0.5 * self.field_of_view
-        return np.linspace(-half, half, self.rays) if self.rays > 1 else np.zeros(1)
-
-    def directions(self) -> Floats:
-        """Return the unit vectors of the rays in the robot's frame, (2, rays), from right to left."""
-        angles = self.angles()
-        return np.stack([np.cos(angles), np.sin(angles)])
-
-
-def bin_ranges(ranges: NDArray[np.floating], lidar: Lidar) -> NDArray[np.floating]:
-    """Return the minimum of each group of consecutive rays.
-
-    Parameters
-    ----------
-    ranges : ndarray
-        (B, rays) metres.
-    lidar : Lidar
-        Says how many bins there are.
-
-    Returns
-    -------
-    ndarray
-        (B, bins) metres, of the same kind of float.
-    """
-    binned: NDArray[np.floating] = ranges.reshape(len(ranges), lidar.bins, lidar.rays // lidar.bins).min(
-        axis=2
-    )
-    return binned
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from viatool.arrays import Booleans, Floats, Indices, Plane, Reals
 from viatool.world.casting import Surroundings, cast_rays
+from viatool.world.lidar import Lidar
 from viatool.world.measurement import (
     as_plane,
     dot,
@@ -20,7 +21,7 @@ from viatool.world.measurement import (
 )
 from viatool.world.region import blocked_region
 from viatool.world.rings import is_convex
-from viatool.world.robot import Footprint, Lidar
+from viatool.world.robot import Footprint
 from viatool.world.scenario import Scenario
 from viatool.world.shapes import Obstacles
 

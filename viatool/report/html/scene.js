@@ -4,17 +4,18 @@
 const Scene = (() => {
   const { fill, outline, outlines } = Figures;
 
-  // What each LiDAR reads from a pose: `bins` numbers of the observation over `view` radians; nothing without a pose.
+  // What each LiDAR reads from a pose, a wedge for each number of the observation; nothing without a pose.
   function drawFan(pose, fans, observation) {
     const fan = { x: [], y: [], radius: [], start: [], end: [] };
-    for (const { start, bins, view } of pose === null ? [] : fans) {
-      for (let bin = 0; bin < bins; bin += 1) {
+    for (const { start, right, left, scale, offset, reciprocal } of pose === null ? [] : fans) {
+      right.forEach((edge, bin) => {
+        const reading = (observation[start + bin] - offset) / scale;
         fan.x.push(pose[0]);
         fan.y.push(pose[1]);
-        fan.radius.push(Math.max(observation[start + bin], 0));
-        fan.start.push(pose[2] - view / 2 + (view * bin) / bins);
-        fan.end.push(pose[2] - view / 2 + (view * (bin + 1)) / bins);
-      }
+        fan.radius.push(Math.max(reciprocal ? 1 / reading : reading, 0));
+        fan.start.push(pose[2] + edge);
+        fan.end.push(pose[2] + left[bin]);
+      });
     }
     fill("fan", fan);
   }

@@ -181,12 +181,23 @@ def channel_list(channels: Sequence[ObservationChannel], radii: Floats) -> list[
 
 
 def fans_of(channels: Sequence[ObservationChannel], robot: Robot) -> list[dict[str, Any]]:
-    """Return where the bins of each LiDAR channel look; none for a policy without one."""
-    return [
-        {"start": columns.start, "bins": lidar.channel.size, "view": lidar.fan.lidar.field_of_view}
-        for lidar, columns in Quantities.of(channels, robot).lidars
-        if lidar.described
-    ]
+    """Return where the bins of each LiDAR channel look, and how its readings are encoded; none without a LiDAR."""
+    found = []
+    for lidar, columns in Quantities.of(channels, robot).lidars:
+        if lidar.described:
+            right, left = lidar.fan.lidar.wedges()
+            encoding = lidar.channel.encoding
+            found.append(
+                {
+                    "start": columns.start,
+                    "right": right.round(6).tolist(),
+                    "left": left.round(6).tolist(),
+                    "scale": encoding.scale,
+                    "offset": encoding.offset,
+                    "reciprocal": encoding.reciprocal,
+                }
+            )
+    return found
 
 
 def rules_of(rules: Rules) -> dict[str, Any]:

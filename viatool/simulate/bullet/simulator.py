@@ -77,7 +77,7 @@ class BulletSimulator(Simulator):
         )
         self._worlds = open_worlds(blueprint, min(workers, robots) if workers > 1 else workers)
         self._finalizer = weakref.finalize(self, self._worlds.close)
-        ends = np.cumsum([0, *(fan.lidar.rays for fan in fans)]).tolist()
+        ends = np.cumsum([0, *(len(fan) for fan in fans)]).tolist()
         self._rays = {fan: slice(*ends[place : place + 2]) for place, fan in enumerate(fans)}
         self._seen = np.zeros((robots, 0 if self._analytic else ends[-1]), np.float32)
 

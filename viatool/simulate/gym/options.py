@@ -15,7 +15,8 @@ from viatool.channels import Extent, Quantities
 from viatool.errors import ConfigurationError
 from viatool.motion.kinematics import kinematics_of
 from viatool.policy import load_policy, load_specification
-from viatool.policy.specification import ActionChannel, ObservationChannel, PolicySpecification
+from viatool.policy.action_channels import ActionChannel
+from viatool.policy.specification import ObservationChannel, PolicySpecification
 from viatool.policy.specified import specification_of
 from viatool.setting.reconcile import with_robot
 from viatool.setting.setting import Setting

@@ -1,0 +1,174 @@
+"""What a robot's software makes of a reading before the network takes it: ``clip(scale * value + offset)``.
+
+With ``reciprocal`` the value is replaced by 1 / value first. Errors are bounded in the unit of the sensor, and the
+network takes what is encoded: every proof carries a set of readings through here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from viatool.arrays import Floats, Reals
+from viatool.errors import BoundsError
+from viatool.sets.forms import Forms
+
+_FEW_ROUNDINGS = 2.0**-21
+"""Relative to the sizes of the terms: more than an evaluation in float32 strays, in whatever order and form."""
+
+
+@dataclass(frozen=True)
+class Encoding:
+    """The map from readings in the sensor's unit to inputs of the network, number by number.
+
+    Parameters
+    ----------
+    scale, offset : float
+        The scale is not 0.
+    clip : tuple of float, optional
+        Least and largest input.
+    reciprocal : bool
+        Whether 1 / value is scaled.
+    """
+
+    scale: float = 1.0
+    offset: float = 0.0
+    clip: tuple[float, float] | None = None
+    reciprocal: bool = False
+
+    def __bool__(self) -> bool:
+        """Tell whether it changes anything."""
+        return self != PLAIN
+
+    def apply(self, values: Reals) -> Reals:
+        """Encode readings of any shape; a reciprocal of 0 is infinite before it is clipped."""
+        if not self:
+            return values
+        with np.errstate(divide="ignore"):
+            found = self.scale * (1.0 / values if self.reciprocal else values) + self.offset
+        return np.asarray(found if self.clip is None else np.clip(found, *self.clip))
+
+    def readings(self, inputs: Floats) -> tuple[Floats, Floats]:
+        """Return the least and the largest reading that may be encoded as each input, of any shape.
+
+        At the end of a clip every reading beyond counts; the reading itself is infinite there.
+        """
+        if not self:
+            return inputs, inputs
+        ends = [inputs, inputs]
+        if self.clip is not None:
+            low, high = self.clip
+            near = _FEW_ROUNDINGS * (1.0 + max(abs(low), abs(high)))
+            ends = [
+                np.where(inputs <= low + near, -np.inf, inputs),
+                np.where(inputs >= high - near, np.inf, inputs),
+            ]
+        first, last = ((end - self.offset) / self.scale for end in ends)
+        first, last = np.minimum(first, last), np.maximum(first, last)
+        if not self.reciprocal:
+            return first, last
+        return _reciprocals(first, last)
+
+    def enclose(self, lower: Floats, upper: Floats, *, within: bool = False) -> tuple[Floats, Floats]:
+        """Bound what is encoded of readings between two ends, of any shape; infinite ends are allowed.
+
+        With `within`, everything between the bounds is some encoded reading instead, whatever the program rounds.
+
+        Raises
+        ------
+        BoundsError
+            If a reading may be 0 of which the reciprocal is not clipped.
+
+        Notes
+        -----
+        Sound: yes, for an evaluation in float32 or better, in whatever form the map is written.
+        """
+        if not self:
+            return lower, upper
+        first, last = _reciprocals(lower, upper) if self.reciprocal else (lower, upper)
+        ends = [self.scale * end + self.offset for end in (first, last)]
+        size = [
+            np.where(np.isfinite(end), np.abs(self.scale * end) + abs(self.offset), 0.0)
+            for end in (first, last)
+        ]
+        spare = (-_FEW_ROUNDINGS if within else _FEW_ROUNDINGS) * np.maximum(*size)
+        least, most = np.minimum(*ends) - spare, np.maximum(*ends) + spare
+        if self.clip is not None:
+            least, most = np.clip(least, *self.clip), np.clip(most, *self.clip)
+        if not (np.isfinite(least).all() and np.isfinite(most).all()):
+            raise BoundsError(
+                "a reading may be 0 or without bounds, so that nothing bounds what the network takes of it: "
+                "give the channel a `clip`"
+            )
+        return least, most
+
+    def forms(self, readings: Forms) -> Forms:
+        """Encode readings that are linear forms of a state, (C, K).
+
+        Notes
+        -----
+        Sound: yes, as `enclose`. What is surely not clipped stays a form; a reciprocal and what may be clipped are
+        enclosed by the chord's slope.
+        """
+        if not self:
+            return readings
+        if self.reciprocal:
+            readings = _reciprocal_forms(readings)
+        scaled = self.scale * readings.centre + self.offset
+        size = np.abs(self.scale) * np.maximum(np.abs(readings.lower), np.abs(readings.upper)) + abs(
+            self.offset
+        )
+        rest = abs(self.scale) * readings.rest + _FEW_ROUNDINGS * size
+        found = Forms(scaled, self.scale * readings.slope, rest)
+        return found if self.clip is None else _clipped(found, *self.clip)
+
+
+PLAIN = Encoding()
+
+
+def _reciprocals(lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
+    """Bound the reciprocals of readings: by nothing where 0, of either sign, may be among them."""
+    one_sign = (lower > 0.0) | (upper < 0.0)
+    with np.errstate(divide="ignore"):
+        return np.where(one_sign, 1.0 / upper, -np.inf), np.where(one_sign, 1.0 / lower, np.inf)
+
+
+def _reciprocal_forms(readings: Forms) -> Forms:
+    """Enclose reciprocals by the chord's slope where all readings have one sign, and by nothing elsewhere."""
+    lower, upper = readings.lower, readings.upper
+    if not ((lower > 0.0) | (upper < 0.0)).all():
+        raise BoundsError(
+            "a reading may be 0 somewhere in a set of states, and its reciprocal anything: "
+            "give the sensor a `minimum_range`, or verify recorded states"
+        )
+    slope = -1.0 / (lower * upper)
+    # 1/x - slope x is convex (concave for x < 0): its extremes are at the ends and at the tangent point
+    at_ends = 1.0 / lower - slope * lower
+    tangent = np.sign(lower) * 2.0 / np.sqrt(lower * upper)
+    least, most = np.minimum(at_ends, tangent), np.maximum(at_ends, tangent)
+    middle = 0.5 * (least + most)
+    spare = _FEW_ROUNDINGS * (np.abs(at_ends) + np.abs(tangent))
+    rest = 0.5 * (most - least) + np.abs(slope) * readings.rest + spare
+    return Forms(slope * readings.centre + middle, slope[:, None] * readings.slope, rest)
+
+
+def _clipped(forms: Forms, low: float, high: float) -> Forms:
+    """Keep forms that stay within a range; where they may leave it, take the chord's share of their slope."""
+    lower, upper = forms.lower, forms.upper
+    if ((lower >= low) & (upper <= high)).all():
+        return forms
+    ends = np.clip(lower, low, high), np.clip(upper, low, high)
+    width = upper - lower
+    share = np.where(width > 0.0, (ends[1] - ends[0]) / np.where(width > 0.0, width, 1.0), 0.0)
+    # of clip(x) - share x on [lower, upper]: piecewise linear, with corners at both ends of the range
+    corners = [lower, upper, np.clip(low, lower, upper), np.clip(high, lower, upper)]
+    left = np.stack([np.clip(corner, low, high) - share * corner for corner in corners])
+    least, most = left.min(axis=0), left.max(axis=0)
+    spare = _FEW_ROUNDINGS * (1.0 + np.abs(low) + np.abs(high))
+    middle = 0.5 * (least + most)
+    return Forms(
+        share * forms.centre + middle,
+        share[:, None] * forms.slope,
+        0.5 * (most - least) + share * forms.rest + spare,
+    )

@@ -1,0 +1,157 @@
+"""The numbers that a network takes: which reading each of them holds, of how many steps ago, and how it is encoded."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from viatool.arrays import Floats, Indices
+from viatool.channels.channel import NOW, Channel, Frames
+
+
+@dataclass(frozen=True, eq=False)
+class Inputs:
+    """Where the readings of the channels stand in an observation.
+
+    Parameters
+    ----------
+    channels : tuple of Channel
+        m readings at one instant in all.
+    frames : Frames
+        Of the whole observation; of a channel that has its own, that one.
+    """
+
+    channels: tuple[Channel, ...]
+    frames: Frames = NOW
+
+    @classmethod
+    def of(cls, channels: Sequence[Channel], frames: Frames | None = None) -> Inputs:
+        """Return the inputs of channels in their order."""
+        return cls(tuple(channels), frames or NOW)
+
+    @property
+    def size(self) -> int:
+        """Return n, the number of inputs of the network."""
+        return self.frames.count * sum(channel.size * _frames(channel).count for channel in self.channels)
+
+    @cached_property
+    def places(self) -> tuple[slice, ...]:
+        """Which of the m readings each channel gives."""
+        ends = np.cumsum([0, *(channel.size for channel in self.channels)]).tolist()
+        return tuple(slice(first, last) for first, last in pairwise(ends))
+
+    @cached_property
+    def _table(self) -> tuple[Indices, Indices, Indices]:
+        rows = [
+            (reading, age + before, number)
+            for before in self.frames.ages
+            for number, (channel, place) in enumerate(zip(self.channels, self.places, strict=True))
+            for age in _frames(channel).ages
+            for reading in range(place.start, place.stop)
+        ]
+        reading, age, number = np.array(rows, dtype=np.int64).T
+        return reading, age, number
+
+    @property
+    def reading(self) -> Indices:
+        """Return which of the m readings stands in each input, (n,)."""
+        return self._table[0]
+
+    @property
+    def age(self) -> Indices:
+        """Return how many control intervals ago each input was read, (n,)."""
+        return self._table[1]
+
+    @property
+    def channel(self) -> Indices:
+        """Return the number of each input's channel, (n,)."""
+        return self._table[2]
+
+    @property
+    def memory(self) -> int:
+        """Return how many control intervals the oldest reading is old; 0 where the present alone is observed."""
+        return int(self.age.max())
+
+    @property
+    def is_plain(self) -> bool:
+        """Tell whether the network takes the readings as they are."""
+        return not any(channel.encoding for channel in self.channels)
+
+    def columns(self, name: str) -> Indices:
+        """Return the inputs that hold a channel; none if there is no such channel."""
+        names = [channel.name for channel in self.channels]
+        return np.flatnonzero(self.channel == names.index(name)) if name in names else np.zeros(0, np.int64)
+
+    def encode(self, readings: Floats, past: Floats | None = None) -> Floats:
+        """Return what the network takes.
+
+        Parameters
+        ----------
+        readings : ndarray
+            (B, m) in the units of the sensors.
+        past : ndarray, optional
+            (B, T, m) readings of the T control intervals before, the newest first. Where there are too few of them the
+            oldest is repeated, as at the beginning of an episode.
+
+        Returns
+        -------
+        ndarray
+            (B, n).
+        """
+        encoded = np.concatenate(
+            [
+                channel.encoding.apply(readings[:, place])
+                for channel, place in zip(self.channels, self.places, strict=True)
+            ],
+            axis=1,
+        )
+        if not self.memory:
+            return encoded[:, self.reading]
+        every = readings[:, None] if past is None else np.concatenate([readings[:, None], past], axis=1)
+        count, times, size = every.shape
+        each = Inputs(self._bare).encode(every.reshape(-1, size)).reshape(count, times, size)
+        return np.asarray(each[:, np.minimum(self.age, times - 1), self.reading])
+
+    @cached_property
+    def _bare(self) -> tuple[Channel, ...]:
+        return tuple(channel.model_copy(update={"frames": None}) for channel in self.channels)
+
+    def box(self, inputs: Floats, radii: Floats, *, within: bool = False) -> tuple[Floats, Floats]:
+        """Bound what the network takes when every reading errs.
+
+        Parameters
+        ----------
+        inputs : ndarray
+            (B, n) what it took without an error.
+        radii : ndarray
+            (n,) by how much the reading in each input may be off, in the unit of its sensor.
+        within : bool
+            Return a box in which every point is some encoded reading, for counterexamples, instead of one that holds
+            all of them.
+
+        Returns
+        -------
+        tuple of ndarray
+            Least and largest input, (B, n) each.
+
+        Notes
+        -----
+        Sound: yes. A reading that was clipped may have been anything beyond the end of the clip. Frames err each by
+        itself, which allows for more than frames of the same reading do.
+        """
+        lower, upper = inputs - radii, inputs + radii
+        for number, channel in enumerate(self.channels):
+            if channel.encoding:
+                columns = np.flatnonzero(self.channel == number)
+                least, most = channel.encoding.readings(inputs[:, columns])
+                ends = channel.encoding.enclose(least - radii[columns], most + radii[columns], within=within)
+                lower[:, columns], upper[:, columns] = ends
+        return lower, upper
+
+
+def _frames(channel: Channel) -> Frames:
+    return channel.frames or NOW
