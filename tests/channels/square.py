@@ -63,7 +63,7 @@ def linear_policy(
     )
     weight = np.zeros((2, spec.observation_size))
     for (name, index), gains in rows.items():
-        weight[:, spec.columns(name).start + index] = gains
+        weight[:, spec.columns(name)[0] + index] = gains
     weight, offset = (np.float32(part).astype(np.float64) for part in (weight, bias))
     write_onnx(Network((Input(spec.observation_size), Affine((0,), (weight,), offset))), spec, path)
     return load_policy(path)

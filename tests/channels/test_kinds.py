@@ -141,7 +141,7 @@ def test_a_recording_of_a_simulated_drive_gives_what_was_measured():
 
     def recorded_scan(channel):
         """As a driver publishes it: rays from right to left, infinite where nothing came back."""
-        sensor = replace(ROBOT.lidar, **channel.lidar.model_dump())
+        sensor = channel.lidar.lidar(ROBOT.lidar.noise)
         ranges = SCENES.cast(view.poses, view.scene, sensor)
         ranges = np.where(ranges >= sensor.maximum_range, np.inf, np.maximum(ranges, 1e-3)).astype(np.float32)
         step = sensor.field_of_view / (sensor.rays - 1)

@@ -25,7 +25,7 @@ SCENARIO, SECONDS, LIMIT, SPEED, EPS = ROOM.scenarios[0], 2.0, 4.0, 0.3, 0.001
 WORLD = ROOM.with_robot(
     replace(ROOM.robot, max_angular=LIMIT, control_interval=SECONDS, min_linear=-SPEED, max_linear=SPEED)
 ).with_clearance(0.05, 0.1)
-PREVIOUS = VIA.spec.columns("previous_angular").start
+PREVIOUS = VIA.spec.columns("previous_angular")[0]
 
 
 def policy_of(path, speed, turn, gain):

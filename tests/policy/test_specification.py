@@ -86,12 +86,12 @@ def test_yaml_and_json_give_the_specification_back(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "where", "meaning"),
     [
-        ("rays: 180", "rays: 7", "lidar:", "7 rays do not divide into 20 bins"),
+        ("rays: 180", "rays: 7", "lidar:", "7 rays in 20 bins"),
         ("size: 20", "size: 19", "- name: lidar", "20 LiDAR bins"),
         ("kind: goal_distance", "kind: goal", "kind: goal", "goal"),
         ("upper: 0.5", "upper: -0.5", "- name: v", "exceeds upper"),
         ("upper: 0.5", "uper: 0.5", "uper: 0.5", "uper"),
-        ("schema_version: 1", "schema_version: 2", "schema_version", "1"),
+        ("schema_version: 1", "schema_version: 3", "schema_version", "1"),
         ("name: omega", "name: v", "schema_version", "'v' is given twice"),
         ("value: 3.5", "value: .nan", "value: .nan", "finite"),
         ("control_interval: 0.1", "control_interval: 0", "control_interval: 0", "greater than 0"),

@@ -28,7 +28,7 @@ def recording(policy, *, observed=True, recorded=True, time=None, **more):
     """Ten states of one episode, an interval apart, with the commands `COMMANDS`."""
     spec = policy.spec
     observations = np.full((10, spec.observation_size), 1.0)
-    first = spec.columns("previous_linear").start
+    first = spec.columns("previous_linear")[0]
     observations[:, first : first + 2] = np.vstack([[0.3, 0.1], COMMANDS[:-1]]) if observed else 7.0
     return Trajectory(
         poses=np.zeros((10, 3)),
@@ -83,7 +83,7 @@ def test_what_contradicts_itself_is_not_known(policy):
 def test_a_robot_of_a_simulation_stands_before_its_first_command(policy):
     simulated = recording(policy, observed=False, from_rest=True)
     simulated.observations[:] = 0.0
-    start = policy.spec.columns("previous_linear").start
+    start = policy.spec.columns("previous_linear")[0]
     simulated.observations[1:, start : start + 2] = COMMANDS[:-1]
     queue = commands_under_way(setting(policy, 0.3), simulated)
     assert np.isfinite(queue).all()

@@ -81,7 +81,8 @@ def test_the_state_table_has_one_row_for_each_state(result):
     table, states = result.state_table(), len(result.verdict)
     shapes = {name: array.shape for name, array in table.items()}
     assert shapes == {
-        "pose": (states, 3), "observation": (states, 26), "eps": (states, 26), "witness": (states, 26),
+        "pose": (states, 3), "observation": (states, 26), "eps": (states, 26),
+        "observation_lower": (states, 26), "observation_upper": (states, 26), "witness": (states, 26),
         "lower": (states, 2), "upper": (states, 2), "verdict": (states,), "episode": (states,),
         "outcome": (24,),
     }  # fmt: skip

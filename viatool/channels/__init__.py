@@ -5,9 +5,10 @@ A new kind is a class in a module of this room that `observes("its_name")`, and 
 
 from __future__ import annotations
 
-from viatool.channels.channel import Channel, LidarSpecification
+from viatool.channels.channel import Channel, Frames, LidarSpecification
 from viatool.channels.fan import Fan
 from viatool.channels.goals import GoalCosine, GoalDistance, GoalSine
+from viatool.channels.inputs import Inputs
 from viatool.channels.lidar import LidarReadings
 from viatool.channels.previous import PreviousAngular, PreviousCommand, PreviousLinear
 from viatool.channels.quantities import Quantities
@@ -22,9 +23,11 @@ __all__ = [
     "Extent",
     "Fan",
     "Fixed",
+    "Frames",
     "GoalCosine",
     "GoalDistance",
     "GoalSine",
+    "Inputs",
     "LidarReadings",
     "LidarSpecification",
     "Other",

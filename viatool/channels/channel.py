@@ -90,7 +90,7 @@ class LidarSpecification(Strict):
             if self.field_of_view is None:
                 sensor.require_apart()
         except ConfigurationError as error:
-            raise ValueError(str(error)) from None
+            raise ValueError(error.message) from None
         return self
 
     def lidar(self, noise: float = 0.0) -> Lidar:

@@ -86,6 +86,21 @@ class Inputs:
         names = [channel.name for channel in self.channels]
         return np.flatnonzero(self.channel == names.index(name)) if name in names else np.zeros(0, np.int64)
 
+    def newest(self, name: str) -> Indices:
+        """Return the inputs that hold the present reading of a channel; none if there is no such channel."""
+        columns = self.columns(name)
+        return np.asarray(columns[self.age[columns] == 0])
+
+    def readings(self, inputs: Floats) -> tuple[Floats, Floats]:
+        """Return the least and the largest reading that each input (B, n) may stand for; see `Encoding.readings`."""
+        if self.is_plain:
+            return inputs, inputs
+        least, most = inputs.copy(), inputs.copy()
+        for number, channel in enumerate(self.channels):
+            columns = np.flatnonzero(self.channel == number)
+            least[:, columns], most[:, columns] = channel.encoding.readings(inputs[:, columns])
+        return least, most
+
     def encode(self, readings: Floats, past: Floats | None = None) -> Floats:
         """Return what the network takes.
 
@@ -143,12 +158,20 @@ class Inputs:
         Sound: yes. A reading that was clipped may have been anything beyond the end of the clip. Frames err each by
         itself, which allows for more than frames of the same reading do.
         """
-        lower, upper = inputs - radii, inputs + radii
+        least, most = self.readings(inputs)
+        return self._enclosed(least - radii, most + radii, within)
+
+    def around(self, readings: Floats, radii: Floats, *, within: bool = False) -> tuple[Floats, Floats]:
+        """Bound what the network takes of present readings (B, m) that err by at most (m,); as `box`."""
+        lower, upper = (end[:, self.reading] for end in (readings - radii, readings + radii))
+        return self._enclosed(lower, upper, within)
+
+    def _enclosed(self, lower: Floats, upper: Floats, within: bool) -> tuple[Floats, Floats]:
+        """Encode readings between two ends (B, n), each with the encoding of its column; overwrites them."""
         for number, channel in enumerate(self.channels):
             if channel.encoding:
                 columns = np.flatnonzero(self.channel == number)
-                least, most = channel.encoding.readings(inputs[:, columns])
-                ends = channel.encoding.enclose(least - radii[columns], most + radii[columns], within=within)
+                ends = channel.encoding.enclose(lower[:, columns], upper[:, columns], within=within)
                 lower[:, columns], upper[:, columns] = ends
         return lower, upper
 

@@ -5,56 +5,62 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from viatool.arrays import Floats, Indices
-from viatool.channels.channel import Channel
+from viatool.channels.channel import Channel, Frames
+from viatool.channels.inputs import Inputs
 from viatool.channels.lidar import LidarReadings
 from viatool.channels.quantity import Part, Quantity, quantity_of
 from viatool.channels.views import BoxView, Extent, RecordedInstants, View
+from viatool.errors import PolicyError
 from viatool.sets.forms import Forms
 from viatool.world import Robot
 
 
 @dataclass(frozen=True, eq=False)
 class Quantities:
-    """What the channels of a policy observe, each by itself.
+    """What the channels of a policy observe, each by itself, and what its network takes of that.
 
     Parameters
     ----------
     each : tuple of Quantity
-        In the order of the columns; n numbers in all.
+        In the order of the channels; m readings at one instant in all.
+    inputs : Inputs
+        Where the readings stand among the n inputs of the network.
     """
 
     each: tuple[Quantity, ...]
+    inputs: Inputs
 
     @classmethod
-    def of(cls, channels: Sequence[Channel], robot: Robot | None = None) -> Quantities:
+    def of(
+        cls, channels: Sequence[Channel], robot: Robot | None = None, frames: Frames | None = None
+    ) -> Quantities:
         """Return what channels observe on a robot; without one, on the robot of the paper."""
-        return cls(tuple(quantity_of(channel, robot) for channel in channels))
+        each = tuple(quantity_of(channel, robot) for channel in channels)
+        return cls(each, Inputs.of(channels, frames))
 
     def __iter__(self) -> Iterator[Quantity]:
-        """Go through the quantities in the order of their columns."""
+        """Go through the quantities in the order of their readings."""
         return iter(self.each)
 
     @property
     def size(self) -> int:
         """Return n."""
-        return sum(quantity.channel.size for quantity in self.each)
+        return self.inputs.size
 
-    @cached_property
+    @property
     def columns(self) -> tuple[slice, ...]:
-        """The columns of each quantity."""
-        ends = np.cumsum([0, *(quantity.channel.size for quantity in self.each)]).tolist()
-        return tuple(slice(first, last) for first, last in pairwise(ends))
+        """Return which of the m readings each quantity gives."""
+        return self.inputs.places
 
     @cached_property
     def lidars(self) -> tuple[tuple[LidarReadings, slice], ...]:
-        """The LiDARs that are read, with their columns."""
+        """The LiDARs that are read, each with its place among the readings."""
         pairs = zip(self.each, self.columns, strict=True)
         return tuple((one, columns) for one, columns in pairs if isinstance(one, LidarReadings))
 
@@ -69,24 +75,65 @@ class Quantities:
         Raises
         ------
         PolicyError
-            Names the channel and its kind.
+            Names the channel and its kind, or the frames that are not known over a set of poses.
         """
         for part in parts:
             for quantity in self.each:
                 quantity.require(part)
+        if "enclose" in parts and self.inputs.memory:
+            raise PolicyError(
+                f"the policy observes frames that are up to {self.inputs.memory} steps old, "
+                "which are not known over a set of poses",
+                "verify recorded or simulated states",
+            )
         return self
 
-    def measure(self, view: View) -> Floats:
-        """Return what B robots observe, (B, n): float64 holding float32 numbers, as a float32 policy receives."""
+    def read(self, view: View) -> Floats:
+        """Return what the sensors of B robots read, (B, m) in their units: float64 holding float32 numbers."""
         return self._filled(len(view), lambda quantity: quantity.measure(view))
 
-    def record(self, recorded: RecordedInstants) -> Floats:
-        """Return what was observed at S instants of a recording, (S, n), as `measure` does; NaN where unknown."""
-        return self._filled(len(recorded.poses), lambda quantity: quantity.record(recorded))
+    def observe(self, readings: Floats, past: Floats | None = None) -> Floats:
+        """Return what the networks of B robots take, (B, n): float64 holding float32 numbers; see `Inputs.encode`."""
+        return self.inputs.encode(readings, past).astype(np.float32).astype(np.float64)
 
-    def enclose(self, view: BoxView) -> Forms:
-        """Enclose what perfect sensors observe anywhere in C sets of states, (C, n). Sound: yes."""
-        parts = [quantity.enclose(view) for quantity in self.each]
+    def measure(self, view: View) -> Floats:
+        """Return what the networks of B robots take at the beginning of an episode, (B, n)."""
+        return self.observe(self.read(view))
+
+    def record(self, recorded: RecordedInstants) -> Floats:
+        """Return what was observed at S instants of a recording, (S, n), as `observe` does; NaN where unknown."""
+        readings = self._filled(len(recorded.poses), lambda quantity: quantity.record(recorded))
+        before = np.full((self.inputs.memory, readings.shape[1]), np.nan)
+        every = np.concatenate([before, readings])
+        ages = np.arange(1, self.inputs.memory + 1)
+        past = every[np.arange(len(readings))[:, None] - ages + self.inputs.memory]
+        return self.observe(readings, past)
+
+    def enclose(self, view: BoxView, radii: Floats | None = None) -> Forms:
+        """Enclose what the network takes anywhere in C sets of states.
+
+        Parameters
+        ----------
+        view : BoxView
+            C sets of states.
+        radii : ndarray, optional
+            (n,) by how much each reading may be off, in the unit of its sensor; None for perfect sensors.
+
+        Returns
+        -------
+        Forms
+            (C, n).
+
+        Notes
+        -----
+        Sound: yes, for networks that observe the present alone.
+        """
+        parts = []
+        for quantity, place in zip(self.each, self.columns, strict=True):
+            seen = quantity.enclose(view)
+            if radii is not None:
+                seen = Forms(seen.centre, seen.slope, seen.rest + radii[place])
+            parts.append(quantity.channel.encoding.forms(seen))
         return Forms(
             np.concatenate([part.centre for part in parts], axis=1),
             np.concatenate([part.slope for part in parts], axis=2),
@@ -94,20 +141,22 @@ class Quantities:
         ).checked()
 
     def bounds(self, extent: Extent) -> tuple[Floats, Floats]:
-        """Return the least and the largest number of each column on a map, (n,) each."""
-        ends = [quantity.bounds(extent) for quantity in self.each]
-        sizes = [quantity.channel.size for quantity in self.each]
-        lower, upper = (np.repeat(np.array(side), sizes) for side in zip(*ends, strict=True))
+        """Return the least and the largest number of each input on a map, (n,) each."""
+        ends = []
+        for quantity in self.each:
+            lower, upper = (np.full(quantity.channel.size, end) for end in quantity.bounds(extent))
+            ends.append(quantity.channel.encoding.enclose(lower, upper))
+        lower, upper = (np.concatenate(side)[self.inputs.reading] for side in zip(*ends, strict=True))
         return lower, upper
 
     def mirror(self) -> tuple[Indices, Floats]:
-        """Return which columns, (n,), times which signs, (n,), are observed in the scene's mirror image."""
+        """Return which readings, (m,), times which signs, (m,), are observed in the scene's mirror image."""
         parts = [quantity.mirror() for quantity in self.each]
         columns = [part[0] + place.start for part, place in zip(parts, self.columns, strict=True)]
         return np.concatenate(columns), np.concatenate([signs for _, signs in parts])
 
     def _filled(self, count: int, read: Callable[[Quantity], NDArray[Any]]) -> Floats:
-        table = np.empty((count, self.size), np.float32)
+        table = np.empty((count, self.columns[-1].stop), np.float32)
         for quantity, columns in zip(self.each, self.columns, strict=True):
             table[:, columns] = read(quantity).reshape(count, quantity.channel.size)
         return table.astype(np.float64)

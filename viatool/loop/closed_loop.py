@@ -91,8 +91,8 @@ class ClosedLoop:
         arithmetic: Arithmetic = "float32",
     ) -> ClosedLoop:
         """Ask about a scenario of a map."""
-        channels, world_map = setting.spec.observation, setting.world_map
-        observed = Quantities.of(channels, setting.robot).require("measure", "enclose")
+        spec, world_map = setting.spec, setting.world_map
+        observed = Quantities.of(spec.observation, setting.robot, spec.frames).require("measure", "enclose")
         nowhere = ScenePoses.of(world_map, [scenario], np.zeros((1, 3)), np.zeros(1, np.int64))
         sensors = Sensors(
             observed,
@@ -100,6 +100,7 @@ class ClosedLoop:
             nowhere.scenes,
             np.array(scenario.goal),
             setting.rules.footprint.holds_origin(setting.rules.clearance.collision),
+            setting.radii,
         )
         return cls(policy, setting, sensors, nowhere, arithmetic)
 
@@ -202,7 +203,7 @@ class ClosedLoop:
         check_time()
         columns = self.setting.columns
         seen = self.sensors.enclose(cells)
-        inputs = input_model(seen.centre, seen.slope, seen.rest + self.setting.radii)
+        inputs = input_model(seen.centre, seen.slope, seen.rest)
         reached = CorrelatedReach.hull(
             [
                 reach_correlated(network, inputs, arithmetic=self.arithmetic)

@@ -32,6 +32,8 @@ class Sensors:
     dry : bool
         Whether poses whose footprint is clear keep the robot's origin out of all obstacles and on the map. Only such
         poses count then; else sensors may read there whatever they can.
+    radii : ndarray, optional
+        (n,) by how much each reading may be off, in the unit of its sensor; None for perfect sensors.
     """
 
     quantities: Quantities
@@ -39,9 +41,10 @@ class Sensors:
     scenes: Scenes
     goal: Floats
     dry: bool = False
+    radii: Floats | None = None
 
     def enclose(self, cells: StateBoxes, states: Forms | None = None) -> Forms:
-        """Enclose what perfect sensors read anywhere in sets of states.
+        """Enclose what the network takes anywhere in sets of states, whatever the sensors err.
 
         Parameters
         ----------
@@ -61,14 +64,22 @@ class Sensors:
         """
         states = cells.forms if states is None else states
         return self.quantities.enclose(
-            BoxView(cells, states, self.shapes, self.goal, self._submerged(cells.poses))
+            BoxView(cells, states, self.shapes, self.goal, self._submerged(cells.poses)), self.radii
         )
 
+    def encode(self, readings: Floats) -> Floats:
+        """Return what the network takes of readings (B, n), not yet rounded to its numbers."""
+        return self.quantities.inputs.encode(readings)
+
     def measure(self, poses: Floats, previous: Floats) -> Floats:
+        """Return what the network takes of perfect sensors at poses (B, 3) after commands (B, 2), (B, n)."""
+        return self.quantities.observe(self.read(poses, previous))
+
+    def read(self, poses: Floats, previous: Floats) -> Floats:
         """Return what perfect sensors read at poses (B, 3) after commands (B, 2), (B, n) in float64 rays."""
         scene = np.zeros(len(poses), np.int64)
         goals = np.broadcast_to(self.goal, (len(poses), 2))
-        return self.quantities.measure(View(self.scenes, poses, scene, goals, previous, eyes=see_precisely))
+        return self.quantities.read(View(self.scenes, poses, scene, goals, previous, eyes=see_precisely))
 
     def _submerged(self, boxes: PoseBoxes) -> Booleans:
         """Tell in which boxes the origin may be in an obstacle or off the map at a pose that counts, (C,)."""

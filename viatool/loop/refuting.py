@@ -13,6 +13,7 @@ from viatool.safety import JudgedStates, Witnesses, search_witnesses
 from viatool.schedule import check_time
 from viatool.sets.forms import PoseBoxes
 from viatool.sets.states import StateBoxes
+from viatool.taylor.propagation import Box
 
 _CORNERS = np.array([(x, y) for x in (-1.0, 0.0, 1.0) for y in (-1.0, 0.0, 1.0)])
 _TURNS = np.array([-1.0, 0.0, 1.0])
@@ -75,13 +76,15 @@ def refute(loop: ClosedLoop, cells: StateBoxes, commands: CommandBounds, *, seed
     poses = _worst_poses(loop, cells.poses.select(row), place, previous[row])
     if not len(row):
         return Refutations(poses, previous[row], Witnesses.join([], len(setting.radii)))
-    observations = observe(loop, poses, previous[row]).astype(setting.number).astype(np.float64)
-    radii = np.maximum(setting.radii - AS_RECEIVED * (1.0 + np.abs(observations).max(axis=0)), 0.0)
+    readings = loop.sensors.read(poses, previous[row])
+    observations = loop.sensors.encode(readings).astype(setting.number).astype(np.float64)
+    radii = np.maximum(setting.radii - AS_RECEIVED * (1.0 + np.abs(readings).max(axis=0)), 0.0)
+    box = Box(*loop.sensors.quantities.inputs.around(readings, radii, within=True))
     placed = replace(loop.geometry, poses=poses, scene=np.zeros(len(row), np.int64), radii=None)
     judged = JudgedStates(rules, placed, rules.dead_time.queue(previous[row]))
     check_time()
     found = search_witnesses(
-        loop.policy, setting.columns, judged, np.arange(len(row)), observations, radii,
+        loop.policy, setting.columns, judged, np.arange(len(row)), observations, box,
         commands.lower[row], commands.upper[row], seed=seed,
     )  # fmt: skip
     return Refutations(poses[found.state], previous[row][found.state], replace(found, state=row[found.state]))

@@ -9,7 +9,6 @@ import numpy as np
 from viatool.arrays import Booleans, Floats, Indices
 from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.horizon import Crashes
-from viatool.loop.refuting import observe
 from viatool.loop.tube import TubeFollower
 from viatool.rounding import AS_RECEIVED
 from viatool.safety import JudgedStates
@@ -67,8 +66,8 @@ def drive(follower: TubeFollower, poses: Floats, previous: Floats, errors: Float
     places, received, commands, ends, clearances = [], [], [], [], []
     driving = ~_near_goal(follower, poses)
     for k in range(errors.shape[1]):
-        exact = observe(loop, poses, previous) + errors[:, k]
-        seen = exact.astype(loop.setting.number).astype(np.float64)
+        readings = loop.sensors.read(poses, previous) + errors[:, k]
+        seen = loop.sensors.encode(readings).astype(loop.setting.number).astype(np.float64)
         previous = rules.clip(np.asarray(loop.policy.run(seen))[:, loop.setting.columns])
         judged = _judged(loop, poses)
         left = judged.clearance(judged.paths(previous[:, None], _FRACTIONS)).min(axis=(1, 2))
@@ -148,7 +147,7 @@ def _search(
 def _spread(follower: TubeFollower, poses: Floats, previous: Floats, signs: Floats) -> tuple[Floats, Floats]:
     """Return starts (B M, 3) and errors (B M, K, n) of signs (B, M, 3 + K n)."""
     loop, (count, each, _) = follower.loop, signs.shape
-    seen = observe(loop, poses, previous)
+    seen = loop.sensors.read(poses, previous)
     radii = np.maximum(loop.setting.radii - AS_RECEIVED * (1.0 + np.abs(seen).max(initial=0.0)), 0.0)
     starts = poses[:, None] + signs[:, :, :3] * follower.horizon.pose_error
     errors = signs[:, :, 3:].reshape(count * each, follower.horizon.steps, len(radii)) * radii

@@ -138,7 +138,7 @@ def _step(loop: ClosedLoop, states: Forms) -> LoopStep:
     """Enclose one chunk of sets without rests."""
     start = hull(states)
     seen = loop.sensors.enclose(start, states)
-    inputs = input_model(seen.centre, seen.slope, seen.rest + loop.setting.radii)
+    inputs = input_model(seen.centre, seen.slope, seen.rest)
     common = states.slope.shape[1]
     arithmetic = loop.arithmetic
     reached = LinearReach.hull(

@@ -108,7 +108,7 @@ class ActionMap(Strict):
     clip: bool = False
 
 
-class Threshold(Strict):
+class Bound(Strict):
     """Where a rule applies: below or above a number, or between two; in the unit of the sensor.
 
     Of a channel with several numbers, such as a LiDAR, the rule applies when one of them is there.
@@ -118,7 +118,7 @@ class Threshold(Strict):
     above: FiniteFloat | None = None
 
     @model_validator(mode="after")
-    def _given(self) -> Threshold:
+    def _given(self) -> Bound:
         if self.below is None and self.above is None:
             raise ValueError("give `below` or `above`")
         if self.below is not None and self.above is not None and self.above >= self.below:
@@ -137,5 +137,5 @@ class Override(Strict):
         What is sent then, in the order and units of the action channels, or of a choice's axes.
     """
 
-    when: Annotated[dict[str, Threshold], Field(min_length=1)]
+    when: Annotated[dict[str, Bound], Field(min_length=1)]
     command: tuple[FiniteFloat, ...]

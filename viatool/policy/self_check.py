@@ -257,13 +257,17 @@ def check_points(network: Network, spec: PolicySpecification | None, seed: int =
 def _plausible_range(size: int, spec: PolicySpecification | None) -> tuple[Floats, Floats]:
     if spec is None or spec.observation_size != size:
         return np.full(size, -1.0), np.full(size, 1.0)
+    quantities = Quantities.of(spec.observation, frames=spec.frames)
     nominal = [
-        quantity.bounds(_NOMINAL) if quantity.has("bounds") else (-1.0, 1.0)
-        for quantity in Quantities.of(spec.observation)
+        quantity.bounds(_NOMINAL) if quantity.has("bounds") else (-1.0, 1.0) for quantity in quantities
     ]
     sizes = [channel.size for channel in spec.observation]
-    lower, upper = (np.repeat(np.array(side), sizes) for side in zip(*nominal, strict=True))
-    return lower, upper
+    ends = [
+        quantities.inputs.encode(np.repeat(np.array(side), sizes)[None])[0]
+        for side in zip(*nominal, strict=True)
+    ]
+    finite = [np.where(np.isfinite(end), end, 1.0) for end in ends]  # the reciprocal of a range of 0
+    return np.minimum(*finite), np.maximum(*finite)
 
 
 def propagate_rounding(network: Network, points: Floats) -> tuple[list[Floats], list[Floats]]:

@@ -104,7 +104,7 @@ def search_witnesses(
     states: JudgedStates,
     doubtful: Indices,
     observations: Floats,
-    radii: Floats,
+    box: Box,
     lower: Floats,
     upper: Floats,
     *,
@@ -125,8 +125,8 @@ def search_witnesses(
         (W,) the states to be searched, those that are not safe.
     observations : ndarray
         (N, n) float32 numbers that the policy received.
-    radii : ndarray
-        (n,) half-widths of the boxes.
+    box : Box
+        (N, n) what the network may take in each state.
     lower, upper : ndarray
         (N, 2) bounds of the commands, which say where to aim.
     seed : int or sequence of int
@@ -160,36 +160,39 @@ def search_witnesses(
         hard = np.setdiff1d(np.arange(len(rows)), easy.state)
         if len(hard):
             rows, some, seen = rows[hard], some.select(hard), seen[hard]
-            search = _Search(policy, columns, some, seen, radii, lower[rows], upper[rows])
-            within = to_float32_within(search.candidates(generator), seen[:, None], radii)
+            around = Box(box.lower[rows], box.upper[rows])
+            search = _Search(policy, columns, some, seen, around, lower[rows], upper[rows])
+            within = to_float32_within(search.candidates(generator), seen, around)
             parts.append(_of_states(confirm(policy, columns, some, within), rows))
         if progress is not None:
             progress(min(start + _CHUNK, len(doubtful)), len(doubtful))
     return Witnesses.join(parts, observations.shape[1])
 
 
-def to_float32_within(points: Floats, centre: Floats, radii: Floats) -> Floats:
+def to_float32_within(points: Floats, nominal: Floats, box: Box) -> Floats:
     """Round points to float32 numbers that lie within boxes in real arithmetic.
 
     Parameters
     ----------
-    points, centre : ndarray
-        (..., n); the centres are float32 numbers.
-    radii : ndarray
-        (n,) half-widths.
+    points : ndarray
+        (B, K, n).
+    nominal : ndarray
+        (B, n) float32 numbers that are attained.
+    box : Box
+        (B, n) ends, rounded to float64.
 
     Returns
     -------
     ndarray
-        (..., n) float64 holding float32 numbers; the centre where a box is too thin to hold another.
+        (B, K, n) float64 holding float32 numbers; the nominal one where a box is too thin to hold another.
     """
-    low, high = np.nextafter(centre - radii, np.inf), np.nextafter(centre + radii, -np.inf)
+    low, high = np.nextafter(box.lower, np.inf)[:, None], np.nextafter(box.upper, -np.inf)[:, None]
     rounded = np.clip(points, low, high).astype(np.float32)
     outside_high, outside_low = rounded > high, rounded < low
     rounded = np.where(outside_high, np.nextafter(rounded, np.float32(-np.inf)), rounded)
     rounded = np.where(outside_low, np.nextafter(rounded, np.float32(np.inf)), rounded)
     inside = (rounded >= low) & (rounded <= high)
-    return np.where(inside, rounded.astype(np.float64), centre)
+    return np.where(inside, rounded.astype(np.float64), nominal[:, None])
 
 
 def confirm(
@@ -237,12 +240,12 @@ class _Search:
         columns: Sequence[int],
         states: JudgedStates,
         observations: Floats,
-        radii: Floats,
+        box: Box,
         lower: Floats,
         upper: Floats,
     ) -> None:
         self.network, self.columns, self.states = policy.network, list(columns), states
-        self.observations, self.radii = observations, radii
+        self.observations, self.box = observations, box
         self.centre, self.radius = 0.5 * (lower + upper), np.maximum(0.5 * (upper - lower), 1e-9)
 
     def candidates(self, generator: np.random.Generator) -> Floats:
@@ -281,13 +284,12 @@ class _Search:
         """Go from corner to corner along the gradient of a combination of commands, (B, n)."""
         combination = np.zeros((len(start), self.network.output_size))
         combination[:, self.columns] = direction
-        box = Box(self.observations - self.radii, self.observations + self.radii)
-        return climb(self.network, box, combination, start, steps=_STEPS)[0]
+        return climb(self.network, self.box, combination, start, steps=_STEPS)[0]
 
     def _random(self, generator: np.random.Generator) -> Floats:
         """Return a random corner of each box, (B, n)."""
-        signs = generator.choice([-1.0, 1.0], size=self.observations.shape)
-        return np.asarray(self.observations + signs * self.radii)
+        upper = generator.choice([False, True], size=self.observations.shape)
+        return np.where(upper, self.box.upper, self.box.lower)
 
     def _actions(self, points: Floats) -> Floats:
         flat = self.network(points.reshape(-1, points.shape[-1]))[:, self.columns]

@@ -129,19 +129,24 @@ def _observed(setting: Setting, trajectory: Trajectory) -> Floats | None:
     found, columns = np.full((len(trajectory), 2), np.nan), _previous_columns(setting)
     if {axis for axis, _ in columns} != {0, 1}:
         return None
+    least, most = setting.spec.inputs.readings(trajectory.observations)
     for axis, column in columns:
         first = next(other for which, other in columns if which == axis)
-        seen = trajectory.observations[:, column]
-        agrees = np.abs(seen - trajectory.observations[:, first]) <= _ALIKE
+        seen = least[:, column]
+        known = most[:, column] - seen <= _ALIKE  # else it was clipped
+        agrees = known & (np.abs(seen - least[:, first]) <= _ALIKE)
         found[:, axis] = np.where(agrees, seen, np.nan)
     return found
 
 
 def _previous_columns(setting: Setting) -> list[tuple[int, int]]:
     """Return which number of a command, and in which column, the policy observes of the command before."""
-    quantities = Quantities.of(setting.spec.observation)
-    pairs = zip(quantities, quantities.columns, strict=True)
-    return [(one.axis, columns.start) for one, columns in pairs if isinstance(one, PreviousCommand)]
+    quantities = Quantities.of(setting.spec.observation, frames=setting.spec.frames)
+    return [
+        (one.axis, int(quantities.inputs.newest(one.channel.name)[0]))
+        for one in quantities
+        if isinstance(one, PreviousCommand)
+    ]
 
 
 def _recorded(setting: Setting, trajectory: Trajectory) -> Floats | None:

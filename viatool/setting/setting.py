@@ -159,6 +159,20 @@ class Setting:
         """Return the uncertainty of every observation entry, (n,)."""
         return self.errors.radii
 
+    def uncertain(self, observations: Floats) -> tuple[Floats, Floats]:
+        """Return where the network's input lies around recorded ones (B, n): centres, and radii (n,) or (B, n).
+
+        Notes
+        -----
+        Sound: yes, see `Inputs.box`; rounding is counted.
+        """
+        inputs = self.spec.inputs
+        if inputs.is_plain:
+            return observations, self.radii
+        lower, upper = inputs.box(observations, self.radii)
+        middle = 0.5 * (lower + upper)
+        return middle, np.nextafter(np.maximum(upper - middle, middle - lower), np.inf)
+
     @property
     def robot(self) -> Robot:
         """Return the robot that counts."""

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from viatool.arrays import Floats, Indices
-from viatool.channels import LidarReadings, Quantities, View
+from viatool.channels import Frames, LidarReadings, Quantities, View
 from viatool.world import Scenes, WorldMap
 
 if TYPE_CHECKING:
@@ -111,7 +111,11 @@ class Agreement:
 
 
 def compare_with_map(
-    channels: Sequence[ObservationChannel], trajectory: Trajectory, world_map: WorldMap, radii: Floats
+    channels: Sequence[ObservationChannel],
+    trajectory: Trajectory,
+    world_map: WorldMap,
+    radii: Floats,
+    frames: Frames | None = None,
 ) -> tuple[Agreement, ...]:
     """Compare the LiDAR readings of recorded states with what a map shows there.
 
@@ -125,6 +129,8 @@ def compare_with_map(
         The map.
     radii : ndarray
         (n,) eps of every entry of an observation.
+    frames : Frames, optional
+        How many whole observations are stacked.
 
     Returns
     -------
@@ -144,12 +150,14 @@ def compare_with_map(
     scenes = Scenes.of(world_map, [trajectory.scenarios[episode] for episode in episodes])
     poses = trajectory.poses[chosen]
     found = []
-    for lidar, columns in Quantities.of(channels, world_map.robot).lidars:
+    quantities = Quantities.of(channels, world_map.robot, frames)
+    least, most = quantities.inputs.readings(trajectory.observations[chosen])
+    for lidar, _ in quantities.lidars:
         if not lidar.described:
             continue
-        sight = _Sight(lidar, scenes)
-        recorded, eps = trajectory.observations[chosen, columns], radii[columns]
-        apart = np.abs(recorded - sight.shows(poses, scene))
+        sight, columns = _Sight(lidar, scenes), quantities.inputs.newest(lidar.channel.name)
+        recorded, eps = (least[:, columns], most[:, columns]), radii[columns]
+        apart = _apart(recorded, sight.shows(poses, scene))
         agreement = Agreement(
             channel=lidar.channel.name,
             compared=len(chosen),
@@ -161,10 +169,17 @@ def compare_with_map(
         )
         if agreement.doubtful:
             tried = rng.permutation(len(chosen))[:_TRIED]
-            cause = _likely_cause(sight, recorded[tried], eps, poses[tried], scene[tried])
+            some = (recorded[0][tried], recorded[1][tried])
+            cause = _likely_cause(sight, some, eps, poses[tried], scene[tried])
             agreement = Agreement(**{**vars(agreement), "cause": cause})
         found.append(agreement)
     return tuple(found)
+
+
+def _apart(recorded: tuple[Floats, Floats], shown: Floats) -> Floats:
+    """Return how far what a map shows is from what was recorded, of which the least and the largest are known."""
+    least, most = recorded
+    return np.maximum(np.maximum(least - shown, shown - most), 0.0)  # NaN stays NaN
 
 
 def _contradicting(apart: Floats, eps: Floats) -> int:
@@ -188,11 +203,13 @@ class _Sight:
         return read[:, self.lidar.mirror()[0]] if mirrored else read
 
 
-def _likely_cause(sight: _Sight, recorded: Floats, eps: Floats, poses: Floats, scene: Indices) -> str:
+def _likely_cause(
+    sight: _Sight, recorded: tuple[Floats, Floats], eps: Floats, poses: Floats, scene: Indices
+) -> str:
     """Return in words which turn of the sensor, mirrored or not, fits readings (B, bins) clearly better; or nothing."""
 
     def misfit(turn: int, mirrored: bool) -> tuple[int, float]:
-        apart = np.abs(recorded - sight.shows(poses, scene, np.radians(turn), mirrored=mirrored))
+        apart = _apart(recorded, sight.shows(poses, scene, np.radians(turn), mirrored=mirrored))
         return _contradicting(apart, eps), float(apart.mean())
 
     plain = misfit(0, False)
@@ -207,7 +224,7 @@ def _likely_cause(sight: _Sight, recorded: Floats, eps: Floats, poses: Floats, s
         return ""
     parts = ["mirrored (its rays run the other way round)"] if mirrored else []
     parts += [f"turned by {abs(turn)} degrees{_side(turn)}"] if turn else []
-    share = 100.0 * left / recorded.size
+    share = 100.0 * left / recorded[0].size
     return f"it looks {' and '.join(parts)}: read that way, {share:.1f} % of the readings contradict the map"
 
 

@@ -9,7 +9,7 @@ from functools import reduce
 import numpy as np
 
 from viatool.arrays import Floats, Reals, Singles
-from viatool.channels import Fan, LidarReadings, LidarSpecification, Quantities, View
+from viatool.channels import Fan, Frames, LidarReadings, LidarSpecification, Quantities, View
 from viatool.errors import ConfigurationError
 from viatool.policy.specification import ObservationChannel
 from viatool.simulate.noise import draw_normal
@@ -59,6 +59,8 @@ class Observer:
         Standard deviation of the rays in metres; None is the robot's.
     dropout : float
         Share of the rays that return nothing, at random, and so read the maximum range.
+    frames : Frames, optional
+        How many whole observations are stacked.
 
     Attributes
     ----------
@@ -81,9 +83,10 @@ class Observer:
         robot: Robot,
         noise: float | None = None,
         dropout: float = 0.0,
+        frames: Frames | None = None,
     ) -> None:
         self.dropout = dropout
-        self.quantities = Quantities.of(channels, robot).require("measure")
+        self.quantities = Quantities.of(channels, robot, frames).require("measure")
         seen = [lidar for lidar, _ in self.quantities.lidars]
         self.lidars = tuple(seen) or (LidarReadings(navigation_channels(robot.lidar)[0], robot),)
         self.noise = robot.lidar.noise if noise is None else noise
@@ -140,9 +143,9 @@ class Observer:
 
         return self.quantities.measure(replace(view, eyes=eyes))
 
-    def nearest(self, view: View, observations: Floats) -> Singles:
-        """Return the smallest reading of all LiDARs, (B,) m, of observations (B, n); of the robot's if none is read."""
-        seen: list[Reals] = [observations[:, columns] for _, columns in self.quantities.lidars]
-        readings = seen or [lidar.measure(view) for lidar in self.lidars]
-        least: Singles = reduce(np.minimum, (part.min(axis=1) for part in readings)).astype(np.float32)
+    def nearest(self, view: View, readings: Floats) -> Singles:
+        """Return the smallest reading of all LiDARs, (B,) m, of readings (B, m); of the robot's if none is read."""
+        seen: list[Reals] = [readings[:, columns] for _, columns in self.quantities.lidars]
+        parts = seen or [lidar.measure(view) for lidar in self.lidars]
+        least: Singles = reduce(np.minimum, (part.min(axis=1) for part in parts)).astype(np.float32)
         return least

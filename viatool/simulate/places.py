@@ -158,7 +158,9 @@ def _random(
 
 def _observe(policy: RunnablePolicy, setting: Setting, view: View) -> Floats:
     """Return what the policy observes: first after standing still, then after its own command."""
-    quantities = Quantities.of(setting.spec.observation, setting.robot).require("measure")
+    quantities = Quantities.of(setting.spec.observation, setting.robot, setting.spec.frames).require(
+        "measure"
+    )
     seen: dict[Fan, Reals] = {}
 
     def eyes(fan: Fan, now: View) -> Reals:

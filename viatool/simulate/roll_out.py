@@ -130,6 +130,7 @@ def drive(
         seed=seed,
         task=task,
         channels=setting.spec.observation,
+        frames=setting.spec.frames,
         conditions=conditions,
     )
     try:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from viatool.arrays import Booleans, Floats, Indices, Reals
-from viatool.channels import Fan, View, see
+from viatool.channels import Fan, Frames, View, see
 from viatool.errors import ConfigurationError
 from viatool.motion.kinematics import kinematics_of
 from viatool.policy.specification import ObservationChannel
@@ -84,6 +84,8 @@ class Simulator(ABC):
         Columns of the observations; None is `navigation_channels`.
     conditions : Conditions, optional
         What makes the robot less than ideal.
+    frames : Frames, optional
+        How many whole observations are stacked.
 
     Attributes
     ----------
@@ -116,6 +118,7 @@ class Simulator(ABC):
         task: NavigationTask | None = None,
         channels: Sequence[ObservationChannel] | None = None,
         conditions: Conditions | None = None,
+        frames: Frames | None = None,
     ) -> None:
         self.world_map = world_map
         self.robot = world_map.robot
@@ -128,6 +131,7 @@ class Simulator(ABC):
             self.robot,
             self.conditions.noise,
             self.conditions.dropout,
+            frames,
         )
         noise_seed, scenario_seed, drift_seed = np.random.SeedSequence(seed).spawn(3)
         self._noise = _noise(noise_seed)
@@ -147,6 +151,8 @@ class Simulator(ABC):
         fans = self.observer.fans if slow else ()
         self._held = {fan: np.zeros((robots, len(fan)), np.float32) for fan in fans}
         self._observation = np.zeros((robots, self.observer.size))
+        inputs = self.observer.quantities.inputs
+        self._past = np.zeros((robots, inputs.memory, inputs.places[-1].stop))  # readings, the newest first
         drift = self.conditions.drift
         track = model_of(self.robot).track if drift > 0.0 else 1.0
         self._odometry = Odometry(robots, drift, track, drift_seed)
@@ -227,7 +233,9 @@ class Simulator(ABC):
             self._place(index)
             self._odometry.reset(index, self.poses[index])
             self._sent.reset(index)
-            self._observation[index] = self.observer.quantities.measure(self._view(index))
+            readings = self.observer.quantities.read(self._view(index))
+            self._past[index] = readings[:, None]
+            self._observation[index] = self.observer.quantities.observe(readings)
         return self._observation.copy()
 
     def step(self, actions: Floats) -> Step:
@@ -255,8 +263,10 @@ class Simulator(ABC):
         success = (distance < self.task.goal_radius) & ~collision
         terminated = success | collision
         view = self._view(slice(None))
-        self._observation = self.observer.quantities.measure(view)
-        nearest = self.observer.nearest(view, self._observation)
+        readings = self.observer.quantities.read(view)
+        self._observation = self.observer.quantities.observe(readings, self._past)
+        nearest = self.observer.nearest(view, readings)
+        self._past = np.concatenate([readings[:, None], self._past[:, :-1]], axis=1)[:, : self._past.shape[1]]
         return Step(
             observation=self._observation.copy(),
             reward=self.task.reward(self.previous, nearest, success, collision),
@@ -271,7 +281,7 @@ class Simulator(ABC):
 
     def keep(self, which: Booleans) -> None:
         """Go on with some of the robots only, (E,) bool; the others leave the simulation."""
-        names = ("_slots", "scene", "poses", "goals", "previous", "steps", "_observation")
+        names = ("_slots", "scene", "poses", "goals", "previous", "steps", "_observation", "_past")
         for name in names:
             setattr(self, name, getattr(self, name)[which])
         self._held = {fan: ranges[which] for fan, ranges in self._held.items()}

@@ -130,7 +130,7 @@ def _observed(specification: PolicySpecification | None, settings: BagSettings) 
             "a bag is read with the policy's specification, but the policy has none",
             "describe it with --spec robot.yaml",
         )
-    observed = Quantities.of(specification.observation).require("record")
+    observed = Quantities.of(specification.observation, frames=specification.frames).require("record")
     several = [lidar.channel.name for lidar, _ in observed.lidars]
     if len(several) > 1:
         raise PolicyError(

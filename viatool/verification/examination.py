@@ -14,6 +14,7 @@ from viatool.policy import Policy
 from viatool.safety import JudgedStates, ScenePoses, find_contested, judge, search_witnesses
 from viatool.setting.setting import Setting
 from viatool.taylor import ReachableSet, reach
+from viatool.taylor.propagation import Box
 from viatool.verification.clock import Clock
 from viatool.verification.findings import StateFindings
 from viatool.verification.horizon import HorizonExamination
@@ -66,8 +67,9 @@ class StateExamination:
             judgement = judge(judged, lower, upper, contested)
         with clock.timed("search"):
             doubtful = np.flatnonzero(~judgement.safe & judged.known)
+            box = Box(*self.setting.spec.inputs.box(block.observations, self.setting.radii, within=True))
             found = search_witnesses(
-                self.policy, columns, judged, doubtful, block.observations, self.setting.radii, lower, upper,
+                self.policy, columns, judged, doubtful, block.observations, box, lower, upper,
                 seed=(self.seed, block.first),
             )  # fmt: skip
             witnesses = replace(found, state=block.first + found.state)
@@ -98,7 +100,7 @@ class StateExamination:
 
     def _reach(self, observations: Floats, wanted: Booleans) -> ReachableSet:
         """Bound the actions of the wanted states; the others get NaN."""
-        found = reach(self.policy, observations[wanted], self.setting.radii, **self.engine)
+        found = reach(self.policy, *self.setting.uncertain(observations[wanted]), **self.engine)
         if wanted.all():
             return found
         spread = {}

@@ -206,10 +206,13 @@ class Result(Asked):
             One row for each of the states, and `EPISODE_COLUMNS` with one for each episode.
         """
         observations = self.observations[rows]
+        lower, upper = self.setting.spec.inputs.box(observations, self.radii)
         return {
             "pose": self.poses[rows],
             "observation": observations,
             "eps": np.broadcast_to(self.radii, observations.shape),
+            "observation_lower": lower,
+            "observation_upper": upper,
             "lower": self.lower[rows],
             "upper": self.upper[rows],
             "verdict": self.verdict[rows],

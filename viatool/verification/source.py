@@ -62,7 +62,9 @@ class Source:
         """Return how the LiDAR readings of recorded states agree with the map; nothing of states that are simulated."""
         if self.trajectory is None:
             return ()
-        return compare_with_map(setting.spec.observation, states, setting.world_map, setting.errors.radii)
+        return compare_with_map(
+            setting.spec.observation, states, setting.world_map, setting.radii, setting.spec.frames
+        )
 
     @property
     def words(self) -> str:

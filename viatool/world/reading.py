@@ -16,7 +16,6 @@ from viatool.samples import MAPS
 from viatool.world import map_file as file
 from viatool.world.complaints import located, shortened, validated, wrong
 from viatool.world.generator import ScenarioGenerator
-from viatool.world.lidar import Lidar
 from viatool.world.map_file import Unknown
 from viatool.world.map_server import ServedMap, is_map_server_file, read_map_server
 from viatool.world.obstacle_shapes import Arena, ObstacleShape
@@ -236,7 +235,7 @@ def _robot(content: str | file.RobotFile) -> Robot:
     robot = ROBOTS[given.name]
     plain = given.model_dump(exclude_none=True, exclude={"name", "footprint", "lidar"})
     if given.lidar is not None:
-        plain["lidar"] = Lidar(**(vars(robot.lidar) | given.lidar.model_dump(exclude_none=True)))
+        plain["lidar"] = replace(robot.lidar, **given.lidar.model_dump(exclude_none=True))
     if given.footprint is not None:
         plain["footprint"] = _footprint(given.footprint)
     return replace(robot, **plain)

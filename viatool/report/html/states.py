@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from base64 import b64encode
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,12 +10,12 @@ from numpy.typing import NDArray
 
 from viatool.arrays import Floats, Indices
 from viatool.channels import Quantities
+from viatool.policy import PolicySpecification
 from viatool.report.foreign import one_line
 from viatool.report.palette import VERDICTS
 from viatool.report.states.closest_call import closest_state
 
 if TYPE_CHECKING:
-    from viatool.policy import ObservationChannel
     from viatool.setting.rules import Rules
     from viatool.verification.result import Result
     from viatool.world import Obstacles, Robot
@@ -85,8 +84,8 @@ def page_data(result: Result, kept: Indices) -> dict[str, Any]:
         "states": _states(result, kept, episode.reshape(-1)),
         "witnesses": _witnesses(result, kept),
         "episodes": [_episode(result, int(index)) for index in episodes],
-        "channels": channel_list(result.channels, result.radii),
-        "fans": fans_of(result.channels, result.world_map.robot),
+        "channels": channel_list(result.setting.spec, result.radii),
+        "fans": fans_of(result.setting.spec, result.world_map.robot),
         "rules": rules_of(result.rules),
         "actions": [
             {"name": one_line(result.actions[c].name), "unit": one_line(result.actions[c].unit)}
@@ -162,10 +161,11 @@ def shapes(obstacles: Obstacles) -> dict[str, Any]:
     }
 
 
-def channel_list(channels: Sequence[ObservationChannel], radii: Floats) -> list[dict[str, Any]]:
-    """Return the channels of an observation, with the column at which each one starts."""
-    listed, start = [], 0
-    for channel in channels:
+def channel_list(spec: PolicySpecification, radii: Floats) -> list[dict[str, Any]]:
+    """Return the channels of an observation, with the column at which the newest reading of each one starts."""
+    listed = []
+    for channel in spec.observation:
+        start = int(spec.inputs.newest(channel.name)[0])
         listed.append(
             {
                 "name": one_line(channel.name)[:LONGEST_NAME],
@@ -176,20 +176,19 @@ def channel_list(channels: Sequence[ObservationChannel], radii: Floats) -> list[
                 "eps": radii[start : start + channel.size].tolist(),
             }
         )
-        start += channel.size
     return listed
 
 
-def fans_of(channels: Sequence[ObservationChannel], robot: Robot) -> list[dict[str, Any]]:
+def fans_of(spec: PolicySpecification, robot: Robot) -> list[dict[str, Any]]:
     """Return where the bins of each LiDAR channel look, and how its readings are encoded; none without a LiDAR."""
     found = []
-    for lidar, columns in Quantities.of(channels, robot).lidars:
+    for lidar, _ in Quantities.of(spec.observation, robot).lidars:
         if lidar.described:
             right, left = lidar.fan.lidar.wedges()
             encoding = lidar.channel.encoding
             found.append(
                 {
-                    "start": columns.start,
+                    "start": int(spec.inputs.newest(lidar.channel.name)[0]),
                     "right": right.round(6).tolist(),
                     "left": left.round(6).tolist(),
                     "scale": encoding.scale,

@@ -107,6 +107,7 @@ class EnvironmentOptions:
             horizon=self.horizon,
             task=self.task,
             channels=self.specification.observation,
+            frames=self.specification.frames,
             conditions=Conditions(
                 self.noise, self.dropout, self.lidar_rate, self.delay, self.drift, self.acceleration
             ),
@@ -114,7 +115,9 @@ class EnvironmentOptions:
 
     def observation_space(self) -> Space[Any]:
         """Return the limits of the columns, (n,) float32."""
-        quantities = Quantities.of(self.specification.observation, self.world_map.robot).require("bounds")
+        quantities = Quantities.of(
+            self.specification.observation, self.world_map.robot, self.specification.frames
+        ).require("bounds")
         low, high = quantities.bounds(Extent(*self.world_map.bounds))
         width = ~np.isnan(self.specification.fixed_values())  # of a constant; a space needs some
         return Box((low - width).astype(np.float32), (high + width).astype(np.float32), dtype=np.float32)

@@ -44,8 +44,8 @@ def page_data(certificate: Certificate) -> dict[str, Any]:
         "witnesses": _witnesses(certificate, kept),
         "worst": worst.tolist(),
         "goal": list(certificate.scenario.goal),
-        "channels": channel_list(setting.spec.observation, setting.radii),
-        "fans": fans_of(setting.spec.observation, certificate.world_map.robot),
+        "channels": channel_list(setting.spec, setting.radii),
+        "fans": fans_of(setting.spec, certificate.world_map.robot),
         "rules": rules_of(certificate.rules),
         "scale": [int(colour[1:], 16) for colour in Viridis256],
     }
