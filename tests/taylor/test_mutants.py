@@ -301,7 +301,7 @@ CARRYING = [
 MUTANTS = [
     Mutant(
         wrong_foldings,
-        "model.fold_symbols",
+        "forms.fold_symbols",
         "(remainder + norms[key]) * SLIGHTLY_MORE",
         "remainder",
     ),

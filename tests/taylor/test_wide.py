@@ -9,9 +9,9 @@ import pytest
 
 from viatool.policy.activations import activation
 from viatool.policy.network import Activation, Affine, Input, Network
-from viatool.taylor import model as models
-from viatool.taylor import reach
-from viatool.taylor.model import Dense, Diagonal, TaylorModel
+from viatool.taylor import forms, reach
+from viatool.taylor.forms import Dense, Diagonal
+from viatool.taylor.model import TaylorModel
 
 
 def make_model(rng, size, symbols):
@@ -31,19 +31,19 @@ def make_model(rng, size, symbols):
 @contextmanager
 def most_symbols(count):
     """Let models keep `count` symbols at most."""
-    before = models.MOST_SYMBOLS
-    models.MOST_SYMBOLS = count
+    before = forms.MOST_SYMBOLS
+    forms.MOST_SYMBOLS = count
     try:
         yield
     finally:
-        models.MOST_SYMBOLS = before
+        forms.MOST_SYMBOLS = before
 
 
 def wrong_foldings():
     """By how much folded symbols reach beyond the remainder that took them in."""
     model = make_model(np.random.default_rng(3), 12, 10)
     with most_symbols(12):
-        symbols, remainder = models.fold_symbols(model.symbols, model.remainder)
+        symbols, remainder = forms.fold_symbols(model.symbols, model.remainder)
     assert set(symbols) == {2}  # the other node weighs less
     return float((model.symbols[4].norms() - (remainder - model.remainder) * (1 + 1e-9)).max())
 
@@ -54,7 +54,7 @@ def test_folded_symbols_are_covered():
 
 def test_few_symbols_stay_as_they_are():
     model = make_model(np.random.default_rng(3), 12, 10)
-    symbols, remainder = models.fold_symbols(model.symbols, model.remainder)
+    symbols, remainder = forms.fold_symbols(model.symbols, model.remainder)
     assert symbols is model.symbols
     assert remainder is model.remainder
 

@@ -16,8 +16,9 @@ from viatool.arrays import Floats
 from viatool.policy.network import Network
 from viatool.rounding import ENGINE_ROUNDOFF, SLIGHTLY_MORE
 from viatool.taylor.deviation import runtime_deviation
+from viatool.taylor.forms import Dense
 from viatool.taylor.head import hulls_through, split_head
-from viatool.taylor.model import Dense, TaylorModel
+from viatool.taylor.model import TaylorModel
 from viatool.taylor.propagation import Box, Enclosure, propagate
 from viatool.taylor.refinement import extrema_of, refine_by_pieces, unfold
 from viatool.taylor.rounding import widen

@@ -31,7 +31,7 @@ from viatool.policy.network import (
 )
 from viatool.rounding import ENGINE_ROUNDOFF, LARGEST, SLIGHTLY_MORE, UNIT_ROUNDOFF
 from viatool.taylor.curve import curve_of
-from viatool.taylor.model import Diagonal, Form, fold_symbols, join_forms
+from viatool.taylor.forms import Diagonal, Form, fold_symbols, join_forms
 from viatool.taylor.rounding import affine_size, floor_of, gamma, magnitude, own_error
 
 _WORTH = 2.0**-5

@@ -21,7 +21,8 @@ from viatool.arrays import Floats, Indices
 from viatool.policy.network import Activation, Network
 from viatool.rounding import ENGINE_ROUNDOFF, SLIGHTLY_MORE
 from viatool.taylor.curve import curve_of
-from viatool.taylor.model import Form, TaylorModel
+from viatool.taylor.forms import Form
+from viatool.taylor.model import TaylorModel
 from viatool.taylor.propagation import Enclosure
 from viatool.taylor.rounding import gamma
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from viatool.arrays import Floats, Indices
 from viatool.policy.network import Activation, Affine, Network
-from viatool.taylor.model import MOST_SYMBOLS
+from viatool.taylor.forms import MOST_SYMBOLS
 from viatool.taylor.propagation import Box
 
 CACHED_FLOATS = 400_000

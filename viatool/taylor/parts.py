@@ -24,7 +24,7 @@ from viatool.taylor.duality import (
     solve_exactly,
     source_of,
 )
-from viatool.taylor.model import Diagonal, Form
+from viatool.taylor.forms import Diagonal, Form
 from viatool.taylor.propagation import Box, Enclosure, propagate
 from viatool.taylor.refinement import Extrema, seeded_upper
 

@@ -17,14 +17,9 @@ from viatool.sets.bounds import require_ordered
 from viatool.taylor.approximation import Approximation, approximate
 from viatool.taylor.basis import Basis, monomial_basis
 from viatool.taylor.curve import curve_of
+from viatool.taylor.forms import Diagonal
 from viatool.taylor.interval import step_down, step_up
-from viatool.taylor.model import (
-    Diagonal,
-    TaylorModel,
-    affine_image,
-    polynomial_image,
-    product_image,
-)
+from viatool.taylor.model import TaylorModel, affine_image, polynomial_image, product_image
 from viatool.taylor.polynomial_range import range_by_corners, range_by_terms
 from viatool.taylor.rounding import gamma
 
