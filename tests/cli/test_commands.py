@@ -14,7 +14,7 @@ import jsonschema
 import numpy as np
 import pytest
 from click.testing import Result
-from onnx import helper
+from onnx import TensorProto, helper
 
 import viatool
 from tests.policy.models import model_of, node, save
@@ -211,6 +211,14 @@ def test_bounds_need_no_specification(run: Run, tmp_path: Path) -> None:
     sets = viatool.reach(policy, np.zeros((3, 26)), 0.1)
     np.testing.assert_array_equal(bounds["lower"], sets.lower)
     np.testing.assert_array_equal(bounds["upper"], sets.upper)
+
+
+def test_inspect_promises_no_bounds_of_a_policy_that_cannot_be_run(run: Run, tmp_path: Path) -> None:
+    save(model_of([node("Erf", ["x"], ["y"])], dtype=TensorProto.DOUBLE), tmp_path, "double.onnx")
+    result = run("inspect", tmp_path / "double.onnx")
+    assert result.exit_code == 2
+    assert "bounds work" not in result.stdout
+    assert "export the policy in float32" in result.stderr
 
 
 @pytest.mark.parametrize(("kind", "told"), [("float16", True), ("float32", False)])

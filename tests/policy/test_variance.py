@@ -252,6 +252,20 @@ def test_a_variance_that_may_cancel_altogether_is_refused_by_the_name_of_its_nod
     assert "subtract a constant near the mean" in caught.value.hint
 
 
+def test_where_float16_is_the_trouble_the_hint_of_float32_helps(tmp_path: Path) -> None:
+    def loaded(kind: str) -> Policy:
+        dtype = onnx.helper.np_dtype_to_tensor_dtype(np.dtype(kind))
+        nodes = [node("LayerNormalization", ["x", "s"], ["y"], name="norm", epsilon=1e-9)]
+        model = model_of(nodes, {"s": np.ones(2, dtype=kind)}, shape=(1, 2), dtype=dtype)
+        return load_policy(save(model, tmp_path, f"{kind}.onnx"))
+
+    close = np.array([[1.0, 1.003]])
+    with pytest.raises(EnclosureError, match="'norm'") as caught:
+        reach(loaded("float16"), close, 1e-5)
+    assert "float32" in caught.value.hint
+    assert reach(loaded("float32"), close, 1e-5).width.max() < 2
+
+
 def test_what_has_no_enclosure_is_refused_by_the_name_of_its_node(tmp_path: Path) -> None:
     model = model_of([node("Tanh", ["x"], ["t"]), node("Log", ["t"], ["y"], name="surprise")])
     loaded = Bare(load_policy(save(model, tmp_path), self_check=False).network)

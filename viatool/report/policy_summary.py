@@ -27,7 +27,8 @@ def print_inspection(found: Inspection, console: Console) -> None:
     if found.layers:
         _print_layers(found, console)
     if found.specification is None:
-        hint = "  none: bounds work, geometry needs --spec FILE (--write-spec FILE writes one to fill in)"
+        works = "bounds work, " if found.verifiable else ""
+        hint = f"  none: {works}geometry needs --spec FILE (--write-spec FILE writes one to fill in)"
         console.print(Text("specification", style="bold"), Text(hint), sep="\n")
     else:
         _print_specification(found.specification, console)

@@ -352,7 +352,9 @@ class _Carried:
 
     def _note(self, index: int, problem: str, hint: str) -> None:
         """Keep the first reason why nothing is known of some states."""
-        self.problem = self.problem or (f"{self._network.label(index)}: {problem}", hint)
+        narrow = any(node.precision in ("bfloat16", "float16") for node in self._network.nodes)
+        remedy = f"export the policy in float32, or {hint}" if narrow else hint
+        self.problem = self.problem or (f"{self._network.label(index)}: {problem}", remedy)
 
 
 def _one_for_each(error: Floats) -> Diagonal:
