@@ -135,6 +135,12 @@ def test_onnxruntime_reports_to_nobody_what_is_run(tmp_path: Path) -> None:
     assert not [path for path in tmp_path.rglob("*") if "onnxruntime" in path.name]
 
 
+def test_an_operator_that_onnxruntime_lacks_in_float32_takes_another_version(tmp_path: Path) -> None:
+    with pytest.raises(PolicyError, match="Swish") as caught:
+        load_policy(save(model_of([node("Swish", ["x"], ["y"], alpha=0.7)], opset=25), tmp_path))
+    assert "a version of ONNX" in caught.value.hint
+
+
 def test_an_operator_that_onnxruntime_lacks_in_float64_is_named(tmp_path: Path) -> None:
     double = model_of([node("Erf", ["x"], ["y"])], dtype=onnx.TensorProto.DOUBLE)
     with pytest.raises(PolicyError, match="Erf") as caught:

@@ -38,6 +38,8 @@ _LEVELS: dict[Optimisation, str] = {
 _OF_ELEMENT_TYPE = ("NOT_IMPLEMENTED", "Type Error")
 """What onnxruntime says of an operator that it does not have for some element type."""
 
+_OTHER_FLOATS = {onnx.TensorProto.FLOAT16, onnx.TensorProto.BFLOAT16, onnx.TensorProto.DOUBLE}
+
 _IN_FLOAT32 = (
     "export the policy in float32 (module.float()), for which onnxruntime has every operator, and run that"
 )
@@ -189,15 +191,26 @@ def _open(model: bytes, optimisation: Optimisation, written: Path | None = None)
         )
     except Exception as error:  # onnxruntime raises its own, undocumented classes
         raise PolicyError(
-            f"onnxruntime cannot load the policy: {_first_line(error)}", _remedy(str(error))
+            f"onnxruntime cannot load the policy: {_first_line(error)}", _remedy(str(error), model)
         ) from error
 
 
-def _remedy(message: str) -> str:
+def _remedy(message: str, model: bytes) -> str:
     """Return what to do about a model that onnxruntime cannot load."""
-    if any(sign in message for sign in _OF_ELEMENT_TYPE):
+    if any(sign in message for sign in _OF_ELEMENT_TYPE) and _OTHER_FLOATS & _element_types(model):
         return _IN_FLOAT32
     return "export for a version of ONNX that the installed onnxruntime runs"
+
+
+def _element_types(model: bytes) -> set[int]:
+    """Return the element types of inputs and weights, and those to which values are cast."""
+    graph = onnx.load_model_from_string(model).graph
+    casts = (node.attribute for node in graph.node if node.op_type == "Cast")
+    return {
+        *(value.type.tensor_type.elem_type for value in graph.input),
+        *(tensor.data_type for tensor in graph.initializer),
+        *(attribute.i for attributes in casts for attribute in attributes if attribute.name == "to"),
+    }
 
 
 def _with_free_batch(model: onnx.ModelProto, port: Port) -> bytes:

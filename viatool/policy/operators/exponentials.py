@@ -25,8 +25,11 @@ from viatool.policy.network import Affine, Cast, Maximum, Precision
 from viatool.policy.operators.reduction import softmax_of
 from viatool.rounding import LARGEST, SMALLEST_NORMAL, UNIT_ROUNDOFF
 
-_NEAR = 4.0
+_NEAR = 5.0
 """How far from 0 the largest exponent may be where it is not asked whether others vanish."""
+
+_SLIGHTLY = 2.0**-6
+"""By which share of themselves the constants of a program may be off that move the largest exponent."""
 
 
 def of_exponentials(assembly: Assembly, numerator: Computed, divisor: Computed) -> Computed | None:
@@ -231,10 +234,10 @@ def _largest_from_zero(assembly: Assembly, exponent: Computed, groups: Indices) 
     (weight,) = node.weights
     if weight.shape != (node.size, node.size) or not np.array_equal(weight, np.diag(np.diag(weight))):
         return math.inf
-    if not (np.diag(weight) > 0).all():
+    if not (np.diag(weight) > 0).all() or node.roundings * UNIT_ROUNDOFF[node.precision] > _SLIGHTLY:
         return math.inf
     before = _largest_from_zero(assembly, replace(exponent, node=node.sources[0]), groups)
-    return float(np.diag(weight).max() * before + np.abs(node.bias).max())
+    return float(np.diag(weight).max() * before + np.abs(node.bias).max()) * (1 + 2 * _SLIGHTLY)
 
 
 def _are_below_largest(assembly: Assembly, exponent: Computed, groups: Indices) -> bool:
