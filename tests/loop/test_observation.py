@@ -51,7 +51,7 @@ def sampled(generator, some):
 
 
 def excess(generator, some, rounds=10):
-    forms = replace(question().sensors, radii=None).enclose(some)
+    forms = replace(question().sensors, radii=None).enclose(some).forms
     worst = -np.inf
     for _ in range(rounds):
         z, seen = sampled(generator, some)
@@ -69,7 +69,7 @@ def test_every_column_lies_within_its_form(side):
 def test_goal_columns_are_nearly_linear_away_from_the_goal():
     generator = np.random.default_rng(1)
     some = cells(generator, side=0.01)
-    forms = replace(question().sensors, radii=None).enclose(some)
+    forms = replace(question().sensors, radii=None).enclose(some).forms
     far = np.hypot(*(some.poses.centre[:, :2] - SCENARIO.goal).T) > 1.0
     assert forms.rest[far][:, 20:23].max() < 5e-4
 

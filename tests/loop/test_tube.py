@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -82,8 +83,9 @@ def blind_to_jumps(some):
 
     class Linear(type(sensors)):
         def enclose(self, *sets):
-            forms = super().enclose(*sets)
-            return type(forms)(forms.centre, forms.slope, 0.0 * forms.rest)
+            seen = super().enclose(*sets)
+            forms = seen.forms
+            return replace(seen, forms=replace(forms, rest=0.0 * forms.rest))
 
     object.__setattr__(some.loop, "sensors", Linear(**vars(sensors)))
 

@@ -7,36 +7,71 @@ from __future__ import annotations
 
 from viatool.channels.channel import Channel, Frames, LidarSpecification
 from viatool.channels.fan import Fan
-from viatool.channels.goals import GoalCosine, GoalDistance, GoalSine
+from viatool.channels.goals import (
+    GoalBearing,
+    GoalCosine,
+    GoalDistance,
+    GoalSine,
+    GoalX,
+    GoalXMap,
+    GoalY,
+    GoalYMap,
+)
 from viatool.channels.inputs import Inputs
 from viatool.channels.lidar import LidarReadings
-from viatool.channels.previous import PreviousAngular, PreviousCommand, PreviousLinear
-from viatool.channels.quantities import Quantities
+from viatool.channels.poses import Heading, HeadingCosine, HeadingSine, PoseX, PoseY
+from viatool.channels.previous import (
+    PreviousAngular,
+    PreviousCommand,
+    PreviousLateral,
+    PreviousLinear,
+    PreviousRaw,
+)
+from viatool.channels.quantities import Quantities, Sightings
 from viatool.channels.quantity import Fixed, Quantity, kind_named, kinds, observes, quantity_of
-from viatool.channels.unmeasured import Budget, Other
+from viatool.channels.unmeasured import Budget, Constant, Other, StepsLeft
+from viatool.channels.velocities import AngularVelocity, LateralVelocity, LinearVelocity
 from viatool.channels.views import BoxView, Extent, RecordedInstants, View, see, see_precisely
 
 __all__ = [
+    "AngularVelocity",
     "BoxView",
     "Budget",
     "Channel",
+    "Constant",
     "Extent",
     "Fan",
     "Fixed",
     "Frames",
+    "GoalBearing",
     "GoalCosine",
     "GoalDistance",
     "GoalSine",
+    "GoalX",
+    "GoalXMap",
+    "GoalY",
+    "GoalYMap",
+    "Heading",
+    "HeadingCosine",
+    "HeadingSine",
     "Inputs",
+    "LateralVelocity",
     "LidarReadings",
     "LidarSpecification",
+    "LinearVelocity",
     "Other",
+    "PoseX",
+    "PoseY",
     "PreviousAngular",
     "PreviousCommand",
+    "PreviousLateral",
     "PreviousLinear",
+    "PreviousRaw",
     "Quantities",
     "Quantity",
     "RecordedInstants",
+    "Sightings",
+    "StepsLeft",
     "View",
     "kind_named",
     "kinds",

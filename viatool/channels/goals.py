@@ -1,4 +1,4 @@
-"""The goal in polar form: its distance, and cosine and sine of its bearing in the robot's frame."""
+"""The goal: its distance, bearing and place in the robot's frame, and its place on the map."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class GoalQuantity(Quantity):
     """One of the numbers that say where the goal is."""
 
     needs = frozenset({"goal"})
-    part: ClassVar[Literal["distance", "cosine", "sine"]]
+    part: ClassVar[Literal["distance", "bearing", "cosine", "sine", "x", "y"]]
 
     def measure(self, view: View) -> Reals:
         """Return the number as seen from where the robots think they are."""
@@ -49,6 +49,90 @@ class GoalDistance(GoalQuantity):
     def bounds(self, extent: Extent) -> tuple[float, float]:
         """Return 0 and twice the map's diagonal: with drift a goal may seem farther away than the map is wide."""
         return 0.0, 2.0 * extent.diagonal
+
+
+@observes("goal_bearing")
+class GoalBearing(GoalQuantity):
+    """The direction of the goal, in radians counter-clockwise from straight ahead, within a half turn."""
+
+    part = "bearing"
+    wraps = True
+
+    def enclose(self, view: BoxView) -> Forms:
+        """Enclose the angle over all poses, on one side of the half turn where both are possible."""
+        return view.within_half_turn(super().enclose(view), self.channel.kind)
+
+    def bounds(self, extent: Extent) -> tuple[float, float]:
+        """Return a half turn to either side."""
+        return -np.pi, np.pi
+
+    def mirror(self) -> tuple[Indices, Floats]:
+        """Return the opposite."""
+        return np.arange(1), -np.ones(1)
+
+
+class GoalOffset(GoalQuantity):
+    """How far the goal is ahead or to the left."""
+
+    def bounds(self, extent: Extent) -> tuple[float, float]:
+        """Return twice the map's diagonal either way, as for the distance."""
+        return -2.0 * extent.diagonal, 2.0 * extent.diagonal
+
+
+@observes("goal_x")
+class GoalX(GoalOffset):
+    """How far the goal is ahead, in metres."""
+
+    part = "x"
+
+
+@observes("goal_y")
+class GoalY(GoalOffset):
+    """How far the goal is to the left, in metres."""
+
+    part = "y"
+
+    def mirror(self) -> tuple[Indices, Floats]:
+        """Return the opposite."""
+        return np.arange(1), -np.ones(1)
+
+
+class GoalOnMap(Quantity):
+    """One coordinate of the goal on the map, whose frame the robot shares."""
+
+    needs = frozenset({"goal"})
+    axis: ClassVar[Literal[0, 1]]
+
+    def measure(self, view: View) -> Reals:
+        """Return the coordinate."""
+        return view.goals[:, self.axis]
+
+    def record(self, recorded: RecordedInstants) -> Floats:
+        """Return the coordinate of the goal that was given."""
+        assert recorded.goal is not None  # refused before, by what its quantities need
+        return np.full(len(recorded.poses), recorded.goal[self.axis])
+
+    def enclose(self, view: BoxView) -> Forms:
+        """Return the coordinate."""
+        return view.constant(float(view.goal[self.axis]), 1)
+
+    def bounds(self, extent: Extent) -> tuple[float, float]:
+        """Return the bounds of the map."""
+        return extent.along(self.axis)
+
+
+@observes("goal_x_map")
+class GoalXMap(GoalOnMap):
+    """The x coordinate of the goal in the map's frame, in metres."""
+
+    axis = 0
+
+
+@observes("goal_y_map")
+class GoalYMap(GoalOnMap):
+    """The y coordinate of the goal in the map's frame, in metres."""
+
+    axis = 1
 
 
 @observes("goal_cosine")

@@ -1,14 +1,17 @@
-"""The command of the step before, as it was sent to the motors."""
+"""The command of the step before, as it was sent to the motors, and what the network gave for it."""
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import numpy as np
 
 from viatool.arrays import Floats, Indices, Reals
-from viatool.channels.quantity import Quantity, observes
+from viatool.channels.channel import Channel
+from viatool.channels.quantity import Part, Quantity, observes, refuse_lidar
 from viatool.channels.views import BoxView, Extent, RecordedInstants, View
+from viatool.errors import PolicyError
+from viatool.motion.kinematics import kinematics_of
 from viatool.sets.forms import Forms
 
 
@@ -16,10 +19,33 @@ class PreviousCommand(Quantity):
     """One part of the command before."""
 
     needs = frozenset({"command"})
-    axis: ClassVar[int]
-    """Which number of a command it is."""
-    state: ClassVar[Literal["v", "omega"]]
-    """Which quantity of the state it is."""
+    command: ClassVar[str]
+    """The kind of the axis that was commanded."""
+    sign: ClassVar[float] = 1.0
+
+    @property
+    def axis(self) -> int:
+        """Return which number of a command it is.
+
+        Raises
+        ------
+        PolicyError
+            If the robot has no such axis.
+        """
+        kinematics = kinematics_of(self.robot.kinematics)
+        axis = kinematics.axis(self.command)
+        if axis is None:
+            raise PolicyError(
+                f"{self.channel} observes a command that robot '{self.robot.name}' ({kinematics.description}) "
+                "does not take",
+                "give the channel a fixed `value`, or name the robot's kinematics in the map",
+            )
+        return axis
+
+    def require(self, part: Part) -> None:
+        """Refuse a command that the robot does not take."""
+        super().require(part)
+        _ = self.axis
 
     def measure(self, view: View) -> Reals:
         """Return the command before."""
@@ -31,34 +57,56 @@ class PreviousCommand(Quantity):
 
     def enclose(self, view: BoxView) -> Forms:
         """Return the part of the state."""
-        return view.state(self.state)
+        return view.command(self.axis)
+
+    def bounds(self, extent: Extent) -> tuple[float, float]:
+        """Return the robot's limits."""
+        lower, upper = kinematics_of(self.robot.kinematics).limits(self.robot)
+        return float(lower[self.axis]), float(upper[self.axis])
+
+    def mirror(self) -> tuple[Indices, Floats]:
+        """Return the speed ahead as it is, the others turned round."""
+        return np.arange(1), np.full(1, self.sign)
 
 
 @observes("previous_linear")
 class PreviousLinear(PreviousCommand):
     """The speed that was commanded before, in m/s."""
 
-    axis, state = 0, "v"
+    command = "linear"
 
-    def bounds(self, extent: Extent) -> tuple[float, float]:
-        """Return the robot's limits."""
-        return self.robot.min_linear, self.robot.max_linear
 
-    def mirror(self) -> tuple[Indices, Floats]:
-        """Return the speed as it is."""
-        return np.arange(1), np.ones(1)
+@observes("previous_lateral")
+class PreviousLateral(PreviousCommand):
+    """The speed to the left that was commanded before, in m/s."""
+
+    command, sign = "lateral", -1.0
 
 
 @observes("previous_angular")
 class PreviousAngular(PreviousCommand):
     """The turning speed that was commanded before, in rad/s, counter-clockwise."""
 
-    axis, state = 1, "omega"
+    command, sign = "angular", -1.0
 
-    def bounds(self, extent: Extent) -> tuple[float, float]:
-        """Return the robot's limits."""
-        return -self.robot.max_angular, self.robot.max_angular
 
-    def mirror(self) -> tuple[Indices, Floats]:
-        """Return the opposite."""
-        return np.arange(1), -np.ones(1)
+@observes("previous_raw")
+class PreviousRaw(Quantity):
+    """The network's own outputs of the step before, as it gave them; 0 before the first."""
+
+    @classmethod
+    def check(cls, channel: Channel) -> None:
+        """Accept any size: one number for each output."""
+        refuse_lidar(channel)
+
+    def measure(self, view: View) -> Reals:
+        """Return the outputs before."""
+        size = self.channel.size
+        if view.raw is None:
+            return np.zeros((len(view), size))
+        if view.raw.shape[1] != size:
+            raise PolicyError(
+                f"{self.channel} has {size} numbers, but the network gives {view.raw.shape[1]}",
+                "correct the size of the channel",
+            )
+        return view.raw

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.arrays import Floats, Indices
+from viatool.arrays import Booleans, Floats, Indices
 from viatool.channels.channel import Channel, Frames
 from viatool.channels.inputs import Inputs
 from viatool.channels.lidar import LidarReadings
@@ -19,6 +20,22 @@ from viatool.channels.views import BoxView, Extent, RecordedInstants, View
 from viatool.errors import PolicyError
 from viatool.sets.forms import Forms
 from viatool.world import Robot
+
+
+@dataclass(frozen=True, eq=False)
+class Sightings:
+    """What is observed anywhere in C sets of states, in R >= C parts.
+
+    Parameters
+    ----------
+    forms : Forms
+        (R, n).
+    cell : ndarray
+        (R,) which set each part belongs to; first all sets in their order, then again those with a second part.
+    """
+
+    forms: Forms
+    cell: Indices
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +126,7 @@ class Quantities:
         past = every[np.arange(len(readings))[:, None] - ages + self.inputs.memory]
         return self.observe(readings, past)
 
-    def enclose(self, view: BoxView, radii: Floats | None = None) -> Forms:
+    def enclose(self, view: BoxView, radii: Floats | None = None) -> Sightings:
         """Enclose what the network takes anywhere in C sets of states.
 
         Parameters
@@ -121,13 +138,38 @@ class Quantities:
 
         Returns
         -------
-        Forms
-            (C, n).
+        Sightings
+            Of all sets; of those that reach over the half turn of an angle, both sides.
 
         Notes
         -----
         Sound: yes, for networks that observe the present alone.
         """
+        every = np.arange(len(view))
+        rows, parts = [every], [self._enclose(view, radii)]
+        for behind, both in self._other_sides(view):
+            rows.append(every[both])
+            parts.append(self._enclose(view.select(every[both], behind), radii))
+        return Sightings(parts[0] if len(parts) == 1 else Forms.concatenate(parts), np.concatenate(rows))
+
+    def _other_sides(self, view: BoxView) -> Iterator[tuple[frozenset[str], Booleans]]:
+        """Give every choice of angles that may be on the other side of the half turn, and in which sets (C,)."""
+        angles = {quantity.channel.kind: quantity for quantity in self.each if quantity.wraps}
+        over = {}
+        for kind, quantity in angles.items():
+            here = quantity.enclose(replace(view, behind=frozenset()))
+            there = quantity.enclose(replace(view, behind=frozenset({kind})))
+            over[kind] = (here.centre != there.centre)[:, 0]
+        for chosen in product(*([False, True] for _ in over)):
+            behind = frozenset(kind for kind, is_behind in zip(over, chosen, strict=True) if is_behind)
+            both = (
+                np.logical_and.reduce([over[kind] for kind in behind]) if behind else np.zeros(0, dtype=bool)
+            )
+            if both.any():
+                yield behind, both
+
+    def _enclose(self, view: BoxView, radii: Floats | None) -> Forms:
+        """Enclose what the network takes, on the sides of half turns that the view names."""
         parts = []
         for quantity, place in zip(self.each, self.columns, strict=True):
             seen = quantity.enclose(view)

@@ -56,6 +56,9 @@ class Quantity(ABC):
     needs: ClassVar[frozenset[str]] = frozenset()
     """What `record` takes of a recording: "scan", "goal", "command"."""
 
+    wraps: ClassVar[bool] = False
+    """Whether it is an angle within a half turn, so that a set of states may be observed on both of its sides."""
+
     @classmethod
     def check(cls, channel: Channel) -> None:
         """Check the specification of a channel of this kind: one number, and no LiDAR, unless overridden.

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
@@ -12,8 +13,9 @@ from viatool.arrays import Booleans, Floats, Indices, Reals
 from viatool.channels.channel import Channel
 from viatool.channels.fan import Fan
 from viatool.channels.goal_forms import GoalForms
+from viatool.rounding import SPARE
 from viatool.sets.forms import Forms
-from viatool.sets.states import STATE, StateBoxes
+from viatool.sets.states import POSE, StateBoxes
 from viatool.sight.shapes import Shapes
 from viatool.world import Scenes
 
@@ -25,6 +27,21 @@ class Goals:
     distance: Floats
     cosine: Floats
     sine: Floats
+
+    @property
+    def bearing(self) -> Floats:
+        """Return the bearing within a half turn, (B,) rad; 0 on the goal."""
+        return np.arctan2(self.sine, self.cosine)
+
+    @property
+    def x(self) -> Floats:
+        """Return how far ahead the goals are, (B,) metres."""
+        return self.distance * self.cosine
+
+    @property
+    def y(self) -> Floats:
+        """Return how far to the left the goals are, (B,) metres."""
+        return self.distance * self.sine
 
     @classmethod
     def seen_from(cls, poses: Floats, goals: Floats) -> Goals:
@@ -70,6 +87,12 @@ class View:
         (B, 3) where the robots think they are, if that differs from where they are; goals are seen from there.
     steps : ndarray, optional
         (B,) control intervals since the beginning of the episode; None where there is no episode.
+    horizon : int, optional
+        Control intervals after which an episode ends; None where there is none.
+    velocity : ndarray, optional
+        (B, 3) m/s ahead and to the left, and rad/s; None where it is that of the command before.
+    raw : ndarray, optional
+        (B, K) what the network gave in the step before; None before the first.
     eyes : callable
         How ranges come about: by exact geometry, unless a simulator gives its own.
     """
@@ -81,6 +104,9 @@ class View:
     previous: Floats
     believed: Floats | None = None
     steps: Indices | None = None
+    horizon: int | None = None
+    velocity: Floats | None = None
+    raw: Floats | None = None
     eyes: Eyes = see
 
     def __len__(self) -> int:
@@ -90,7 +116,12 @@ class View:
     @cached_property
     def goal(self) -> Goals:
         """The goals in the robots' frames."""
-        return Goals.seen_from(self.poses if self.believed is None else self.believed, self.goals)
+        return Goals.seen_from(self.known_poses, self.goals)
+
+    @property
+    def known_poses(self) -> Floats:
+        """Return where the robots think they are, (B, 3)."""
+        return self.poses if self.believed is None else self.believed
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +140,9 @@ class BoxView:
         (2,) metres.
     submerged : ndarray
         (C,) bool: whether the robot's origin may be inside of an obstacle or off the map somewhere in the set.
+    behind : frozenset of str
+        Kinds of angles that are meant on the clockwise side of the half turn, near -pi, in sets that reach over it; on
+        the other side, near pi, unless named.
     """
 
     start: StateBoxes
@@ -116,10 +150,19 @@ class BoxView:
     shapes: Shapes
     goal: Floats
     submerged: Booleans
+    behind: frozenset[str] = frozenset()
 
     def __len__(self) -> int:
         """Return C."""
         return len(self.start)
+
+    def select(self, which: Indices, behind: frozenset[str]) -> BoxView:
+        """Return some of the sets, with some angles on the other side of the half turn."""
+        states = self.states
+        some = Forms(states.centre[which], states.slope[which], states.rest[which])
+        return replace(
+            self, start=self.start.select(which), states=some, submerged=self.submerged[which], behind=behind
+        )
 
     @cached_property
     def goal_forms(self) -> GoalForms:
@@ -136,10 +179,41 @@ class BoxView:
         """Return forms over the poses of the boxes, (C, K), in the symbols of the states."""
         return Forms(forms.centre, self._shares @ forms.slope, forms.rest)
 
+    def within_half_turn(self, angles: Forms, kind: str) -> Forms:
+        """Return angles (C, 1) that continue beyond a half turn as they are observed: between -pi and pi.
+
+        A set that reaches over the half turn is observed on both of its sides; the forms are of the side that
+        `behind` names.
+
+        Notes
+        -----
+        Sound: yes, for both sides together.
+        """
+        turns = 2.0 * np.pi * np.ceil((angles.centre - np.pi) / (2.0 * np.pi))
+        centre = angles.centre - turns
+        slack = SPARE * (1.0 + np.abs(turns))
+        angles = Forms(centre, angles.slope, angles.rest + slack)
+        lower, upper = angles.lower, angles.upper
+        over, under = upper > np.pi, lower < -np.pi
+        all_round = (upper - lower >= 2.0 * np.pi) | (over & under)
+        if kind in self.behind:
+            ends = np.full_like(lower, -np.pi), np.where(over, upper - 2.0 * np.pi, upper)
+        else:
+            ends = np.where(under, lower + 2.0 * np.pi, lower), np.full_like(lower, np.pi)
+        one_side = Forms.between(np.where(all_round, -np.pi, ends[0]), np.where(all_round, np.pi, ends[1]))
+        one_side = Forms(one_side.centre, np.zeros_like(angles.slope), one_side.rest + slack)
+        return Forms.where(over | under, one_side, angles)
+
     def state(self, name: str) -> Forms:
-        """Return one quantity of the state as forms (C, 1): x, y, theta, v or omega."""
-        column = [STATE.index(name)]
-        states = self.states
+        """Return one quantity of the pose as forms (C, 1): x, y or theta."""
+        return self._column(POSE.index(name))
+
+    def command(self, axis: int) -> Forms:
+        """Return one number of the command before as forms (C, 1)."""
+        return self._column(len(POSE) + axis)
+
+    def _column(self, number: int) -> Forms:
+        column, states = [number], self.states
         return Forms(states.centre[:, column], states.slope[:, :, column], states.rest[:, column])
 
     def constant(self, value: float, size: int) -> Forms:
@@ -195,3 +269,7 @@ class Extent:
     def diagonal(self) -> float:
         """Return the largest distance of two places, in metres."""
         return float(np.hypot(self.x_max - self.x_min, self.y_max - self.y_min))
+
+    def along(self, axis: Literal[0, 1]) -> tuple[float, float]:
+        """Return the bounds of x or y, in metres."""
+        return ((self.x_min, self.x_max), (self.y_min, self.y_max))[axis]

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from viatool.arrays import Booleans, Floats
 from viatool.channels import Quantities
 from viatool.channels.previous import PreviousCommand
+from viatool.channels.velocities import MeasuredVelocity
+from viatool.errors import PolicyError
 from viatool.loop.observation import Sensors
 from viatool.loop.retreat import keep_away
 from viatool.loop.waiting import after_waiting
@@ -93,6 +95,7 @@ class ClosedLoop:
         """Ask about a scenario of a map."""
         spec, world_map = setting.spec, setting.world_map
         observed = Quantities.of(spec.observation, setting.robot, spec.frames).require("measure", "enclose")
+        _check_velocities(observed, setting.rules.delay)
         nowhere = ScenePoses.of(world_map, [scenario], np.zeros((1, 3)), np.zeros(1, np.int64))
         sensors = Sensors(
             observed,
@@ -202,7 +205,8 @@ class ClosedLoop:
     def _commands(self, cells: StateBoxes) -> CommandBounds:
         check_time()
         columns = self.setting.columns
-        seen = self.sensors.enclose(cells)
+        sightings = self.sensors.enclose(cells)
+        seen = sightings.forms
         inputs = input_model(seen.centre, seen.slope, seen.rest)
         reached = CorrelatedReach.hull(
             [
@@ -211,6 +215,7 @@ class ClosedLoop:
             ]
         )
         self.watch(seen.centre, reached)
+        reached = reached.joined(sightings.cell, len(cells))
         bounds = reached.lower[:, columns], reached.upper[:, columns]
         require_ordered("commands", *bounds)
         lower, upper = (self.rules.clip(end) for end in bounds)
@@ -230,3 +235,13 @@ class ClosedLoop:
             for quantity, place in zip(quantities, quantities.columns, strict=True)
             if isinstance(quantity, PreviousCommand) and quantity.axis == axis
         ]
+
+
+def _check_velocities(observed: Quantities, delay: float) -> None:
+    """Refuse a measured velocity where commands act late: it is not that of the command before."""
+    late = [quantity.channel for quantity in observed if isinstance(quantity, MeasuredVelocity)]
+    if delay > 0.0 and late:
+        raise PolicyError(
+            f"{late[0]} is not known over a set of poses when commands act {delay:g} s late",
+            "leave out --delay, or verify recorded states alone",
+        )

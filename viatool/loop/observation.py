@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from viatool.arrays import Booleans, Floats
-from viatool.channels import BoxView, Quantities, View, see_precisely
+from viatool.channels import BoxView, Quantities, Sightings, View, see_precisely
 from viatool.rounding import SIGHT_ROUNDING
 from viatool.sets.forms import Forms, PoseBoxes
 from viatool.sets.states import StateBoxes
@@ -43,7 +43,7 @@ class Sensors:
     dry: bool = False
     radii: Floats | None = None
 
-    def enclose(self, cells: StateBoxes, states: Forms | None = None) -> Forms:
+    def enclose(self, cells: StateBoxes, states: Forms | None = None) -> Sightings:
         """Enclose what the network takes anywhere in sets of states, whatever the sensors err.
 
         Parameters
@@ -55,8 +55,8 @@ class Sensors:
 
         Returns
         -------
-        Forms
-            (C, n), in the symbols of the states.
+        Sightings
+            (R, n), in the symbols of the states.
 
         Notes
         -----

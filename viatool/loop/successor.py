@@ -137,7 +137,8 @@ def hull(states: Forms) -> StateBoxes:
 def _step(loop: ClosedLoop, states: Forms) -> LoopStep:
     """Enclose one chunk of sets without rests."""
     start = hull(states)
-    seen = loop.sensors.enclose(start, states)
+    sightings = loop.sensors.enclose(start, states)
+    seen = sightings.forms
     inputs = input_model(seen.centre, seen.slope, seen.rest)
     common = states.slope.shape[1]
     arithmetic = loop.arithmetic
@@ -148,6 +149,7 @@ def _step(loop: ClosedLoop, states: Forms) -> LoopStep:
         ]
     )
     loop.watch(seen.centre, reached)
+    reached = reached.joined(sightings.cell, len(start))
     columns, rules = loop.setting.columns, loop.rules
     bounds = reached.lower[:, columns], reached.upper[:, columns]
     require_ordered("commands", *bounds)

@@ -103,10 +103,12 @@ class Policy:
         -----
         A single row is bit for bit what the robot computes; in a batch the last place may round differently.
         """
+        return apply_action_map(self.outputs(observations), self.spec)
+
+    def outputs(self, observations: ArrayLike) -> Floats:
+        """Run the deployed program as `run` does, and return what it gives before the action map, (B, output_size)."""
         rows = self._rows(observations)
-        if not len(rows):
-            return np.zeros((0, self.output_size))
-        return apply_action_map(self.runtime(rows), self.spec)
+        return self.runtime(rows) if len(rows) else np.zeros((0, self.output_size))
 
     def _rows(self, observations: ArrayLike) -> Floats:
         rows = np.asarray(observations, dtype=np.float64)

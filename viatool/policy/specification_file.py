@@ -7,13 +7,17 @@ from __future__ import annotations
 
 import json
 import os
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
+from pydantic_core import ErrorDetails
 
+from viatool.channels import Frames, LidarSpecification
 from viatool.errors import PolicyError
-from viatool.policy.specification import PolicySpecification
+from viatool.policy.action_channels import ActionChannel, ActionMap, Override
+from viatool.policy.specification import ObservationChannel, PolicySpecification
 
 _SPEC_HINT = (
     "see docs/specification.md for the layout, or write a template with `viatool inspect --write-spec`"
@@ -69,8 +73,26 @@ def _findings(error: ValidationError, path: Path | None = None, root: Any = None
     for finding in error.errors():
         field = ".".join(str(part) for part in finding["loc"]) or "the document"
         place = f"{path}:{_line(root, finding['loc'])}: " if path is not None else ""
-        lines.append(f"{place}{field}: {finding['msg'].removeprefix('Value error, ')}")
+        lines.append(f"{place}{field}: {_said(finding)}")
     return "\n".join(lines)
+
+
+def _said(finding: ErrorDetails) -> str:
+    """Return what is wrong; of a key that does not exist, the nearest that does."""
+    if finding["type"] != "extra_forbidden":
+        return finding["msg"].removeprefix("Value error, ")
+    models = (
+        PolicySpecification,
+        ObservationChannel,
+        ActionChannel,
+        ActionMap,
+        LidarSpecification,
+        Frames,
+        Override,
+    )
+    keys = sorted({key for model in models for key in model.model_fields})
+    key = str(finding["loc"][-1])
+    return f"there is no key '{key}', nearest is '{get_close_matches(key, keys, n=1, cutoff=0.0)[0]}'"
 
 
 def _line(node: Any, location: tuple[int | str, ...]) -> int:

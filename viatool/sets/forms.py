@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -88,6 +89,13 @@ class Forms:
         require_ordered("rests of linear forms", np.zeros_like(self.rest), self.rest, finite=True)
         require_ordered("linear forms", self.lower, self.upper, finite=True)
         return self
+
+    @classmethod
+    def concatenate(cls, parts: Sequence[Forms]) -> Forms:
+        """Return the boxes of all parts one after the other."""
+        return cls(
+            *(np.concatenate([getattr(part, name) for part in parts]) for name in ("centre", "slope", "rest"))
+        )
 
     @classmethod
     def choose(cls, holds: Booleans, form: Forms, other: Forms) -> Forms:

@@ -12,8 +12,8 @@ from viatool.arrays import Floats
 from viatool.sets.bounds import require_ordered
 from viatool.sets.forms import Forms, PoseBoxes
 
-STATE = ("x", "y", "theta", "v", "omega")
-"""The quantities of a state: the pose, and the command of the step before."""
+POSE = ("x", "y", "theta")
+"""The quantities with which a state begins; those of the command of the step before follow."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -141,7 +141,7 @@ def _observed(setting: Setting, trajectory: Trajectory) -> Floats | None:
 
 def _previous_columns(setting: Setting) -> list[tuple[int, int]]:
     """Return which number of a command, and in which column, the policy observes of the command before."""
-    quantities = Quantities.of(setting.spec.observation, frames=setting.spec.frames)
+    quantities = Quantities.of(setting.spec.observation, setting.robot, setting.spec.frames)
     return [
         (one.axis, int(quantities.inputs.newest(one.channel.name)[0]))
         for one in quantities

@@ -10,14 +10,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
+from viatool.channels import LidarSpecification
 from viatool.errors import ConfigurationError
 from viatool.policy import ActionChannel, PolicySpecification
 from viatool.setting.premises import Premise
 from viatool.setting.rules import as_footprint
 from viatool.setting.wishes import Matter, Wishes
-from viatool.world import ROBOTS, Robot, WorldMap
+from viatool.world import ROBOTS, Lidar, Robot, WorldMap
 
 _SAME = 1e-9  # relative: two numbers that were written alike
+_BEYOND = 1e-6
+"""Radians by which rays may lie outside of a field of view that was written with fewer digits."""
 _SENSOR = ("field_of_view", "rays", "minimum_range", "maximum_range")
 
 
@@ -185,7 +190,7 @@ def _lidar(parties: Parties, robot: Robot) -> tuple[PolicySpecification, tuple[P
                 premises.append(Premise(f"LiDAR '{channel.name}'", _words(has, _SENSOR), of))
             continue
         asked = channel.lidar
-        other = [name for name in said if not _same(getattr(asked, name), getattr(has, name))]
+        other = _otherwise(asked, has, said)
         source = f"{parties.policy}"
         if other:
             party = parties.wishes.preferred("lidar")
@@ -197,12 +202,36 @@ def _lidar(parties: Parties, robot: Robot) -> tuple[PolicySpecification, tuple[P
                 )
             source = f"--prefer ({party})"
             if party == "map":
-                asked = asked.model_copy(update={name: getattr(has, name) for name in other})
-                asked = type(asked).model_validate(asked.model_dump())
+                asked = _as_the_robot(asked, has, other)
                 channel = channel.model_copy(update={"lidar": asked})
         channels.append(channel)
         premises.append(Premise(f"LiDAR '{channel.name}'", _words(asked, _SENSOR), source))
     return parties.spec.model_copy(update={"observation": channels}), tuple(premises)
+
+
+def _otherwise(asked: LidarSpecification, has: Lidar, said: Sequence[str]) -> list[str]:
+    """Return in what the sensor that a policy reads is not the one of which a map says some things.
+
+    Rays that are given one by one are some of the sensor's: they have to lie within its field of view.
+    """
+    apart = []
+    for name in said:
+        wanted, given = getattr(asked, name), getattr(has, name)
+        if asked.field_of_view is None and name in ("field_of_view", "rays"):
+            beyond = np.abs(asked.lidar().around[0]).max() - 0.5 * given if name == "field_of_view" else 0.0
+            differs = beyond > _BEYOND
+        else:
+            differs = not _same(wanted, given)
+        if differs:
+            apart.append(name)
+    return apart
+
+
+def _as_the_robot(asked: LidarSpecification, has: Lidar, other: Sequence[str]) -> LidarSpecification:
+    """Return what a policy reads of the robot's sensor instead of its own; rays given one by one stay as they are."""
+    kept = ("field_of_view", "rays") if asked.field_of_view is None else ()
+    changed = {name: getattr(has, name) for name in other if name not in kept}
+    return type(asked).model_validate({**asked.model_dump(), **changed})
 
 
 def _body(parties: Parties, robot: Robot, source: str) -> tuple[Robot, tuple[Premise, ...]]:
@@ -241,5 +270,12 @@ def _range_of(robot: Robot) -> str:
     )
 
 
-def _words(lidar: object, names: Sequence[str]) -> str:
-    return ", ".join(f"{name} {getattr(lidar, name):g}" for name in names)
+def _words(lidar: LidarSpecification | Lidar, names: Sequence[str]) -> str:
+    """Return some of what makes a sensor; its rays where it has no field of view."""
+    sensor = lidar if isinstance(lidar, Lidar) else lidar.lidar()
+    if sensor.field_of_view is None:
+        told = [sensor.words] if {"field_of_view", "rays"} & set(names) else []
+        names = [name for name in names if name not in ("field_of_view", "rays")]
+    else:
+        told = []
+    return ", ".join([*told, *(f"{name} {getattr(sensor, name):g}" for name in names)])

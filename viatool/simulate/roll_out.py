@@ -27,6 +27,9 @@ class RunnablePolicy(Specified, Protocol):
     def run(self, observations: ArrayLike, /) -> Floats:
         """Return the actions (B, A) of observations (B, n), as the deployed program computes them."""
 
+    def outputs(self, observations: ArrayLike, /) -> Floats:
+        """Return what the network gives, before the action map; asked where the policy observes it."""
+
 
 @dataclass(frozen=True, eq=False)
 class Drive:
@@ -154,7 +157,8 @@ def _record(
     while len(simulator):
         actions = np.asarray(policy.run(observations), dtype=np.float64)
         recording.add_states(simulator, observations, actions)
-        step = simulator.step(actions[:, columns])
+        raw = policy.outputs(observations) if simulator.observes_raw else None
+        step = simulator.step(actions[:, columns], raw)
         recording.add_step(simulator, step)
         observations = step.observation
         done = np.flatnonzero(step.done)

@@ -13,9 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from viatool.arrays import Booleans, Floats, Indices, Reals
-from viatool.channels import Fan, Frames, View, see
+from viatool.channels import Fan, Frames, PreviousRaw, View, see
 from viatool.errors import ConfigurationError
+from viatool.motion.arcs import wrap_angle
 from viatool.motion.kinematics import kinematics_of
+from viatool.motion.twists import HeldTwist
 from viatool.policy.specification import ObservationChannel
 from viatool.simulate.conditions import Conditions
 from viatool.simulate.models import model_of
@@ -147,6 +149,13 @@ class Simulator(ABC):
         self.goals = np.zeros((robots, 2))
         self.previous = np.zeros((robots, axes))
         self.steps = np.zeros(robots, np.int64)
+        self._velocity = np.zeros((robots, 3))
+        raw = [
+            quantity.channel.size
+            for quantity in self.observer.quantities
+            if isinstance(quantity, PreviousRaw)
+        ]
+        self._raw = np.zeros((robots, raw[0] if raw else 0))
         slow = self.conditions.lidar_rate is not None  # then a scan is held until the next one
         fans = self.observer.fans if slow else ()
         self._held = {fan: np.zeros((robots, len(fan)), np.float32) for fan in fans}
@@ -181,6 +190,19 @@ class Simulator(ABC):
             Poses (E, 3) after it, and which bodies touch an obstacle, (E,) bool.
         """
 
+    def _moving(self, before: Floats, commands: Floats) -> Floats:
+        """Return the velocity that robots have after a step, (E, 3), which began at poses and ended with commands."""
+        if not isinstance(self.kinematics, HeldTwist):
+            return self._average(before)
+        return np.stack(self.kinematics.parts(commands), axis=1)
+
+    def _average(self, before: Floats) -> Floats:
+        """Return the average velocity of robots in the last interval, (E, 3)."""
+        turned = wrap_angle(self.poses[:, 2] - before[:, 2])
+        moved = (self.poses[:, 0] - before[:, 0]) + 1j * (self.poses[:, 1] - before[:, 1])
+        moved = moved * np.exp(-1j * (before[:, 2] + 0.5 * turned)) / np.sinc(0.5 * turned / np.pi)
+        return np.stack([moved.real, moved.imag, turned], axis=1) / self.robot.control_interval
+
     def _ranges(self, fan: Fan, index: Indices | slice, view: View) -> Reals:
         """Return the true ranges of the rays of some robots, (W, R) m; by exact geometry unless overridden."""
         return see(fan, view)
@@ -194,6 +216,11 @@ class Simulator(ABC):
         self._noise = _noise(noise_seed)
         self._source.reseed(scenario_seed)
         self._odometry.reseed(drift_seed)
+
+    @property
+    def observes_raw(self) -> bool:
+        """Tell whether the policy observes its own last outputs."""
+        return self._raw.shape[1] > 0
 
     @property
     def generator(self) -> ScenarioGenerator | None:
@@ -229,6 +256,8 @@ class Simulator(ABC):
         if len(index):
             self.scene[index], self.poses[index], self.goals[index] = self._source.take(self._slots[index])
             self.previous[index] = 0.0
+            self._velocity[index] = 0.0
+            self._raw[index] = 0.0
             self.steps[index] = 0
             self._place(index)
             self._odometry.reset(index, self.poses[index])
@@ -238,13 +267,15 @@ class Simulator(ABC):
             self._observation[index] = self.observer.quantities.observe(readings)
         return self._observation.copy()
 
-    def step(self, actions: Floats) -> Step:
+    def step(self, actions: Floats, raw: Floats | None = None) -> Step:
         """Let every robot hold a command for one control interval.
 
         Parameters
         ----------
         actions : ndarray
             (E, A) commands, see `Kinematics.axes`; clipped to the robot's limits.
+        raw : ndarray, optional
+            (E, K) what the network gave, for policies that observe it; their commands, if left out.
 
         Returns
         -------
@@ -253,7 +284,11 @@ class Simulator(ABC):
         """
         self.previous = self.kinematics.clip(np.asarray(actions, dtype=np.float64), self.robot)
         before = self.poses
-        self.poses, touching = self._move(self._sent.send(self.previous))
+        if self.observes_raw:
+            self._raw = np.asarray(self.previous if raw is None else raw, dtype=np.float64)
+        sent = self._sent.send(self.previous)
+        self.poses, touching = self._move(sent)
+        self._velocity = self._moving(before, sent[-1][1])
         self._odometry.follow(before, self.poses)
         self.steps += 1
         clearance = self.scenes.footprint_clearance(self.poses, self.robot.footprint, self.scene)
@@ -281,7 +316,18 @@ class Simulator(ABC):
 
     def keep(self, which: Booleans) -> None:
         """Go on with some of the robots only, (E,) bool; the others leave the simulation."""
-        names = ("_slots", "scene", "poses", "goals", "previous", "steps", "_observation", "_past")
+        names = (
+            "_slots",
+            "scene",
+            "poses",
+            "goals",
+            "previous",
+            "steps",
+            "_observation",
+            "_past",
+            "_velocity",
+            "_raw",
+        )
         for name in names:
             setattr(self, name, getattr(self, name)[which])
         self._held = {fan: ranges[which] for fan, ranges in self._held.items()}
@@ -298,6 +344,9 @@ class Simulator(ABC):
             self.previous[index],
             self._odometry.poses[index],
             self.steps[index],
+            self.task.horizon,
+            self._velocity[index],
+            self._raw[index],
             eyes=lambda fan, view: self._see(fan, index, view),
         )
 

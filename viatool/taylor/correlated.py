@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from viatool.arrays import Floats
+from viatool.arrays import Floats, Indices
 from viatool.policy.network import Network
 from viatool.rounding import ENGINE_ROUNDOFF, SLIGHTLY_MORE
 from viatool.taylor.deviation import runtime_deviation
@@ -48,6 +48,21 @@ class CorrelatedReach:
             np.maximum.reduce([one.upper for one in sets]),
             np.maximum.reduce([one.influence for one in sets]),
         )
+
+    def joined(self, cell: Indices, count: int) -> CorrelatedReach:
+        """Return what holds for C sets of which the B are parts: part b of set ``cell[b]``, (B,); the first C of each.
+
+        Notes
+        -----
+        **Sound:** yes, if every point of a set lies in one of its parts.
+        """
+        if len(cell) == count:
+            return self
+        lower, upper, influence = (part[:count].copy() for part in (self.lower, self.upper, self.influence))
+        np.minimum.at(lower, cell[count:], self.lower[count:])
+        np.maximum.at(upper, cell[count:], self.upper[count:])
+        np.maximum.at(influence, cell[count:], self.influence[count:])
+        return CorrelatedReach(lower, upper, influence)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +105,25 @@ class LinearReach:
             first.slope,
             np.where(np.isnan(rest), np.inf, rest),
         )
+
+    def joined(self, cell: Indices, count: int) -> LinearReach:
+        """Return what holds for C sets of which the B are parts, as `CorrelatedReach.joined`.
+
+        Notes
+        -----
+        **Sound:** yes, as `hull`: the form is that of the first part.
+        """
+        if len(cell) == count:
+            return self
+        which = cell[count:]
+        lower, upper, rest = (part[:count].copy() for part in (self.lower, self.upper, self.rest))
+        np.minimum.at(lower, which, self.lower[count:])
+        np.maximum.at(upper, which, self.upper[count:])
+        apart = np.abs(self.centre[count:] - self.centre[which])
+        apart = apart + np.abs(self.slope[count:] - self.slope[which]).sum(axis=1)
+        np.maximum.at(rest, which, (apart + self.rest[count:]) * SLIGHTLY_MORE)
+        rest = np.where(np.isnan(rest), np.inf, rest)
+        return LinearReach(lower, upper, self.centre[:count], self.slope[:count], rest)
 
 
 def input_model(centre: Floats, shared: Floats, own: Floats) -> Enclosure:

@@ -132,6 +132,10 @@ class BulletSimulator(Simulator):
         if sight.ranges is not None:
             self._seen[row] = sight.ranges
 
+    def _moving(self, before: Floats, commands: Floats) -> Floats:
+        """Return what wheels and walls made of the commands: the average velocity."""
+        return self._average(before)
+
     def _ranges(self, fan: Fan, index: Indices | slice, view: View) -> Reals:
         if self._analytic:
             return super()._ranges(fan, index, view)
