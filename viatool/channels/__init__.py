@@ -29,7 +29,7 @@ from viatool.channels.previous import (
 )
 from viatool.channels.quantities import Quantities, Sightings
 from viatool.channels.quantity import Fixed, Quantity, kind_named, kinds, observes, quantity_of
-from viatool.channels.unmeasured import Budget, Constant, Other, StepsLeft
+from viatool.channels.unmeasured import Budget, ConstantNumbers, Other, StepsLeft
 from viatool.channels.velocities import AngularVelocity, LateralVelocity, LinearVelocity
 from viatool.channels.views import BoxView, Extent, RecordedInstants, View, see, see_precisely
 
@@ -38,7 +38,7 @@ __all__ = [
     "BoxView",
     "Budget",
     "Channel",
-    "Constant",
+    "ConstantNumbers",
     "Extent",
     "Fan",
     "Fixed",

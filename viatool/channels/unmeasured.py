@@ -20,7 +20,7 @@ class Budget(Quantity):
 
 
 @observes("constant")
-class Constant(Quantity):
+class ConstantNumbers(Quantity):
     """Numbers that never change."""
 
     @classmethod
