@@ -241,7 +241,7 @@ def measure(name: str, case: Case, count: int) -> list[Row]:
                 time_target,
                 float(width.sum() / (high - low).sum()),
                 ratio_target,
-                float(100 * 2 * deployed.deviation.sum() / width.sum()),
+                float(100 * (deployed.width - width).sum() / width.sum()),
                 float(100 * exact.mean()),
             )
         )

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from tests.strategies import ACTIVATIONS
 from tests.taylor.containment import escape_of_exact_values, escape_of_gradients, escape_of_programs
 from tests.taylor.softmax_program import escape_of_softmax
+from tests.taylor.squash_program import escape_of_squash
 from tests.taylor.test_curve import wrong_approximations, wrong_ranges
 from tests.taylor.test_interval import wrong_functions, wrong_operations
 from tests.taylor.test_wide import wrong_foldings
@@ -256,6 +257,9 @@ LEVEL = MEAN * ([1.0] * 20 + [-1.0] * 20)
 SUMS = half_chain((normal(3, 40), normal(3)), normal(1, 3))
 STEEP = half_chain(MEAN, TANH, [[1.0]])
 TURNED = half_chain(MEAN, [[-1.0]], TANH, [[1.0]])
+SCALED = in_halves(*chain(1, ([[0.75]], [0.125])).nodes)
+SHRUNK = half_chain(MEAN, [[0.75]])
+MEASURED = half_chain(MEAN, activation("Abs"))
 CROSSING = half_chain(LEVEL, TANH, [[1.0]])
 STEPS = half_chain(LEVEL, activation("Sign"), [[1.0]])
 ASLEEP = half_chain((LEVEL, [-0.01]), RELU, [[1.0]])
@@ -267,7 +271,7 @@ CARRYING = [
     for network, box, with_symbols, method, old, new in (
         (SUMS, (1.0, 1.0), False, "_through_affine", "rest + spare @ absolute.T", "rest"),
         (SUMS, (1.0, 1.0), True, "_through_affine", "form.mapped(weight)", "form.mapped(0 * weight)"),
-        (SUMS, (1.0, 1.0), True, "_at", "(rest + own) * SLIGHTLY_MORE", "rest * 1.0"),
+        (SUMS, (1.0, 1.0), True, "_with_own", "(rest + own) * SLIGHTLY_MORE", "rest * 1.0"),
         (STEEP, (0.5, 0.5), False, "_through_activation", "np.abs(middle) * rest + varied", "0 * middle"),
         (TURNED, (0.5, 0.5), True, "_through_activation", "form.scaled(middle)", "form.scaled(0 * middle)"),
         (STEEP, (0.5, 0.5), True, "_without_private", "deviation.rest + own.norms()", "deviation.rest"),
@@ -277,9 +281,20 @@ CARRYING = [
             ASLEEP,
             (1.0, 1.0),
             True,
-            "_program",
-            "lower - bound, self._floors[index]), upper + bound",
+            "_program_at",
+            "step_down(lower - bound), self._floors[index]), step_up(upper + bound)",
             "lower, self._floors[index]), upper",
+        ),
+        (SCALED, (1.0, 1.0), True, "_program_at", "step_up(image[1] + own)", "image[1]"),
+        (SCALED, (1.0, 1.0), False, "_program_at", "step_down(image[0] - own)", "image[0]"),
+        (SHRUNK, (1.0, 1.0), True, "_image", "[self._programs[node.sources[0]]]", "[self._hulls[1]]"),
+        (
+            MEASURED,
+            (1.0, 1.0),
+            True,
+            "_image",
+            "(*self._programs[node.source])",
+            "(*self._hulls[node.source])",
         ),
         (SQUARED, (1.0, 1.0), True, "_through_product", "moved.scaled(middle)", "moved.scaled(0 * middle)"),
         (SQUARED, (1.0, 1.0), False, "_through_product", "np.abs(middle) * moved.rest", "0 * middle"),
@@ -596,6 +611,12 @@ MUTANTS = [
         "case Cast():\n            return 0 * value",
     ),
     *CARRYING,
+    Mutant(
+        partial(escape_of_squash, "Tanh"),
+        "kernel_error.BoundedError.scale",
+        "return np.maximum(1.0, value)",
+        "return value",
+    ),
     Mutant(
         lambda: escape_of_softmax("Softmax"),
         "kernel_error.SoftmaxError.scale",

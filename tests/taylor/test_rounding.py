@@ -7,6 +7,7 @@ import pytest
 
 from tests.benchmarks.activation_error import LARGEST, UNIT, worst_error
 from tests.strategies import ACTIVATIONS
+from tests.taylor.squash_program import escape_of_squash
 from viatool.errors import EnclosureError
 from viatool.policy.activations import ActivationFunction, activation
 from viatool.policy.network import Affine, Input, Network
@@ -37,6 +38,13 @@ def test_a_spelled_logistic_errs_by_what_its_exponential_errs() -> None:
         for error in (-1.0, 1.0):
             exponential = np.exp(-argument) * (1.0 + error * 16 * UNIT * max(1.0, abs(x)))
             assert abs(1.0 / (1.0 + exponential) - value) <= allowed
+
+
+@pytest.mark.parametrize("name", ["Sigmoid", "Tanh"])
+def test_a_squash_errs_by_what_its_exponential_errs_and_no_more_far_out(name: str) -> None:
+    assert escape_of_squash(name) <= 0
+    far = np.full((1, 1), 80.0)
+    assert activation_error(activation(name), "float32", (far, far), np.ones((1, 1))) < 13 * UNIT
 
 
 def test_the_sum_of_n_terms_errs_by_n_roundings() -> None:

@@ -17,39 +17,41 @@ _TURNS = 6
 
 
 def escape_of_worst_program(network: Network, lower: float, upper: float, *, with_symbols: bool) -> float:
-    """Return how far the worst program strays beyond the deviation that is allowed over a box.
+    """Return how far the worst program leaves its bounds over a box, or strays beyond the deviation allowed there.
 
     All inputs move together between `lower` and `upper`, which are the ends of the box of each of them.
     """
     ends = np.full((1, network.input_size), lower), np.full((1, network.input_size), upper)
     hulls = [enclosure.hull for enclosure in propagate(network, Box(*ends))]
-    allowed = float(_Carried(network, hulls, engine=False, with_symbols=with_symbols).to_actions()[0, 0])
-    strays = (
-        strayed(network, np.full(network.input_size, x), sign)
-        for x in np.linspace(lower, upper, _POINTS)
-        for sign in (-1.0, 1.0)
-    )
-    return max(strays) - allowed
+    allowed = _Carried(network, hulls, engine=False, with_symbols=with_symbols).to_actions()
+    escapes = [-np.inf]
+    for x in np.linspace(lower, upper, _POINTS):
+        point = np.full((1, network.input_size), x)
+        exact = network(point)[0, 0]
+        for sign in (-1.0, 1.0):
+            program = worst_program(network, point, sign)
+            escapes.append(abs(program - exact) - allowed.deviation[0, 0])
+            escapes += [program - allowed.upper[0, 0], allowed.lower[0, 0] - program]
+    return float(max(escapes))
 
 
-def strayed(network: Network, point: Floats, sign: float) -> float:
-    """Return how far a program can stray from the first action at a point, (n,), in the direction of a sign.
+def worst_program(network: Network, point: Floats, sign: float) -> float:
+    """Return what a program can make of the first action at a point, (1, n), the farther in the direction of a sign.
 
     Errors are chosen one node after the other by what they do to the action, and again with the others in place.
     """
-    exact = network.values(point[None])
-    noise = [np.zeros_like(value) for value in exact]
+    noise = [np.zeros_like(value) for value in network.values(point)]
     for _ in range(_TURNS):
         for index, node in enumerate(network.nodes):
-            program = network.values(point[None], noise)
+            program = network.values(point, noise)
             size = own_error(node, program)
             for neuron in range(size.size):
                 trials = []
                 for error in (-size[neuron], 0.0, size[neuron]):
                     noise[index][0, neuron] = error
-                    trials.append((sign * network.values(point[None], noise)[-1][0, 0], error))
+                    trials.append((sign * network.values(point, noise)[-1][0, 0], error))
                 noise[index][0, neuron] = max(trials)[1]
-    return float(sign * (network.values(point[None], noise)[-1] - exact[-1])[0, 0])
+    return float(network.values(point, noise)[-1][0, 0])
 
 
 def own_error(node: Node, program: list[Floats]) -> Floats:
@@ -61,7 +63,7 @@ def own_error(node: Node, program: list[Floats]) -> Floats:
         return unit * np.abs(program[node.left][0] * program[node.right][0])
     if isinstance(node, Affine):
         size = np.abs(node.bias)
-        terms = np.zeros(node.size)
+        terms = (node.bias != 0).astype(float)
         for source, weight in zip(node.sources, node.weights, strict=True):
             size = size + np.abs(weight) @ np.abs(program[source][0])
             terms += (weight != 0).sum(axis=1)

@@ -127,7 +127,7 @@ def _selu(alpha: float, gamma: float) -> Expression:
     return _pieces((gamma * alpha * (sympy.exp(X) - 1), X < 0), (gamma * X, True))
 
 
-@_declare("Sigmoid", KernelError(8.0))
+@_declare("Sigmoid", BoundedError(8.0))
 def _sigmoid() -> Expression:
     return (1 + sympy.tanh(X / 2)) / 2
 
@@ -185,7 +185,7 @@ def _hard_sigmoid(alpha: float, beta: float) -> Expression:
     return _pieces((0, X <= -beta / alpha), (1, X >= (1 - beta) / alpha), (line, True))
 
 
-@_declare("Tanh", KernelError(12.0))
+@_declare("Tanh", BoundedError(12.0))
 def _tanh() -> Expression:
     return sympy.tanh(X)
 

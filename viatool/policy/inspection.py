@@ -15,7 +15,7 @@ from viatool.errors import PolicyError, SelfCheckError, ViatoolError
 from viatool.policy.action_map import with_action_map
 from viatool.policy.executed import executed_networks
 from viatool.policy.graph import Graph, live, read_graph
-from viatool.policy.maps import Maps, is_elementwise, maps_of
+from viatool.policy.maps import Maps, maps_of
 from viatool.policy.model_file import ModelFile, Port, actor_graph, open_model
 from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Network, Node, Product
 from viatool.policy.policy import check_sizes
@@ -290,7 +290,7 @@ def _kind_of_affine(node: Affine) -> str:
     per_row = sum(np.count_nonzero(weight, axis=1) for weight in node.weights)
     if ones and not node.bias.any() and np.max(per_row) <= 1:
         return "copy"
-    return "elementwise affine" if is_elementwise(node) else "affine"
+    return "elementwise affine" if node.is_elementwise else "affine"
 
 
 def _parameters(node: Node) -> int:

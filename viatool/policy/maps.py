@@ -100,17 +100,9 @@ def _step(node: Node, functions: Sequence[str]) -> Step | None:
         case Cast():
             return ScalingStep(np.ones(node.size), np.zeros(node.size))
         case Affine():
-            return ScalingStep(np.diag(node.weights[0]).copy(), node.bias) if is_elementwise(node) else None
+            return ScalingStep(np.diag(node.weights[0]).copy(), node.bias) if node.is_elementwise else None
         case Input() | Product() | Maximum() | Minimum():
             return None
-
-
-def is_elementwise(node: Affine) -> bool:
-    """Whether an affine node only scales and shifts each element of its one source."""
-    if len(node.sources) != 1:
-        return False
-    (weight,) = node.weights
-    return weight.shape[0] == weight.shape[1] and np.array_equal(weight, np.diag(np.diag(weight)))
 
 
 def _joined(steps: list[Step], step: Step) -> list[Step]:

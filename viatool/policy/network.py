@@ -81,6 +81,14 @@ class Affine:
         """Return the absolute values of the weights: how far each source can move the result."""
         return tuple(np.abs(weight) for weight in self.weights)
 
+    @cached_property
+    def is_elementwise(self) -> bool:
+        """Whether each element of the one source is scaled and shifted by itself."""
+        if len(self.sources) != 1:
+            return False
+        (weight,) = self.weights
+        return weight.shape[0] == weight.shape[1] and np.array_equal(weight, np.diag(np.diag(weight)))
+
     @property
     def magnitudes(self) -> tuple[Floats, ...]:
         """Return what the roundings of the weighted terms are relative to, ``(size, N_k)`` for each source."""

@@ -15,7 +15,7 @@ import numpy as np
 from viatool.arrays import Floats, Indices
 from viatool.policy.network import Network
 from viatool.rounding import ENGINE_ROUNDOFF, SLIGHTLY_MORE
-from viatool.taylor.deviation import runtime_deviation
+from viatool.taylor.deviation import enclose_program, runtime_deviation
 from viatool.taylor.forms import Dense
 from viatool.taylor.head import hulls_through, split_head
 from viatool.taylor.model import TaylorModel
@@ -196,9 +196,9 @@ def reach_correlated(
             extrema = refine_by_pieces(trunk, extrema_of(box, *hulls[-1]), passes)
             hulls[-1] = unfold(extrema.bound, network.output_size)
         hulls = hulls_through(head, hulls)
-        lower, upper = hulls[-1]
-        deviation = runtime_deviation(network, hulls) if arithmetic == "float32" else np.zeros_like(lower)
-    return CorrelatedReach(*widen(lower, upper, deviation), influence)
+        exact = widen(*hulls[-1], np.zeros_like(hulls[-1][0]))
+        program = enclose_program(network, hulls).around(*exact) if arithmetic == "float32" else exact
+    return CorrelatedReach(*program, influence)
 
 
 def reach_linear(

@@ -32,6 +32,8 @@ from viatool.policy.network import (
 from viatool.rounding import ENGINE_ROUNDOFF, LARGEST, SLIGHTLY_MORE, UNIT_ROUNDOFF
 from viatool.taylor.curve import curve_of
 from viatool.taylor.forms import Diagonal, Form, fold_symbols, join_forms
+from viatool.taylor.interval import step_down, step_up
+from viatool.taylor.propagation import interval_image
 from viatool.taylor.rounding import affine_size, floor_of, gamma, magnitude, own_error
 
 _WORTH = 2.0**-5
@@ -84,10 +86,42 @@ Finer = Callable[[Indices], Sequence[Hull]]
 """Gives tighter hulls of every node for some of the states."""
 
 
-def runtime_deviation(
+@dataclass(frozen=True, eq=False)
+class ProgramEnclosure:
+    """What a floating-point evaluation may make of A actions over B boxes.
+
+    Parameters
+    ----------
+    lower, upper : ndarray
+        ``(B, A)``: bounds of what it has.
+    deviation : ndarray
+        ``(B, A)``: ``|program(x) - network(x)| <= deviation`` for every x of the box.
+    """
+
+    lower: Floats
+    upper: Floats
+    deviation: Floats
+
+    def around(self, lower: Floats, upper: Floats) -> Hull:
+        """Return bounds of both the program and the network, which has these, (B, A) each."""
+        return np.minimum(self.lower, lower), np.maximum(self.upper, upper)
+
+    def meet(self, rows: Indices, other: ProgramEnclosure) -> None:
+        """Tighten some of the states by what else is known of them."""
+        self.lower[rows] = np.fmax(self.lower[rows], other.lower)
+        self.upper[rows] = np.fmin(self.upper[rows], other.upper)
+        self.deviation[rows] = np.fmin(self.deviation[rows], other.deviation)
+
+
+def runtime_deviation(network: Network, hulls: Sequence[Hull], *, engine: bool = False) -> Floats:
+    """Bound how far a floating-point evaluation strays from the exact network, (B, A), see `enclose_program`."""
+    return enclose_program(network, hulls, engine=engine).deviation
+
+
+def enclose_program(
     network: Network, hulls: Sequence[Hull], *, engine: bool = False, finer: Finer | None = None
-) -> Floats:
-    """Bound how far a floating-point evaluation strays from the exact network, anywhere in a box.
+) -> ProgramEnclosure:
+    """Bound what a floating-point evaluation makes of any observation of a box, which it first rounds to its input.
 
     Parameters
     ----------
@@ -103,9 +137,8 @@ def runtime_deviation(
 
     Returns
     -------
-    ndarray
-        ``(B, A)``: ``|program(x) - network(x)| <= deviation`` for every x of the box, where the program first rounds x
-        to its input precision.
+    ProgramEnclosure
+        Bounds within `deviation` of the hulls of the actions.
 
     Raises
     ------
@@ -116,20 +149,22 @@ def runtime_deviation(
     -----
     **Sound:** yes, given the activation errors of `rounding.activation_error`. With program values ``x + d`` a node of
     slope s between x and x + d passes on ``s d``, s within the slopes of the box widened by the bound of d (mean value
-    theorem); its middle scales the forms of d, its half-width times the bound of d joins the node's own error.
+    theorem); its middle scales the forms of d, its half-width times the bound of d joins the node's own error. What is
+    done to each value alone, such as a squash at the end, is bounded by its range as well: where it is flat the program
+    cannot stray far.
     """
     by_norms = _Carried(network, hulls, engine=engine, with_symbols=False)
-    deviation, problem = by_norms.to_actions(), by_norms.problem
+    found, problem = by_norms.to_actions(), by_norms.problem
     for given in (lambda rows: [(lower[rows], upper[rows]) for lower, upper in hulls], finer):
         if given is None:
             continue
-        for rows in _blocks(network, np.flatnonzero(_is_worth_more(network, hulls[-1], deviation))):
+        for rows in _blocks(network, np.flatnonzero(_is_worth_more(network, hulls[-1], found.deviation))):
             by_symbols = _Carried(network, given(rows), engine=engine, with_symbols=True)
-            deviation[rows] = np.fmin(deviation[rows], by_symbols.to_actions())
+            found.meet(rows, by_symbols.to_actions())
             problem = by_symbols.problem or problem
-    if not np.isfinite(deviation).all():
+    if not np.isfinite(found.deviation).all():
         raise EnclosureError(*(problem or _UNKNOWN))
-    return deviation
+    return found
 
 
 def _is_worth_more(network: Network, actions: Hull, deviation: Floats) -> Booleans:
@@ -156,24 +191,33 @@ class _Carried:
         self._with_symbols = with_symbols
         self._deviations: list[Deviation] = []
         self._floors: list[Floats] = []
-        self._ranges: dict[int, Hull] = {}
+        self._images: list[Hull | None] = []
+        self._programs: list[Hull] = []
         self._overflows = np.zeros(hulls[0][0].shape[0], dtype=bool)
         self.problem: tuple[str, str] | None = None
         self._readers = np.zeros(len(network.nodes), dtype=int)
         for node in network.nodes:
             np.add.at(self._readers, list(node.sources), 1)
 
-    def to_actions(self) -> Floats:
-        """Return the bound of the last node, (B, A); infinite where norms alone leave the range of a precision."""
+    def to_actions(self) -> ProgramEnclosure:
+        """Return what is known of the last node; nothing where norms alone leave the range of a precision."""
         with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is infinite
             for index, node in enumerate(self._network.nodes):
-                self._floors.append(floor_of(node, self._precision(node), self._floors))
-                self._deviations.append(self._at(index, node))
-        return np.where(self._overflows[:, None], np.inf, self._deviations[-1].bound)
+                self._enter(index, node)
+        unknown = np.where(self._overflows[:, None], np.inf, 0.0)
+        (lower, upper), deviation = self._programs[-1], self._deviations[-1].bound
+        return ProgramEnclosure(lower - unknown, upper + unknown, deviation + unknown)
 
-    def _at(self, index: int, node: Node) -> Deviation:
+    def _enter(self, index: int, node: Node) -> None:
+        self._floors.append(floor_of(node, self._precision(node), self._floors))
+        self._images.append(self._image(node))
         symbols, rest = self._passed_on(index, node)
         own = self._own_error(index, node)
+        self._deviations.append(self._with_own(index, symbols, rest, own))
+        self._programs.append(self._program_at(index, own))
+
+    def _with_own(self, index: int, symbols: dict[int, Form], rest: Floats, own: Floats) -> Deviation:
+        """Add to what is passed on what a node errs by itself."""
         rest = (rest + own) * SLIGHTLY_MORE
         if self._with_symbols and rest.any():
             symbols, rest = {**symbols, index: _one_for_each(rest)}, np.zeros_like(rest)
@@ -220,15 +264,16 @@ class _Carried:
         if node.function.passes_on:
             return dict(source.symbols), source.rest
         symbols, rest = self._without_private(node.source)
-        lower, upper = self._program(node.source)
+        lower, upper = self._programs[node.source]
         slope = curve.range(lower, upper, 1)
         middle, half = slope.lower / 2 + slope.upper / 2, slope.upper / 2 - slope.lower / 2
         unbounded = ~(np.isfinite(middle) & np.isfinite(half))
         middle, half = np.where(unbounded, 0.0, middle), np.where(unbounded, np.inf, half)
         varied = (half + 8 * ENGINE_ROUNDOFF * np.abs(middle)) * source.bound
         varied = np.where(source.bound == 0, 0.0, varied)
-        value = curve.range(lower, upper)
-        span = value.upper - value.lower
+        image = self._images[index]
+        assert image is not None
+        span = image[1] - image[0]
         self._check_defined(index, node.function, (lower, upper), span)
         jumps = span < np.abs(middle) * source.bound + varied  # over a jump only the range helps
         middle, varied = np.where(jumps, 0.0, middle), np.where(jumps, span, varied)
@@ -251,7 +296,7 @@ class _Carried:
         left, right = self._deviations[node.left], self._deviations[node.right]
         if not self._with_symbols:
             return {}, np.maximum(left.bound, right.bound)
-        ours, theirs = self._program(node.left), self._program(node.right)
+        ours, theirs = self._programs[node.left], self._programs[node.right]
         larger, smaller = ours[0] >= theirs[1], theirs[0] >= ours[1]
         left_wins, right_wins = (larger, smaller) if isinstance(node, Maximum) else (smaller, larger)
         share = np.where(left_wins, 1.0, np.where(right_wins, 0.0, 0.5))
@@ -283,17 +328,10 @@ class _Carried:
             UNIT_ROUNDOFF[precision] <= UNIT_ROUNDOFF[self._precision(self._network.nodes[node.source])]
         ):
             return np.zeros_like(self._hulls[index][0])
-        sources = [self._program(source) for source in node.sources]
+        sources = [self._programs[source] for source in node.sources]
         value = self._exact_on_program(index, node, sources)
         self._check_overflow(index, value)
-        own = own_error(node, precision, sources, value)
-        if isinstance(node, Activation) and not node.function.passes_on:
-            exact = curve_of(node.function).range(*sources[0])
-            self._ranges[index] = (
-                np.nextafter(exact.lower - own, -np.inf),
-                np.nextafter(exact.upper + own, np.inf),
-            )
-        return own
+        return own_error(node, precision, sources, value)
 
     def _exact_on_program(self, index: int, node: Node, sources: Sequence[Hull]) -> Floats:
         """Bound the absolute value of a node that is evaluated exactly on what the program has before it.
@@ -306,8 +344,9 @@ class _Carried:
             case Affine():
                 return np.broadcast_to(affine_size(node, sources), self._hulls[index][0].shape)
             case Activation():
-                value = curve_of(node.function).range(*sources[0])
-                return magnitude((value.lower, value.upper))
+                image = self._images[index]
+                assert image is not None
+                return magnitude(image)
             case Product():
                 return magnitude(sources[0]) * magnitude(sources[1])
             case Maximum() | Minimum():
@@ -315,12 +354,26 @@ class _Carried:
             case Cast():
                 return magnitude(sources[0])
 
-    def _program(self, index: int) -> Hull:
-        """Bound what the program has at a node: near the exact value, and what it makes of what it reads."""
-        (lower, upper), bound = self._hulls[index], self._deviations[index].bound
-        lower, upper = np.maximum(lower - bound, self._floors[index]), upper + bound
-        least, largest = self._ranges.get(index, (lower, upper))
-        return np.maximum(lower, least), np.minimum(upper, largest)
+    def _image(self, node: Node) -> Hull | None:
+        """Bound a node that is evaluated exactly on what the program has before it, if it acts on single values."""
+        match node:
+            case Activation() if node.function.passes_on:
+                return self._programs[node.source]
+            case Activation():
+                value = curve_of(node.function).range(*self._programs[node.source])
+                return value.lower, value.upper
+            case Affine() if node.is_elementwise:
+                return interval_image([self._programs[node.sources[0]]], node)
+            case Input() | Affine() | Product() | Maximum() | Minimum() | Cast():
+                return None
+
+    def _program_at(self, index: int, own: Floats) -> Hull:
+        """Bound what the program has at a node: near the network's value, and near what it makes of its sources."""
+        (lower, upper), bound, image = self._hulls[index], self._deviations[index].bound, self._images[index]
+        lower, upper = np.fmax(step_down(lower - bound), self._floors[index]), step_up(upper + bound)
+        if image is None:
+            return lower, upper
+        return np.fmax(lower, step_down(image[0] - own)), np.fmin(upper, step_up(image[1] + own))
 
     def _check_overflow(self, index: int, size: Floats) -> None:
         precision = self._precision(self._network.nodes[index])

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 from viatool.arrays import Floats, Hull
-from viatool.policy.maps import is_elementwise
 from viatool.policy.network import (
     Activation,
     Affine,
@@ -85,6 +84,6 @@ def _increasing(node: Node) -> HeadNode | None:
         case Activation():
             return node if curve_of(node.function).is_increasing else None
         case Affine():
-            return node if is_elementwise(node) and bool((node.weights[0] >= 0).all()) else None
+            return node if node.is_elementwise and bool((node.weights[0] >= 0).all()) else None
         case Input() | Product() | Maximum() | Minimum() | Cast():
             return None

@@ -15,7 +15,7 @@ from viatool.errors import ConfigurationError, EnclosureError
 from viatool.policy.network import Network
 from viatool.taylor.approximation import Approximation
 from viatool.taylor.attained import attained_actions
-from viatool.taylor.deviation import runtime_deviation
+from viatool.taylor.deviation import enclose_program
 from viatool.taylor.head import hulls_through, split_head, values_through
 from viatool.taylor.higher_order import higher_hulls
 from viatool.taylor.memory import CACHED_FLOATS, affords_passes, blocks_of_states
@@ -114,7 +114,8 @@ class ReachableSet:
         ``(B, A)``: the smallest and the largest action found in the box, so that the distance to `lower` and `upper`
         certifies how tight these are.
     deviation : ndarray
-        ``(B, A)``: the part of the bounds that covers the rounding of the deployed program; 0 for real arithmetic.
+        ``(B, A)``: by how much either bound lies further out to cover the rounding of the deployed program; 0 for real
+        arithmetic.
     """
 
     lower: Floats
@@ -293,18 +294,19 @@ def _reach_chunk(network: Network, box: Box, settings: _Settings) -> tuple[Reach
         loose = np.flatnonzero(extrema.bound > found)
         extrema = refine_by_order(trunk, extrema, loose, order=settings.order, rule=settings.rule)
     actions = network.output_size
-    lower, upper = hulls_through(head, [*hulls[:-1], unfold(extrema.bound, actions)])[-1]
+    bounds = hulls_through(head, [*hulls[:-1], unfold(extrema.bound, actions)])
     smallest, largest = (values_through(head, value) for value in unfold(found, actions))
-    deviation = np.zeros_like(lower)
+    lower, upper = program = widen(*bounds[-1], np.zeros_like(smallest))
     if settings.arithmetic == "float32":
-        finer = None if settings.refine == "none" else partial(_finer_hulls, network, box, hulls, settings)
-        deviation = runtime_deviation(network, hulls_through(head, hulls), finer=finer)
+        finer = None if settings.refine == "none" else partial(_finer_hulls, network, box, bounds, settings)
+        program = enclose_program(network, bounds, finer=finer).around(lower, upper)
     if not np.isfinite(upper - lower).all():
         raise EnclosureError(
             "an action has no finite bounds on some box",
             "make eps smaller, or check the weights and the units of the observation",
         )
-    reached = ReachableSet(*widen(lower, upper, deviation), smallest, largest, deviation)
+    deviation = np.maximum(lower - program[0], program[1] - upper)
+    reached = ReachableSet(*program, smallest, largest, deviation)
     return reached, np.concatenate([box.centre[None], points.reshape(-1, *box.lower.shape)])
 
 
@@ -313,7 +315,7 @@ def _finer_hulls(
 ) -> list[Hull]:
     """Return hulls of every node over some boxes with those of a pass of the next order met."""
     trunk, head = split_head(network)
-    known = [(lower[rows], upper[rows]) for lower, upper in hulls]
+    known = [(lower[rows], upper[rows]) for lower, upper in hulls[: len(trunk.nodes)]]
     finer = higher_hulls(
         trunk, box.rows(rows), known, order=settings.order + 1, rule=settings.rule, largest=CACHED_FLOATS
     )
