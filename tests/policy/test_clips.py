@@ -14,6 +14,7 @@ from tests.policy.test_merged_terms import programs
 from tests.taylor.containment import Bare
 from viatool.policy import load_policy
 from viatool.policy.graph import live, read_graph
+from viatool.policy.model_file import Port, Ports
 from viatool.policy.reader import read_network
 from viatool.taylor import reach
 
@@ -84,7 +85,7 @@ def test_bounds_hold_what_a_clip_makes(
 def test_the_default_limits_of_an_old_clip_limit_a_double() -> None:
     """Onnxruntime has no such kernel; the standard gives the largest float32 numbers as defaults."""
     graph = live(read_graph(clipping("float64", 1e40, 1e-40, 10), Path()), "y")
-    network = read_network(graph, "x", (1, 2), "float64", Path()).network
+    network = read_network(graph, Ports((Port("x", (1, 2), "float64", False),)), Path()).network
     assert network is not None
     sets = reach(Bare(network), [[1.0, -1.0]], 0.1)
     np.testing.assert_allclose(sets.upper[0], np.array([1.0, -1.0]) * FLOAT32_LARGEST * 1e-40, rtol=1e-12)

@@ -35,7 +35,7 @@ def test_a_sidecar_describes_a_policy(title: str, tmp_path: Path) -> None:
     sidecar.write_text(SIDECARS[title], encoding="utf-8")
     spec = load_specification(sidecar)
     model = two_layers(size=spec.observation_size, actions=spec.action_size)
-    if spec.input is not None:
+    if isinstance(spec.input, str):
         model.graph.input[0].name = model.graph.node[0].input[0] = spec.input
     if spec.output is not None:
         model.graph.output[0].name = model.graph.node[-1].output[0] = spec.output

@@ -254,7 +254,7 @@ def test_a_free_batch_axis(dynamo: bool, tmp_path: Path) -> None:
     options = {"dynamic_shapes": ({0: torch.export.Dim("batch")},)} if dynamo else {
         "input_names": ["x"], "dynamic_axes": {"x": {0: "batch"}}}  # fmt: skip
     policy = load_policy(export(Residual(), tmp_path / "policy.onnx", dynamo=dynamo, **options))
-    assert policy.port.batched
+    assert policy.ports.each[0].batched
     assert policy.runtime.batches
 
 

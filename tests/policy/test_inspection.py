@@ -56,7 +56,7 @@ def test_a_policy_that_cannot_be_read_names_everything(tmp_path: Path) -> None:
     assert not found.verifiable
     assert [(f.node, f.operator) for f in found.findings] == [("wave", "Sin"), ("steps", "Round")]
     assert found.layers == ()
-    assert found.port is not None
+    assert found.ports is not None
 
 
 def test_problems_beside_the_nodes(tmp_path: Path) -> None:

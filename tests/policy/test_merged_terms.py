@@ -22,6 +22,7 @@ from tests.policy.models import model_of, node, save
 from tests.taylor.containment import Bare
 from viatool.policy import assembly, load_policy
 from viatool.policy.graph import live, read_graph
+from viatool.policy.model_file import Port, Ports
 from viatool.policy.network import Affine
 from viatool.policy.reader import read_network
 from viatool.taylor import reach
@@ -213,7 +214,7 @@ def test_the_factors_of_a_gate_are_merged_without_losing_their_rounding(tmp_path
     ]
     constants = {"w": 0.3 * np.eye(2), "c": np.full(2, 0.3), "f": np.array(0.1)}
     graph = live(read_graph(model_of(nodes, constants, shape=(1, 2), dtype=KINDS["float64"]), Path()), "y")
-    network = read_network(graph, "x", (1, 2), "float64", Path()).network
+    network = read_network(graph, Ports((Port("x", (1, 2), "float64", False),)), Path()).network
     assert network is not None
     point = 1.375
     exact = MP.mpf(0.1) * point * MP.mpf(0.3) * (1 + MP.erf(MP.mpf(point)))

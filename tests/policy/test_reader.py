@@ -162,13 +162,6 @@ def test_the_only_output_that_depends_on_the_observation_needs_no_choice(tmp_pat
     assert load_policy(save(model_of(nodes, outputs=("version", "y")), tmp_path)).output_size == 4
 
 
-def test_several_observations_are_refused_by_their_names(tmp_path: Path) -> None:
-    model = model_of([node("Add", ["x", "mask"], ["y"])])
-    model.graph.input.append(helper.make_tensor_value_info("mask", TensorProto.FLOAT, [1, 4]))
-    with pytest.raises(PolicyError, match="x, mask"):
-        load_policy(save(model, tmp_path))
-
-
 def test_an_input_that_the_output_does_not_need_is_ignored(tmp_path: Path) -> None:
     model = model_of([node("Tanh", ["x"], ["y"])])
     model.graph.input.append(helper.make_tensor_value_info("action_masks", TensorProto.FLOAT, [1, 3]))

@@ -51,7 +51,7 @@ def _inspect(
     path: Path,
     *,
     spec_path: Path | None,
-    graph_input: str | None,
+    graph_input: tuple[str, ...],
     graph_output: str | None,
     json_path: Path | None,
     write_spec: Path | None,

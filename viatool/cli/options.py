@@ -176,13 +176,17 @@ spec_option = click.option(
 
 def graph_options(command: Command) -> Command:
     """Add the choice among several inputs and outputs of a model."""
-    for name, what in (("output", "action"), ("input", "observation")):
-        command = click.option(
-            f"--graph-{name}",
-            metavar="NAME",
-            help=f"Which {name} of the model is the {what}, where it has several.",
-        )(command)
-    return command
+    command = click.option(
+        "--graph-output",
+        metavar="NAME",
+        help="Which output of the model is the action, where it has several.",
+    )(command)
+    return click.option(
+        "--graph-input",
+        metavar="NAME",
+        multiple=True,
+        help="Which input of the model is the observation. Repeatable: several are joined in this order.",
+    )(command)
 
 
 eps_option = click.option(

@@ -19,7 +19,7 @@ import onnx
 
 from viatool.errors import PolicyError
 from viatool.policy.graph import live, read_graph
-from viatool.policy.model_file import ModelFile, Port
+from viatool.policy.model_file import ModelFile, Ports
 from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Network, Node, Product
 from viatool.policy.reader import read_network, unsupported
 from viatool.policy.runtime import Optimisation, Runtime, runtime_of
@@ -64,20 +64,20 @@ def executed_networks(model: ModelFile, network: Network, runtime: Runtime) -> E
     PolicyError
         If onnxruntime cannot load the program, does not write what it runs, or runs nodes that cannot be read.
     """
-    collected = _Collected(model, runtime.port, runtime.output, [network])
+    collected = _Collected(model, runtime.ports, runtime.output, [network])
     at = {level: collected.add(runtime.at(level).executed_model(), level) for level in get_args(Optimisation)}
-    for level, proto in _executed_for_all_outputs(model, runtime.port):
+    for level, proto in _executed_for_all_outputs(model, runtime.ports):
         collected.add(proto, level)
     return Executed(at, tuple(collected.networks[1:]))
 
 
-def _executed_for_all_outputs(model: ModelFile, port: Port) -> list[tuple[Optimisation, onnx.ModelProto]]:
+def _executed_for_all_outputs(model: ModelFile, ports: Ports) -> list[tuple[Optimisation, onnx.ModelProto]]:
     """Return what runs of a file with several outputs; nothing where they cannot be run together."""
     graph = read_graph(model.proto, model.folder)
     if len(graph.outputs) == 1:
         return []
     try:
-        runtime = runtime_of(model, live(graph, *graph.outputs), port)
+        runtime = runtime_of(model, live(graph, *graph.outputs), ports)
         return [(level, runtime.at(level).executed_model()) for level in get_args(Optimisation)]
     except PolicyError:
         return []
@@ -88,7 +88,7 @@ class _Collected:
     """Networks that differ, the file's own first, and of which content each was read."""
 
     model: ModelFile
-    port: Port
+    ports: Ports
     output: str
     networks: list[Network]
     read: dict[bytes, Network] = field(default_factory=dict)
@@ -108,9 +108,9 @@ class _Collected:
         return network
 
     def _network(self, proto: onnx.ModelProto, level: Optimisation) -> Network:
-        port, folder = self.port, self.model.folder
+        folder = self.model.folder
         graph = live(read_graph(proto, folder), self.output)
-        reading = read_network(graph, port.name, port.shape, port.precision, folder)
+        reading = read_network(graph, self.ports, folder)
         if reading.network is None:
             what = f"{self.model.path}, as onnxruntime runs it at its level of optimisation '{level}'"
             raise unsupported(what, reading.findings)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections import Counter
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields
 
@@ -16,9 +17,9 @@ from viatool.policy.action_map import with_action_map
 from viatool.policy.executed import executed_networks
 from viatool.policy.graph import Graph, live, read_graph
 from viatool.policy.maps import Maps, maps_of
-from viatool.policy.model_file import ModelFile, Port, actor_graph, open_model
+from viatool.policy.model_file import ModelFile, Ports, actor_graph, open_model
 from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Network, Node, Product
-from viatool.policy.policy import check_sizes
+from viatool.policy.policy import check_inputs, check_sizes
 from viatool.policy.reader import UnreadableNode, read_network, unsupported
 from viatool.policy.runtime import runtime_of
 from viatool.policy.self_check import SelfCheck, check_executed
@@ -85,8 +86,8 @@ class Inspection:
         The exporter.
     inputs, outputs : tuple of Value
         All of the graph.
-    port : Port or None
-        The input that is the observation; None where that could not be settled.
+    ports : Ports or None
+        The inputs that together are the observation, in its order; None where that could not be settled.
     action : str or None
         The output that is the action; None where that could not be settled.
     operators : dict
@@ -114,7 +115,7 @@ class Inspection:
     producer: str
     inputs: tuple[Value, ...]
     outputs: tuple[Value, ...]
-    port: Port | None
+    ports: Ports | None
     action: str | None
     operators: dict[str, int]
     layers: tuple[Layer, ...]
@@ -146,6 +147,7 @@ class Inspection:
         spec = self.specification
         facts["specification"] = None if spec is None else spec.model_dump(mode="json", exclude_none=True)
         facts["problems"] = [{"message": error.message, "hint": error.hint} for error in self.problems]
+        facts["ports"] = None if self.ports is None else [asdict(port) for port in self.ports.each]
         facts["verifiable"] = self.verifiable
         return json.dumps(facts, default=asdict, indent=2) + "\n"
 
@@ -154,7 +156,7 @@ def describe(
     path: str | os.PathLike[str],
     spec: str | os.PathLike[str] | PolicySpecification | None = None,
     *,
-    input_name: str | None = None,
+    input_name: str | Sequence[str] | None = None,
     output_name: str | None = None,
 ) -> Inspection:
     """Look into a model file, as far as it can be read.
@@ -165,8 +167,10 @@ def describe(
         The ONNX file.
     spec : path or PolicySpecification, optional
         A sidecar; it replaces the specification inside the file.
-    input_name, output_name : str, optional
-        Which of several; they override those of the specification.
+    input_name : str or sequence of str, optional
+        The inputs of the graph that together are the observation, in its order; they override the specification's.
+    output_name : str, optional
+        Which of several outputs is the action; it overrides the specification's.
 
     Raises
     ------
@@ -196,7 +200,7 @@ def describe(
         producer=model.producer,
         inputs=inputs,
         outputs=outputs,
-        port=found.port,
+        ports=found.ports,
         action=found.action,
         operators=_operators(model),
         layers=() if network is None else tuple(layers_of(network)),
@@ -214,7 +218,7 @@ class _Found:
     """What was found before something stopped the inspection."""
 
     specification: PolicySpecification | None = None
-    port: Port | None = None
+    ports: Ports | None = None
     action: str | None = None
     network: Network | None = None
     maps: Maps | None = None
@@ -222,21 +226,24 @@ class _Found:
     findings: tuple[UnreadableNode, ...] = ()
 
 
-def _look_inside(model: ModelFile, found: _Found, input_name: str | None, output_name: str | None) -> None:
+def _look_inside(
+    model: ModelFile, found: _Found, input_name: str | Sequence[str] | None, output_name: str | None
+) -> None:
     spec = found.specification
-    graph, port = actor_graph(
+    graph, ports = actor_graph(
         model, input_name or (spec.input if spec else None), output_name or (spec.output if spec else None)
     )
-    found.port, (found.action,) = port, graph.outputs
-    reading = read_network(graph, port.name, port.shape, port.precision, model.folder)
+    found.ports, (found.action,) = ports, graph.outputs
+    reading = read_network(graph, ports, model.folder)
     found.findings = reading.findings
     if reading.network is None:
         return
-    found.network, found.maps = reading.network, maps_of(reading.network, spec)
+    found.network, found.maps = reading.network, maps_of(reading.network, spec, ports)
     if spec is not None:
+        check_inputs(model.path, ports, spec, named=bool(input_name))
         check_sizes(model.path, reading.network, spec)
     found.network = with_action_map(reading.network, spec)
-    runtime = runtime_of(model, graph, port)
+    runtime = runtime_of(model, graph, ports)
     found.self_check = check_executed(executed_networks(model, reading.network, runtime), runtime, spec)
 
 

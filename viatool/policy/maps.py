@@ -13,6 +13,7 @@ import numpy as np
 
 from viatool.arrays import Floats
 from viatool.policy.action_channels import ActionMap
+from viatool.policy.model_file import Ports
 from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Network, Node, Product
 from viatool.policy.specification import PolicySpecification
 
@@ -46,33 +47,81 @@ class ScalingStep:
 Step = ScalingStep | Activation
 
 
-def maps_of(network: Network, spec: PolicySpecification | None) -> Maps:
+def maps_of(network: Network, spec: PolicySpecification | None, ports: Ports | None = None) -> Maps:
     """Return the maps of a network as it stands in the model file, without the action map of a specification."""
-    before, after = leading_steps(network), trailing_steps(network)
+    after = trailing_steps(network)
     parts = [f"inside the model: {_in_words(after)}"] if after else []
     if spec is None:
         parts.append("what the robot makes of the output is not known: there is no specification")
     elif spec.action_map is not None:
         parts.append(f"by the specification: {_map_in_words(spec.action_map, spec)}")
-    return Maps(
-        f"inside the model: {_in_words(before)}" if before else NOTHING_BEFORE,
-        "; ".join(parts) or NOTHING_AFTER,
+    return Maps(_before_in_words(network, ports), "; ".join(parts) or NOTHING_AFTER)
+
+
+def _before_in_words(network: Network, ports: Ports | None) -> str:
+    starts = entries(network)
+    names = {} if ports is None else {place.start: name for name, place in ports.places.items()}
+    scaled = {names.get(first, ""): leading_steps(network, start) for first, start in starts.items()}
+    if not any(scaled.values()):
+        return NOTHING_BEFORE
+    if len(scaled) == 1:
+        return f"inside the model: {_in_words(*scaled.values())}"
+    return "inside the model: " + "; ".join(
+        f"{name}: {_in_words(steps) or 'nothing'}" for name, steps in scaled.items()
     )
 
 
-def leading_steps(network: Network) -> list[Step]:
-    """Return the scalings and clips that every entry of the observation passes before it meets another."""
-    steps: list[Step] = []
-    last = 0
+def entries(network: Network) -> dict[int, int]:
+    """Return the nodes at which an observation enters: its first entry and the node, for each input of several.
+
+    A network of several inputs copies its part of the observation for each; one input is the observation itself.
+    """
+    starts: dict[int, int] = {}
     for index, node in enumerate(network.nodes[1:], start=1):
-        step = _step(node, _BEFORE)
-        if step is None or node.sources != (last,):
-            break
-        if any(last in later.sources for later in network.nodes[index + 1 :]):
-            break  # what follows reads the value before this step as well
-        last = index
+        if 0 not in node.sources:
+            continue
+        place = _part(node)
+        if place is None:
+            return {0: 0}
+        starts[place] = index
+    return starts
+
+
+def _part(node: Node) -> int | None:
+    """Return the first entry of the part of the observation that a node copies, None where it is no such copy."""
+    if not isinstance(node, Affine) or len(node.sources) != 1 or node.bias.any() or node.roundings:
+        return None
+    (weight,) = node.weights
+    first = int(np.argmax(weight[0] != 0))
+    rows, columns = weight.shape
+    if rows == columns or first + rows > columns or np.count_nonzero(weight) != rows:
+        return None
+    return first if (np.diagonal(weight, first)[:rows] == 1.0).all() else None
+
+
+def leading_steps(network: Network, start: int = 0) -> list[Step]:
+    """Return the scalings and clips that every entry of a node passes before it meets another."""
+    steps: list[Step] = []
+    while True:
+        readers = [index for index, node in enumerate(network.nodes) if start in node.sources]
+        step = _step(network.nodes[readers[0]], _BEFORE) if len(readers) == 1 else None
+        if step is None:
+            return steps
+        (start,) = readers
         steps = _joined(steps, step)
-    return steps
+
+
+def normaliser(network: Network) -> ScalingStep | None:
+    """Return what the model makes of every entry of the observation before anything else, None where it is nothing."""
+    factor, offset = np.ones(network.input_size), np.zeros(network.input_size)
+    for first, start in entries(network).items():
+        step = next(iter(leading_steps(network, start)), None)
+        if isinstance(step, ScalingStep):
+            place = slice(first, first + network.nodes[start].size)
+            factor[place], offset[place] = step.factor, step.offset
+    if (factor == 1).all() and not offset.any():
+        return None
+    return ScalingStep(factor, offset)
 
 
 def trailing_steps(network: Network) -> list[Step]:

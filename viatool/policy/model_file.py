@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import os
 import stat
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +27,8 @@ from viatool.samples import POLICIES
 _EXPORT_HINT = "give the .onnx file of an exported actor"
 _NAMES = frozenset(("name", "op_type", "domain", "input", "output", "overload", "ref_attr_name"))
 _LONGEST_NAME = 1024
+_LARGEST_INPUT = 2**16
+"""Most numbers of an observation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +74,7 @@ class ModelFile:
 
 @dataclass(frozen=True)
 class Port:
-    """The input of a graph.
+    """One input of a graph.
 
     Parameters
     ----------
@@ -86,6 +92,51 @@ class Port:
     shape: tuple[int, ...]
     precision: Precision
     batched: bool
+
+    @property
+    def size(self) -> int:
+        """Return how many numbers it takes."""
+        return math.prod(self.shape)
+
+
+@dataclass(frozen=True)
+class Ports:
+    """The inputs of a graph whose numbers, one input after another, are the observation.
+
+    Parameters
+    ----------
+    each : tuple of Port
+        In the order of the observation, of one element type.
+    """
+
+    each: tuple[Port, ...]
+
+    @property
+    def precision(self) -> Precision:
+        """Return the element type of all of them."""
+        return self.each[0].precision
+
+    @property
+    def size(self) -> int:
+        """Return the length of the observation."""
+        return sum(port.size for port in self.each)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return their names."""
+        return tuple(port.name for port in self.each)
+
+    @property
+    def words(self) -> str:
+        """Return which input takes how many numbers, for a message."""
+        return ", ".join(f"{port.name} {port.size}" for port in self.each)
+
+    @cached_property
+    def places(self) -> Mapping[str, slice]:
+        """Return which part of the observation each input takes, by name."""
+        ends = accumulate((port.size for port in self.each), initial=0)
+        parts = (slice(first, last) for first, last in pairwise(ends))
+        return dict(zip(self.names, parts, strict=True))
 
 
 def open_model(path: str | os.PathLike[str]) -> ModelFile:
@@ -140,14 +191,23 @@ def _has_sane_names(message: Any) -> bool:
 
 
 def actor_graph(
-    model: ModelFile, input_name: str | None = None, output_name: str | None = None
-) -> tuple[Graph, Port]:
-    """Return the live part of the graph between one input and one output.
+    model: ModelFile, input_names: str | Sequence[str] | None = None, output_name: str | None = None
+) -> tuple[Graph, Ports]:
+    """Return the live part of the graph between its inputs and one output.
+
+    Parameters
+    ----------
+    model : ModelFile
+        A parsed model.
+    input_names : str or sequence of str, optional
+        The inputs that together are the observation, in its order; in the graph's order where they are not given.
+    output_name : str, optional
+        The action.
 
     Raises
     ------
     PolicyError
-        If the names are unknown, or are needed and not given, or the input's shape is not one observation.
+        If the names are unknown, or are needed and not given, or an input's shape is not that of one observation.
     """
     graph = read_graph(model.proto, model.folder)
     if not graph.outputs:
@@ -160,21 +220,39 @@ def actor_graph(
         )
     part = live(graph, output_name)
     needed = list(part.inputs)
-    if input_name is not None and input_name not in graph.inputs:
+    names = [input_names] if isinstance(input_names, str) else list(input_names or needed)
+    unknown = [name for name in names if name not in graph.inputs]
+    if unknown:
         raise PolicyError(
-            f"the model has no input '{input_name}'", f"choose one of {', '.join(graph.inputs)}"
+            f"the model has no input '{unknown[0]}'", f"choose one of {', '.join(graph.inputs)}"
         )
     if not needed:
         raise PolicyError(
             f"the output '{output_name}' does not depend on any input",
             "choose another output, or export again",
         )
-    if len(needed) > 1 or (input_name is not None and needed != [input_name]):
+    if sorted(names) != sorted(needed):
         raise PolicyError(
-            f"the output '{output_name}' depends on the inputs {', '.join(needed)}, where one is expected",
-            "export the actor with a single observation vector, or choose another output",
+            f"the output '{output_name}' depends on the inputs {', '.join(needed)}, "
+            f"and those that are named are {', '.join(names)}",
+            f"name each once, in the order of the channels, as `input: [{', '.join(needed)}]` in the specification",
         )
-    return part, _port(part.inputs[needed[0]])
+    return part, _ports([_port(part.inputs[name]) for name in names])
+
+
+def _ports(each: Sequence[Port]) -> Ports:
+    """Return inputs together."""
+    ports = Ports(tuple(each))
+    if len({port.precision for port in each}) > 1:
+        types = ", ".join(f"{port.name} {port.precision}" for port in each)
+        raise PolicyError(
+            f"the inputs have several element types: {types}", "export the actor with float32 inputs alone"
+        )
+    if ports.size > _LARGEST_INPUT:
+        raise PolicyError(
+            f"the inputs have {ports.size} numbers together: {ports.words}", "export the actor alone"
+        )
+    return ports
 
 
 def _only_output(graph: Graph) -> str:
@@ -215,11 +293,9 @@ def _port(value: onnx.ValueInfoProto) -> Port:
             "export with only the first axis dynamic",
         )
     fixed = tuple(size for size in shape if size is not None)
-    count = 1
-    for size in fixed:
-        count *= size
-    if count > 2**16:
+    if math.prod(fixed) > _LARGEST_INPUT:
         raise PolicyError(
-            f"the input '{value.name}' has the shape [{written}], {count} numbers", "export the actor alone"
+            f"the input '{value.name}' has the shape [{written}], {math.prod(fixed)} numbers",
+            "export the actor alone",
         )
     return Port(value.name, fixed, precision, batched)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from viatool.errors import PolicyError, PolicyWarning
 from viatool.policy.action_map import apply_action_map, with_action_map
 from viatool.policy.executed import executed_networks
 from viatool.policy.maps import Maps, maps_of
-from viatool.policy.model_file import ModelFile, Port, actor_graph, open_model
+from viatool.policy.model_file import ModelFile, Ports, actor_graph, open_model
 from viatool.policy.network import Network
 from viatool.policy.reader import read_network, unsupported
 from viatool.policy.runtime import Runtime, runtime_of
@@ -38,8 +39,8 @@ class Policy:
         What the file says, with the action map of the specification at its end.
     spec : PolicySpecification or None
         None for a foreign model without a sidecar.
-    port : Port
-        The graph's input.
+    ports : Ports
+        The graph's inputs.
     self_check : SelfCheck or None
         What the comparison with onnxruntime found; None where it was skipped.
     maps : Maps
@@ -53,7 +54,7 @@ class Policy:
     sha256: str
     network: Network
     spec: PolicySpecification | None
-    port: Port
+    ports: Ports
     runtime: Runtime = field(repr=False)
     self_check: SelfCheck | None = None
     maps: Maps = field(default_factory=Maps)
@@ -125,7 +126,7 @@ def load_policy(
     spec: str | os.PathLike[str] | PolicySpecification | None = None,
     *,
     self_check: bool = True,
-    input_name: str | None = None,
+    input_name: str | Sequence[str] | None = None,
     output_name: str | None = None,
 ) -> Policy:
     """Read an ONNX policy.
@@ -138,8 +139,10 @@ def load_policy(
         A sidecar; it replaces the specification inside the file.
     self_check : bool
         Compare the network with onnxruntime before anything is built on it.
-    input_name, output_name : str, optional
-        Which of several; they override those of the specification.
+    input_name : str or sequence of str, optional
+        The inputs of the graph that together are the observation, in its order; they override the specification's.
+    output_name : str, optional
+        Which of several outputs is the action; it overrides the specification's.
 
     Raises
     ------
@@ -159,12 +162,13 @@ def load_policy(
         spec = load_specification(spec)
     if spec is None:
         spec = model.specification()
-    network, runtime, port = load_actor(
+    network, runtime = load_actor(
         model,
         input_name or (spec.input if spec else None),
         output_name or (spec.output if spec else None),
     )
     if spec is not None:
+        check_inputs(model.path, runtime.ports, spec, named=bool(input_name))
         check_sizes(model.path, network, spec)
     executed = executed_networks(model, network, runtime)
     found = check_executed(executed, runtime, spec) if self_check else None
@@ -175,17 +179,17 @@ def load_policy(
         model.sha256,
         with_action_map(network, spec),
         spec,
-        port,
+        runtime.ports,
         runtime,
         found,
-        maps_of(network, spec),
+        maps_of(network, spec, runtime.ports),
         tuple(with_action_map(other, spec) for other in executed.rewritten),
     )
 
 
 def load_actor(
-    model: ModelFile, input_name: str | None = None, output_name: str | None = None
-) -> tuple[Network, Runtime, Port]:
+    model: ModelFile, input_name: str | Sequence[str] | None = None, output_name: str | None = None
+) -> tuple[Network, Runtime]:
     """Return the network and the program of a parsed model.
 
     Raises
@@ -193,11 +197,59 @@ def load_actor(
     PolicyError
         Lists every node that is not supported.
     """
-    graph, port = actor_graph(model, input_name, output_name)
-    reading = read_network(graph, port.name, port.shape, port.precision, model.folder)
+    graph, ports = actor_graph(model, input_name, output_name)
+    reading = read_network(graph, ports, model.folder)
     if reading.network is None:
         raise unsupported(str(model.path), reading.findings)
-    return reading.network, runtime_of(model, graph, port), port
+    return reading.network, runtime_of(model, graph, ports)
+
+
+def check_inputs(path: Path, ports: Ports, spec: PolicySpecification, *, named: bool = False) -> None:
+    """Refuse a specification whose channels do not tell which of several inputs takes what.
+
+    Parameters
+    ----------
+    path : Path
+        Of the policy.
+    ports : Ports
+        Its inputs.
+    spec : PolicySpecification
+        What they mean.
+    named : bool
+        Whether the order of the inputs was given otherwise.
+
+    Raises
+    ------
+    PolicyError
+        If the inputs have no order, or one of them ends within a channel; names each input with its size.
+    """
+    if len(ports.each) == 1:
+        return
+    takes = f"{path} takes several inputs ({ports.words})"
+    if spec.input is None and not named:
+        raise PolicyError(
+            f"{takes}, and its specification does not say in which order its channels describe them",
+            f"name them in the order of the channels, as `input: [{', '.join(ports.names)}]`",
+        )
+    if spec.frames is not None and spec.frames.count > 1:
+        raise PolicyError(
+            f"{takes}, so its observations are not stacked as a whole",
+            "give `frames` to each channel that is stacked instead",
+        )
+    channels = spec.inputs.channel
+    if len(channels) != ports.size:
+        held = ", ".join(f"{c.name} {(channels == k).sum()}" for k, c in enumerate(spec.observation))
+        raise PolicyError(
+            f"{takes}, {ports.size} numbers together, its specification describes {len(channels)} ({held})",
+            "correct the channels of the specification, or give the policy that belongs to it",
+        )
+    for name, place in list(ports.places.items())[1:]:
+        if channels[place.start] == channels[place.start - 1]:
+            channel = spec.observation[channels[place.start]].name
+            raise PolicyError(
+                f"{takes}, and the observation channel '{channel}' goes on where the input '{name}' begins",
+                "describe each input by channels of its own, in the order of `input`",
+            )
 
 
 def check_sizes(path: Path, network: Network, spec: PolicySpecification) -> None:

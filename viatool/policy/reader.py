@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,8 @@ from viatool.policy.assembly import Assembly, Computed, Refusal
 from viatool.policy.folding import FOLDED, SHAPE_ONLY, fold, fold_shape
 from viatool.policy.fused import is_fused, parts_of
 from viatool.policy.graph import Graph, GraphNode
-from viatool.policy.network import Network, Precision
+from viatool.policy.model_file import Ports
+from viatool.policy.network import Network
 from viatool.policy.operators import Call, Comparison, Result, entry_of
 from viatool.policy.refusals import reason_for
 from viatool.policy.tensors import Constant, read_tensor
@@ -81,21 +82,15 @@ class _Unreadable:
     computed: bool
 
 
-def read_network(
-    graph: Graph, input_name: str, shape: tuple[int, ...], precision: Precision, folder: Path
-) -> Reading:
+def read_network(graph: Graph, ports: Ports, folder: Path) -> Reading:
     """Read the live nodes of a graph into a network.
 
     Parameters
     ----------
     graph : Graph
         With one output and its live nodes in order.
-    input_name : str
-        The value that is the observation.
-    shape : tuple of int
-        Its shape at batch size 1.
-    precision : str
-        Its element type.
+    ports : Ports
+        The inputs that are the observation.
     folder : Path
         Where external data may lie.
 
@@ -104,11 +99,8 @@ def read_network(
     PolicyError
         If a stored tensor is broken.
     """
-    size = 1
-    for extent in shape:
-        size *= extent
-    assembly = Assembly(size, precision)
-    values: dict[str, Result | _Unreadable] = {input_name: Computed(0, shape, precision)}
+    assembly = Assembly(ports.size, ports.precision)
+    values: dict[str, Result | _Unreadable] = dict(_observed(ports, assembly))
     for name, tensor in graph.initializers.items():
         values[name] = read_tensor(tensor, folder)
     findings: list[UnreadableNode] = []
@@ -128,10 +120,26 @@ def read_network(
     output = values[graph.outputs[0]]
     if not isinstance(output, Computed):
         raise PolicyError(
-            f"the output '{graph.outputs[0]}' does not depend on the input '{input_name}'",
+            f"the output '{graph.outputs[0]}' does not depend on the input {', '.join(map(repr, ports.names))}",
             "choose another output, or export the policy again",
         )
     return Reading(assembly.network(output), ())
+
+
+def _observed(ports: Ports, assembly: Assembly) -> Iterator[tuple[str, Computed]]:
+    """Return each input by its name: the observation, or the part of it that the input takes."""
+    if len(ports.each) == 1:
+        (port,) = ports.each
+        yield port.name, Computed(0, port.shape, port.precision)
+        return
+    observation = Computed(0, (ports.size,), ports.precision)
+    for port in ports.each:
+        assembly.call = f"the input '{port.name}'"
+        place = np.arange(ports.size)[ports.places[port.name]]
+        yield (
+            port.name,
+            assembly.copies([(observation, place)], np.zeros(place.size), port.shape, port.precision),
+        )
 
 
 def _is_computed(node: GraphNode, values: Mapping[str, Result | _Unreadable]) -> bool:

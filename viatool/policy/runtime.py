@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from viatool.arrays import Floats
 from viatool.errors import PolicyError
 from viatool.policy.graph import Graph
-from viatool.policy.model_file import ModelFile, Port
+from viatool.policy.model_file import ModelFile, Ports
 from viatool.policy.tensors import read_tensor
 from viatool.versions import version_of
 
@@ -54,9 +54,9 @@ class Runtime:
     Parameters
     ----------
     model : onnx.ModelProto
-        The model, complete, with one input and one output.
-    port : Port
-        Its input.
+        The model, complete, with one output.
+    ports : Ports
+        Its inputs.
     optimisation : str
         How far onnxruntime may rewrite it.
 
@@ -67,13 +67,13 @@ class Runtime:
     differently in the last place.
     """
 
-    def __init__(self, model: onnx.ModelProto, port: Port, optimisation: Optimisation = "default") -> None:
-        self.port = port
+    def __init__(self, model: onnx.ModelProto, ports: Ports, optimisation: Optimisation = "default") -> None:
+        self.ports = ports
         self.output: str = model.graph.output[0].name
         self.optimisation = optimisation
         self._model = model.SerializeToString()
-        has_batch_axis = len(port.shape) > 1 and port.shape[0] == 1
-        self._batch_model = _with_free_batch(model, port) if has_batch_axis else None
+        has_batch_axis = all(len(port.shape) > 1 and port.shape[0] == 1 for port in ports.each)
+        self._batch_model = _with_free_batch(model, ports) if has_batch_axis else None
         self._sessions: dict[bool, Any] = {}
         self.batches = False
 
@@ -131,7 +131,7 @@ class Runtime:
 
     def rows(self, observations: Floats) -> Floats:
         """Run observations one by one."""
-        rows = self._typed(observations).reshape(-1, *self.port.shape)
+        rows = self._typed(observations)[:, None]
         return np.array([self._run(row, batch=False).ravel() for row in rows], dtype=np.float64)
 
     def batch(self, observations: Floats) -> Floats:
@@ -144,7 +144,7 @@ class Runtime:
         """
         if self._batch_model is None:
             raise PolicyError("the model has no batch axis", "run its observations one by one")
-        rows = self._typed(observations).reshape(-1, *self.port.shape[1:])
+        rows = self._typed(observations)
         parts = [rows[start : start + _ROWS] for start in range(0, len(rows), _ROWS)]
         results = [self._run(part, batch=True) for part in parts]
         if any(result.size % len(part) for result, part in zip(results, parts, strict=True)):
@@ -156,15 +156,22 @@ class Runtime:
 
     def _typed(self, observations: Floats) -> NDArray[Any]:
         with np.errstate(over="ignore"):
-            return observations.astype(_NUMPY_TYPES[self.port.precision])
+            return observations.astype(_NUMPY_TYPES[self.ports.precision])
 
-    def _run(self, feed: NDArray[Any], *, batch: bool) -> NDArray[Any]:
+    def _run(self, rows: NDArray[Any], *, batch: bool) -> NDArray[Any]:
+        """Run one observation, or those of a batch: the inputs apart."""
         if batch not in self._sessions:
             content = self._batch_model if batch else self._model
             assert content is not None
             self._sessions[batch] = _open(content, self.optimisation)
+        feed = {
+            port.name: rows[:, self.ports.places[port.name]].reshape(
+                (-1, *port.shape[1:]) if batch else port.shape
+            )
+            for port in self.ports.each
+        }
         try:
-            return np.asarray(self._sessions[batch].run(None, {self.port.name: feed})[0])
+            return np.asarray(self._sessions[batch].run(None, feed)[0])
         except Exception as error:  # onnxruntime raises its own, undocumented classes
             raise PolicyError(
                 f"onnxruntime cannot run the policy: {_first_line(error)}",
@@ -213,11 +220,11 @@ def _element_types(model: bytes) -> set[int]:
     }
 
 
-def _with_free_batch(model: onnx.ModelProto, port: Port) -> bytes:
+def _with_free_batch(model: onnx.ModelProto, ports: Ports) -> bytes:
     free = onnx.ModelProto()
     free.CopyFrom(model)
     for value in free.graph.input:
-        if value.name == port.name:
+        if value.name in ports.names:
             value.type.tensor_type.shape.dim[0].dim_param = "batch"
     for value in free.graph.output:
         value.type.tensor_type.ClearField("shape")
@@ -229,7 +236,7 @@ def _first_line(error: Exception) -> str:
     return (str(error) or type(error).__name__).splitlines()[0][:300]
 
 
-def runtime_of(model: ModelFile, graph: Graph, port: Port) -> Runtime:
+def runtime_of(model: ModelFile, graph: Graph, ports: Ports) -> Runtime:
     """Return the program of the outputs of a graph: the same nodes and weights, without what these do not need.
 
     Raises
@@ -237,9 +244,10 @@ def runtime_of(model: ModelFile, graph: Graph, port: Port) -> Runtime:
     PolicyError
         If the element type is one that onnxruntime does not run on a CPU.
     """
-    if port.precision not in _NUMPY_TYPES:
+    if ports.precision not in _NUMPY_TYPES:
         raise PolicyError(
-            f"the input '{port.name}' is {port.precision}, in which onnxruntime computes next to nothing on a CPU",
+            f"the input '{ports.names[0]}' is {ports.precision}, "
+            "in which onnxruntime computes next to nothing on a CPU",
             _IN_FLOAT32,
         )
     proto = onnx.ModelProto()
@@ -254,7 +262,7 @@ def runtime_of(model: ModelFile, graph: Graph, port: Port) -> Runtime:
     proto.graph.output.extend(value for value in source.output if value.name in graph.outputs)
     if 0 < model.opset < _OLDEST_RUN:
         proto = _modernised(proto)
-    return Runtime(proto, port)
+    return Runtime(proto, ports)
 
 
 def _trimmed(node: onnx.NodeProto) -> onnx.NodeProto:

@@ -20,7 +20,7 @@ from viatool.arrays import Booleans, Floats
 from viatool.channels import Extent, Quantities
 from viatool.errors import PolicyError, SelfCheckError
 from viatool.policy.executed import Executed
-from viatool.policy.maps import ScalingStep, leading_steps
+from viatool.policy.maps import normaliser
 from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Network, Node, Product
 from viatool.policy.runtime import Runtime
 from viatool.policy.specification import PolicySpecification
@@ -246,8 +246,8 @@ def check_points(network: Network, spec: PolicySpecification | None, seed: int =
     if spec is not None and spec.observation_size == size:
         fixed = spec.fixed_values()
         plausible[:, ~np.isnan(fixed)] = fixed[~np.isnan(fixed)]
-    first = next(iter(leading_steps(network)), None)
-    if not isinstance(first, ScalingStep) or not first.factor.all():
+    first = normaliser(network)
+    if first is None or not first.factor.all():
         return np.concatenate([plausible, wide])
     normal = generator.normal(size=(_RANDOM_POINTS, size))
     with np.errstate(over="ignore"):

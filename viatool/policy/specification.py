@@ -86,8 +86,11 @@ class PolicySpecification(Strict):
         Rules around the policy; the first that applies counts.
     memory : mapping
         Inputs of the graph that take what an output gave in the step before, by name.
-    input, output : str, optional
-        Names of the graph's input and output, where it has several.
+    input : str or list of str, optional
+        The graph's input that is the observation; of several (version 2) all, in the order in which the channels
+        describe them: the numbers of one after those of another.
+    output : str, optional
+        The graph's output that is the action, where it has several.
     robot : str
         A name, for reports.
     control_interval : float
@@ -103,7 +106,7 @@ class PolicySpecification(Strict):
     frames: Frames | None = None
     overrides: list[Override] = Field(default_factory=list)
     memory: dict[str, str] = Field(default_factory=dict)
-    input: str | None = None
+    input: str | Annotated[list[str], Field(min_length=1)] | None = None
     output: str | None = None
     robot: str = "turtlebot3"
     control_interval: Positive = 0.1
@@ -125,6 +128,7 @@ class PolicySpecification(Strict):
         checks: list[tuple[str, list[str]]] = [
             ("observation channel", [channel.name for channel in self.observation]),
             ("action", [channel.name for channel in self.action]),
+            ("input", self.input if isinstance(self.input, list) else []),
             ("kind of action", [c.kind for c in self.action if c.kind != "other"]),
         ]
         for what, names in checks:
@@ -151,6 +155,7 @@ class PolicySpecification(Strict):
             newer += [
                 c.name for c in self.observation if c.lidar is not None and c.lidar.field_of_view is None
             ]
+            newer += ["input"] if isinstance(self.input, list) else []
             if newer:
                 raise ValueError(f"{', '.join(newer)}: this needs `schema_version: 2`")
         own = [channel.name for channel in self.observation if channel.frames]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 from viatool.channels import kinds
 from viatool.errors import PolicyError
 from viatool.policy.action_channels import ActionChannel
@@ -43,13 +41,19 @@ def specification_template(found: Inspection) -> str:
     """
     if found.specification is not None:
         return found.specification.to_yaml()
-    if found.port is None or not found.layers:
+    if found.ports is None or not found.layers:
         raise found.failure or PolicyError(
             f"{found.path} cannot be read, so its sizes are not known", "fix what `viatool inspect` reports"
         )
-    inputs, outputs = math.prod(found.port.shape), found.layers[-1].size
+    ports, outputs = found.ports.each, found.layers[-1].size
+    names = [port.name for port in ports] if len(ports) > 1 else ["observation"]
     placeholder = PolicySpecification(
-        observation=[ObservationChannel(name="observation", size=inputs, unit="?", kind="other")],
+        schema_version=2 if len(ports) > 1 else 1,
+        input=names if len(ports) > 1 else None,
+        observation=[
+            ObservationChannel(name=name, size=port.size, unit="?", kind="other")
+            for name, port in zip(names, ports, strict=True)
+        ],
         action=[
             ActionChannel(name=f"action_{index}", unit="?", lower=-1.0, upper=1.0) for index in range(outputs)
         ],

@@ -38,8 +38,8 @@ def _facts(found: Inspection) -> list[tuple[str, str]]:
     facts = [
         ("written by", f"{found.producer or 'unknown'}, opset {found.opset}, IR version {found.ir_version}"),
         ("sha256", found.sha256),
-        *_values("input", found.inputs, None if found.port is None else found.port.name, "the observation"),
-        *_values("output", found.outputs, found.action, "the action"),
+        *_values("input", found.inputs, _roles(found)),
+        *_values("output", found.outputs, {} if found.action is None else {found.action: "the action"}),
         ("operators", ", ".join(f"{number} {name}" for name, number in found.operators.items()) or "none"),
     ]
     if found.layers:
@@ -56,17 +56,33 @@ def _facts(found: Inspection) -> list[tuple[str, str]]:
     return facts
 
 
-def _values(kind: str, values: Sequence[Value], chosen: str | None, role: str) -> list[tuple[str, str]]:
-    return [(kind if index == 0 else "", _value(v, kind, chosen, role)) for index, v in enumerate(values)]
+def _roles(found: Inspection) -> dict[str, str]:
+    """Return what each input of the model takes; nothing where that is not settled."""
+    if found.ports is None:
+        return {}
+    if len(found.ports.each) == 1:
+        return {found.ports.names[0]: "the observation"}
+    spec = found.specification
+    in_order = [value.name for value in found.inputs if value.name in found.ports.names]
+    is_told = spec is not None and spec.input is not None
+    order = "" if is_told or in_order != list(found.ports.names) else ", joined in the graph's order"
+    return {
+        name: f"{place.start} to {place.stop - 1} of the observation{order}"
+        for name, place in found.ports.places.items()
+    }
 
 
-def _value(value: Value, kind: str, chosen: str | None, role: str) -> str:
+def _values(kind: str, values: Sequence[Value], roles: dict[str, str]) -> list[tuple[str, str]]:
+    return [(kind if index == 0 else "", _value(v, kind, roles)) for index, v in enumerate(values)]
+
+
+def _value(value: Value, kind: str, roles: dict[str, str]) -> str:
     shape = f" [{', '.join(map(str, value.shape))}]" if value.shape else ""
     text = f"{value.name}: {value.dtype}{shape}"
-    if value.name == chosen:
-        return f"{text}, {role}"
+    if value.name in roles:
+        return f"{text}, {roles[value.name]}"
     if kind == "input":
-        return f"{text}, not used" if chosen is not None else text
+        return f"{text}, not used" if roles else text
     return f"{text}, of {', '.join(value.depends_on)}" if value.depends_on else f"{text}, constant"
 
 
