@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from onnx import TensorProto, helper
 
-from tests.policy.models import save, two_layers
+from tests.policy.models import node, save, two_layers
 from tests.policy.test_exports_shapes import keras, matlab, ml_agents
 from viatool.policy import load_policy, load_specification
 
@@ -37,6 +38,12 @@ def test_a_sidecar_describes_a_policy(title: str, tmp_path: Path) -> None:
     model = two_layers(size=spec.observation_size, actions=spec.action_size)
     if isinstance(spec.input, str):
         model.graph.input[0].name = model.graph.node[0].input[0] = spec.input
+    if isinstance(spec.input, list):
+        sizes = [spec.observation_size - 2 * (len(spec.input) - 1), *[2] * (len(spec.input) - 1)]
+        del model.graph.input[:]
+        for name, size in zip(spec.input, sizes, strict=True):
+            model.graph.input.append(helper.make_tensor_value_info(name, TensorProto.FLOAT, [1, size]))
+        model.graph.node.insert(0, node("Concat", spec.input, ["x"], axis=1))
     if spec.output is not None:
         model.graph.output[0].name = model.graph.node[-1].output[0] = spec.output
     policy = load_policy(save(model, tmp_path), sidecar)
