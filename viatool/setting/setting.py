@@ -136,6 +136,7 @@ class Setting:
     ) -> Setting:
         """Put together what is asked of a policy of which only the specification exists yet; as `of`."""
         wishes = wishes or Wishes()
+        _refuse_unread(spec, name)
         world_map = world_map.with_clearance(wishes.clearance, wishes.danger)
         spec, robot, premises = reconcile(Parties(spec, name, world_map, wishes))
         world_map = world_map.with_robot(robot)
@@ -186,6 +187,16 @@ class Setting:
     def bare(self) -> Setting:
         """Return the same without scenarios and generator, for workers whose states bring their own."""
         return replace(self, scenarios=(), world_map=replace(self.world_map, scenarios=(), generator=None))
+
+
+def _refuse_unread(spec: PolicySpecification, name: str) -> None:
+    """Refuse what a specification says and no verdict would take into account."""
+    for part in ("overrides", "memory"):
+        if getattr(spec, part):
+            raise PolicyError(
+                f"the specification of {name} has `{part}`, which no verdict takes into account",
+                f"leave `{part}` out, and verify the policy without it",
+            )
 
 
 def command_columns(spec: PolicySpecification, kinematics: Kinematics, name: str = "the policy") -> list[int]:
