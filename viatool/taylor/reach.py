@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Any, Literal, Protocol, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from viatool.arrays import Floats, Hull, Indices
+from viatool.arrays import Booleans, Floats, Hull, Indices
 from viatool.errors import ConfigurationError, EnclosureError
 from viatool.policy.network import Network
 from viatool.taylor.approximation import Approximation
 from viatool.taylor.attained import attained_actions
+from viatool.taylor.choices import Choices, Program, enclose_choices
 from viatool.taylor.deviation import enclose_program
 from viatool.taylor.head import hulls_through, split_head, values_through
 from viatool.taylor.higher_order import higher_hulls
@@ -41,6 +42,8 @@ _WIDE = 128
 
 _LIGHT_EFFORT = SplittingEffort(tolerance=0.03, parts=3, exact=False)
 """After a monotone collapse the few bounds that stay loose are split once."""
+_PARTS_OF_A_CHOICE = 128
+"""Parts of a box that are examined for one command, unless `split` asks for more."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,11 @@ class _Settings:
         """Tell whether each extremum of an action gets passes of its own; by default not where these take too long."""
         affordable = affords_passes(network, 2 * network.output_size)
         return self.refine == "split" or (self.refine == "monotone" and affordable)
+
+    @property
+    def parts_of_a_choice(self) -> int:
+        """Return how many parts of a box are examined for a command that is neither excluded nor attained."""
+        return max(_PARTS_OF_A_CHOICE, self.effort.parts)
 
     def __post_init__(self) -> None:
         if self.order < 1:
@@ -104,7 +112,9 @@ def networks_of(policy: HasNetwork, arithmetic: Arithmetic) -> tuple[Network, ..
 
 @dataclass(frozen=True, eq=False)
 class ReachableSet:
-    """Guaranteed bounds of the actions over B boxes of observations, and how much of them is really attained.
+    """Guaranteed bounds of the outputs over B boxes of observations, and how much of them is really attained.
+
+    The outputs are the actions, or of a policy that chooses among K commands the K numbers that it compares.
 
     Parameters
     ----------
@@ -116,6 +126,9 @@ class ReachableSet:
     deviation : ndarray
         ``(B, A)``: by how much either bound lies further out to cover the rounding of the deployed program; 0 for real
         arithmetic.
+    possible, attained : ndarray, optional
+        ``(B, K)`` bool, where the specification has a choice among K commands: those that some observation in the box
+        may select, as nothing excludes them; and those of which an observation was found that does select them.
     """
 
     lower: Floats
@@ -123,6 +136,8 @@ class ReachableSet:
     attained_lower: Floats
     attained_upper: Floats
     deviation: Floats
+    possible: Booleans | None = None
+    attained: Booleans | None = None
 
     @property
     def width(self) -> Floats:
@@ -144,6 +159,12 @@ class ReachableSet:
             np.maximum.reduce([one.attained_upper for one in sets]),
             np.maximum.reduce([one.deviation for one in sets]),
         )
+
+    @classmethod
+    def join(cls, parts: Sequence[ReachableSet]) -> ReachableSet:
+        """Return sets over boxes that follow each other as one."""
+        columns = ([getattr(part, each.name) for part in parts] for each in fields(cls))
+        return cls(*(None if column[0] is None else np.concatenate(column) for column in columns))
 
 
 def reach(
@@ -191,7 +212,7 @@ def reach(
     Returns
     -------
     ReachableSet
-        Bounds (B, A).
+        Bounds (B, A); of a policy that chooses among commands also which are possible.
 
     Raises
     ------
@@ -224,7 +245,11 @@ def reach(
     for rows in blocks_of_states(network, box.lower.shape[0]):
         with np.errstate(divide="ignore", over="ignore", invalid="ignore"):  # unbounded slopes, overflows
             found = [_reach_chunk(each, box.rows(rows), settings) for each in networks]
-        parts.append(ReachableSet.hull([each for each, _ in found]))
+            chosen = _choices(policy, networks, box.rows(rows), settings)
+        reached = ReachableSet.hull([each for each, _ in found])
+        if chosen is not None:
+            reached = replace(reached, possible=chosen.possible, attained=chosen.attained)
+        parts.append(reached)
         if arithmetic == "float32":
             for _, points in found:
                 require_program_within(policy, points, parts[-1].lower, parts[-1].upper)
@@ -232,9 +257,14 @@ def reach(
             progress(parts[-1].lower.shape[0])
     if not parts:
         empty = np.empty((0, network.output_size))
-        return ReachableSet(empty, empty, empty, empty, empty)
-    names = ("lower", "upper", "attained_lower", "attained_upper", "deviation")
-    return ReachableSet(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+        none = empty.astype(bool) if is_choice(policy) else None
+        return ReachableSet(empty, empty, empty, empty, empty, none, none)
+    return ReachableSet.join(parts)
+
+
+def is_choice(policy: HasNetwork) -> bool:
+    """Tell whether the largest output of a policy says which command of a table is sent."""
+    return getattr(policy.spec, "choice", None) is not None
 
 
 def observation_box(policy: HasNetwork, observations: ArrayLike, eps: ArrayLike) -> Box:
@@ -267,6 +297,29 @@ def observation_box(policy: HasNetwork, observations: ArrayLike, eps: ArrayLike)
         np.where(moved, np.nextafter(lower, -np.inf), centre),
         np.where(moved, np.nextafter(upper, np.inf), centre),
     )
+
+
+def _choices(
+    policy: HasNetwork, networks: Sequence[Network], box: Box, settings: _Settings
+) -> Choices | None:
+    """Return which commands are possible over some boxes, for every network that may run; None without a choice."""
+    if not is_choice(policy):
+        return None
+    program: Program | None = getattr(policy, "run", None)
+    found = []
+    for network in networks:
+        parts = settings.parts_of_a_choice if settings.refines_one_by_one(network) else 0
+        found.append(
+            enclose_choices(
+                network,
+                box,
+                program or network,
+                rule=settings.rule,
+                arithmetic=settings.arithmetic,
+                parts=parts,
+            )
+        )
+    return Choices.hull(found)
 
 
 def _reach_chunk(network: Network, box: Box, settings: _Settings) -> tuple[ReachableSet, Floats]:

@@ -104,7 +104,7 @@ def refine_by_splitting(
         done |= (spent >= effort.parts)[parts.owner]
         np.maximum.at(closed, parts.owner[done], parts.bound[done])
         parts = parts.rows(np.flatnonzero(~done))
-        chosen = _largest_of_each(parts, _AT_ONCE)
+        chosen = largest_of_each(parts, _AT_ONCE)
         waiting = parts.rows(np.flatnonzero(~chosen))
         fresh = parts.rows(np.flatnonzero(chosen)).halves()
     bound = extrema.bound.copy()
@@ -118,7 +118,7 @@ def _attained_widths(found: Floats, actions: int) -> Floats:
     return np.tile((largest - smallest).T.ravel(), 2)
 
 
-def _largest_of_each(parts: BoxParts, count: int) -> Booleans:
+def largest_of_each(parts: BoxParts, count: int) -> Booleans:
     """Mark the parts with the `count` largest bounds of each question."""
     order = np.lexsort((-parts.bound, parts.owner))
     owner = parts.owner[order]
