@@ -118,7 +118,7 @@ def test_no_exact_extremum_escapes() -> None:
         (parts.BoxParts, "halves", _lower_halves_only),
         (duality.DualProblem, "of", _without_slack),
         (duality, "_weighted_median", _any_sign),
-        (splitting, "_largest_of_each", lambda original: lambda parts, count: original(parts, 1) & False),
+        (splitting, "largest_of_each", lambda original: lambda parts, count: original(parts, 1) & False),
     ],
     ids=["upper halves dropped", "conditions too strict", "negative multipliers", "waiting parts forgotten"],
 )

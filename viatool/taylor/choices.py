@@ -128,25 +128,19 @@ def enclose_choices(
 def differences(network: Network) -> Network:
     """Return the network followed by ``output k - output j`` for all pairs k < j."""
     size = network.output_size
-    pairs = np.array(list(combinations(range(size), 2)), dtype=np.intp).reshape(-1, 2)
-    assembly = Assembly.behind(network)
-    outputs = Computed(len(network.nodes) - 1, (size,), network.nodes[-1].precision)
-    exact = assembly.cast(outputs, "float64")
-    weights = np.eye(size)[pairs[:, 0]] - np.eye(size)[pairs[:, 1]]
-    return assembly.network(assembly.affine([Term(exact, weights)], np.zeros(len(pairs)), (len(pairs),), "float64"))
+    first, second = _pairs(size)
+    assembly, outputs = _behind(network)
+    weights = np.eye(size)[first] - np.eye(size)[second]
+    return assembly.network(_combined(assembly, Term(outputs, weights)))
 
 
 @lru_cache(maxsize=64)
 def margins(network: Network) -> Network:
     """Return the network followed by ``min over j of (output k - output j)`` for every k."""
-    size = network.output_size
-    assembly = Assembly.behind(network)
-    outputs = Computed(len(network.nodes) - 1, (size,), network.nodes[-1].precision)
-    exact = assembly.cast(outputs, "float64")
-    least = [
-        assembly.affine([Term(exact, np.eye(size) - np.roll(np.eye(size), turn, axis=1))], np.zeros(size), (size,), "float64")
-        for turn in range(1, size)
-    ]
+    same = np.eye(network.output_size)
+    assembly, outputs = _behind(network)
+    turns = range(1, network.output_size)
+    least = [_combined(assembly, Term(outputs, same - np.roll(same, turn, axis=1))) for turn in turns]
     while len(least) > 1:  # in pairs, so that few minima follow each other
         pairs = zip(least[::2], least[1::2], strict=False)
         least = [_lesser(assembly, first, second) for first, second in pairs] + least[len(least) // 2 * 2 :]
@@ -155,10 +149,28 @@ def margins(network: Network) -> Network:
 
 def _lesser(assembly: Assembly, first: Computed, second: Computed) -> Computed:
     """Add ``min(x, y) = x - relu(x - y)``, whose kink branch and bound can split."""
-    same, none = np.eye(first.size), np.zeros(first.size)
-    apart = assembly.affine([Term(first, same), Term(second, -same)], none, first.shape, "float64")
-    excess = assembly.activation(apart, "Relu")
-    return assembly.affine([Term(first, same), Term(excess, -same)], none, first.shape, "float64")
+    same = np.eye(first.size)
+    excess = assembly.activation(_combined(assembly, Term(first, same), Term(second, -same)), "Relu")
+    return _combined(assembly, Term(first, same), Term(excess, -same))
+
+
+def _behind(network: Network) -> tuple[Assembly, Computed]:
+    """Return what goes on behind the nodes of a network, and its outputs as the program compares them."""
+    assembly = Assembly.behind(network)
+    outputs = Computed(len(network.nodes) - 1, (network.output_size,), network.nodes[-1].precision)
+    return assembly, assembly.cast(outputs, "float64")
+
+
+def _combined(assembly: Assembly, *terms: Term) -> Computed:
+    """Add a sum of weighted values."""
+    count = len(terms[0].weights)
+    return assembly.affine(terms, np.zeros(count), (count,), "float64")
+
+
+def _pairs(size: int) -> tuple[Indices, Indices]:
+    """Return all pairs k < j of K outputs."""
+    first, second = np.array(list(combinations(range(size), 2)), dtype=np.intp).reshape(-1, 2).T
+    return first, second
 
 
 def _excluded_at_once(
@@ -166,6 +178,7 @@ def _excluded_at_once(
 ) -> tuple[Booleans, Floats]:
     """Return which commands one pass over each box excludes, (B, K), and by how much their margins may stray."""
     between, size = differences(network), network.output_size
+    first, second = _pairs(size)
     passes = propagate(between, box, rule=rule)
     hulls = [enclosure.hull for enclosure in passes]
     extrema = refine_by_pieces(between, extrema_of(box, *hulls[-1]), passes)
@@ -174,12 +187,11 @@ def _excluded_at_once(
     if arithmetic == "float32":
         deviation = runtime_deviation(between, hulls)
     lower, upper = widen(*hulls[-1], deviation)
-    first, second = np.array(list(combinations(range(size), 2)), dtype=np.intp).reshape(-1, 2).T
     above = np.full((len(lower), size, size), np.inf)  # of output k - output j
     above[:, first, second], above[:, second, first] = upper, -lower
     stray = np.zeros_like(above)
     stray[:, first, second] = stray[:, second, first] = deviation
-    return (above < 0.0).any(axis=2), np.asarray(stray.max(axis=2))
+    return np.asarray((above < 0.0).any(axis=2)), np.asarray(stray.max(axis=2))
 
 
 def _chosen_by(program: Program, points: Floats, size: int) -> Booleans:

@@ -42,7 +42,7 @@ _WIDE = 128
 
 _LIGHT_EFFORT = SplittingEffort(tolerance=0.03, parts=3, exact=False)
 """After a monotone collapse the few bounds that stay loose are split once."""
-_PARTS_OF_A_CHOICE = 128
+_PARTS_OF_A_CHOICE = 512
 """Parts of a box that are examined for one command, unless `split` asks for more."""
 
 
@@ -163,8 +163,22 @@ class ReachableSet:
     @classmethod
     def join(cls, parts: Sequence[ReachableSet]) -> ReachableSet:
         """Return sets over boxes that follow each other as one."""
-        columns = ([getattr(part, each.name) for part in parts] for each in fields(cls))
-        return cls(*(None if column[0] is None else np.concatenate(column) for column in columns))
+        columns = {each.name: [getattr(part, each.name) for part in parts] for each in fields(cls)}
+        known: dict[str, Any] = {
+            name: np.concatenate(column) for name, column in columns.items() if column[0] is not None
+        }
+        return cls(**known)
+
+    def spread(self, known: Booleans) -> ReachableSet:
+        """Return B sets of which some are known, (B,); the others have NaN bounds, and all is possible."""
+        spread: dict[str, Any] = {}
+        for each in fields(self):
+            values = getattr(self, each.name)
+            if values is not None:
+                nothing = (each.name == "possible") if values.dtype == bool else np.nan
+                spread[each.name] = np.full((len(known), values.shape[1]), nothing, dtype=values.dtype)
+                spread[each.name][known] = values
+        return ReachableSet(**spread)
 
 
 def reach(
@@ -198,7 +212,8 @@ def reach(
         ``chebyshev``, ``bernstein`` or ``taylor`` polynomials for the activations.
     refine : str
         ``none``: one pass; ``monotone``: inputs in which an action is monotone are fixed at their ends, repeatedly, and
-        bounds that stay loose are split once; ``split``: they are split until tight or until the effort is spent.
+        bounds that stay loose are split once; ``split``: they are split until tight or until the effort is spent. Of a
+        policy that chooses among commands, ``monotone`` refines what is possible, and not the bounds of its outputs.
     arithmetic : str
         ``real``: bounds of the exact network; ``float32``: also of the deployed program in its own precision, whatever
         its order of summation.
@@ -241,10 +256,12 @@ def reach(
         else SplittingEffort(tolerance, most_parts).at_least(_LIGHT_EFFORT),
     )
     networks = networks_of(policy, arithmetic)
+    # what is compared, no one commands: its bounds are refined where that was asked for
+    for_outputs = replace(settings, refine="none") if is_choice(policy) and refine == "monotone" else settings
     parts = []
     for rows in blocks_of_states(network, box.lower.shape[0]):
         with np.errstate(divide="ignore", over="ignore", invalid="ignore"):  # unbounded slopes, overflows
-            found = [_reach_chunk(each, box.rows(rows), settings) for each in networks]
+            found = [_reach_chunk(each, box.rows(rows), for_outputs) for each in networks]
             chosen = _choices(policy, networks, box.rows(rows), settings)
         reached = ReachableSet.hull([each for each, _ in found])
         if chosen is not None:

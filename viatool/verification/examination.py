@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -103,8 +103,4 @@ class StateExamination:
         found = reach(self.policy, *self.setting.uncertain(observations[wanted]), **self.engine)
         if wanted.all():
             return found
-        spread = {}
-        for part in fields(found):
-            spread[part.name] = np.full((len(wanted), self.policy.output_size), np.nan)
-            spread[part.name][wanted] = getattr(found, part.name)
-        return ReachableSet(**spread)
+        return found.spread(wanted)

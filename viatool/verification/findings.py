@@ -71,6 +71,7 @@ class StateFindings:
             for part, kind in _PARTS.items()
             if getattr(self, part) is not None
             for field in fields(kind)
+            if getattr(getattr(self, part), field.name) is not None
         }
         return arrays | {_SECONDS + stage: np.array(value) for stage, value in self.seconds.items()}
 
@@ -78,7 +79,13 @@ class StateFindings:
     def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> StateFindings:
         """Return what `to_arrays` was called on."""
         parts: dict[str, Any] = {
-            part: kind(**{field.name: arrays[f"{part}.{field.name}"] for field in fields(kind)})
+            part: kind(
+                **{
+                    field.name: arrays[f"{part}.{field.name}"]
+                    for field in fields(kind)
+                    if f"{part}.{field.name}" in arrays
+                }
+            )
             for part, kind in _PARTS.items()
             if f"{part}.{fields(kind)[0].name}" in arrays
         }
