@@ -153,10 +153,11 @@ def test_a_recording_of_a_simulated_drive_gives_what_was_measured():
             Scans(stamps, stamps, tuple(ranges), geometry, "laser"), channel.lidar, 0.0, 1, Readings()
         )
 
+    twist = np.insert(view.previous, 1, 0.0, axis=1)
     found = OBSERVED.record(
-        RecordedInstants(view.poses, np.array(SCENARIO.goal), view.previous, recorded_scan)
+        RecordedInstants(view.poses, np.array(SCENARIO.goal), twist, np.zeros((50, 3)), recorded_scan)
     )
-    np.testing.assert_allclose(found, OBSERVED.measure(view), atol=1e-5)
+    np.testing.assert_allclose(OBSERVED.observe(found), OBSERVED.measure(view), atol=1e-5)
 
 
 def test_natural_bounds_hold_what_is_measured():

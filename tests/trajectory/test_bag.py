@@ -21,8 +21,9 @@ from tests.bags import (
     write_bag,
 )
 from tests.safety.hand_made_policy import specification, write_policy
+from viatool.channels import Frames
 from viatool.errors import ConfigurationError, EmptyEvaluationError, PolicyError, TrajectoryError
-from viatool.policy import load_policy
+from viatool.policy import ObservationChannel, load_policy
 from viatool.trajectory import BagSettings, Topics, load_trajectory
 from viatool.world import load_map
 
@@ -99,6 +100,30 @@ def test_scans_that_are_read_a_few_at_a_time_give_the_same_states(tmp_path, requ
     wrong = changed(messages, "/scan", 9, range_max=0.0)
     with pytest.raises(TrajectoryError, match="scan 9 has the first angle"):
         read(tmp_path / "wrong", wrong)
+
+
+@pytest.mark.parametrize("at_once", [7, 1000])
+def test_frames_are_filled_with_what_was_recorded_before(tmp_path, plain, monkeypatch, at_once):
+    """Every second interval back, three times: what has no such past is left out and told."""
+    monkeypatch.setattr("viatool.trajectory.bag._SCANS", at_once)
+    messages, driven = plain
+    stacked = SPECIFICATION.model_copy(update={"schema_version": 2, "frames": Frames(count=3, stride=2)})
+    found = read(tmp_path, messages, spec=stacked)
+    seen = driven.observations.astype(np.float32).astype(np.float64)
+    expected = np.concatenate([seen[:-4], seen[2:-2], seen[4:]], axis=1)
+    np.testing.assert_allclose(found.observations, expected, atol=1e-4)
+    assert "4 without the frames before" in told(found)
+
+
+def test_measured_velocities_are_those_of_the_odometry(tmp_path, plain):
+    messages, driven = plain
+    channels = [*SPECIFICATION.observation, ObservationChannel(name="turning", kind="angular_velocity")]
+    spinning = copy.deepcopy(messages)
+    rates = 5.0 * np.sin(np.arange(len(driven)))  # faster than half a turn a second
+    for rate, message in zip(rates, [m for m in spinning if m.topic == "/odom"], strict=True):
+        message.fields["twist"]["twist"]["angular"]["z"] = float(rate)
+    found = read(tmp_path, spinning, spec=SPECIFICATION.model_copy(update={"observation": channels}))
+    np.testing.assert_allclose(found.observations[:, -1], rates[-len(found) :], atol=1e-5)
 
 
 @pytest.mark.parametrize("kind", ["mcap", "sqlite3"])

@@ -53,7 +53,7 @@ class PreviousCommand(Quantity):
 
     def record(self, recorded: RecordedInstants) -> Floats:
         """Return the recorded command before."""
-        return recorded.previous[:, self.axis]
+        return recorded.previous[:, ("linear", "lateral", "angular").index(self.command)]
 
     def enclose(self, view: BoxView) -> Forms:
         """Return the part of the state."""

@@ -118,13 +118,8 @@ class Quantities:
         return self.observe(self.read(view))
 
     def record(self, recorded: RecordedInstants) -> Floats:
-        """Return what was observed at S instants of a recording, (S, n), as `observe` does; NaN where unknown."""
-        readings = self._filled(len(recorded.poses), lambda quantity: quantity.record(recorded))
-        before = np.full((self.inputs.memory, readings.shape[1]), np.nan)
-        every = np.concatenate([before, readings])
-        ages = np.arange(1, self.inputs.memory + 1)
-        past = every[np.arange(len(readings))[:, None] - ages + self.inputs.memory]
-        return self.observe(readings, past)
+        """Return what sensors read at S instants of a recording, (S, m), as `read` does; NaN where unknown."""
+        return self._filled(len(recorded.poses), lambda quantity: quantity.record(recorded))
 
     def enclose(self, view: BoxView, radii: Floats | None = None) -> Sightings:
         """Enclose what the network takes anywhere in C sets of states.

@@ -8,7 +8,7 @@ import numpy as np
 
 from viatool.arrays import Floats, Indices, Reals
 from viatool.channels.quantity import Quantity, observes
-from viatool.channels.views import BoxView, Extent, View
+from viatool.channels.views import BoxView, Extent, RecordedInstants, View
 from viatool.motion.kinematics import kinematics_of
 from viatool.motion.twists import HeldTwist
 from viatool.sets.forms import Forms
@@ -29,6 +29,10 @@ class MeasuredVelocity(Quantity):
         return (
             kinematics.parts(view.previous)[number] if isinstance(kinematics, HeldTwist) else self._unknown()
         )
+
+    def record(self, recorded: RecordedInstants) -> Floats:
+        """Return the velocity that the odometry measured."""
+        return recorded.velocities[:, ("ahead", "left", "turn").index(self.part)]
 
     def enclose(self, view: BoxView) -> Forms:
         """Return the command before: a robot without actuator dynamics has the velocity that it was told to have."""

@@ -233,7 +233,9 @@ class RecordedInstants:
     goal : ndarray or None
         (2,) metres; None where no quantity needs it.
     previous : ndarray
-        (S, 2) the command before, m/s and rad/s.
+        (S, 3) the command before: m/s ahead and to the left, and rad/s.
+    velocities : ndarray
+        (S, 3) the velocity that was measured, of the same kind.
     scan : callable
         Gives the bins (S, bins) of a LiDAR channel, NaN where nothing was measured.
     """
@@ -241,6 +243,7 @@ class RecordedInstants:
     poses: Floats
     goal: Floats | None
     previous: Floats
+    velocities: Floats
     scan: Callable[[Channel], Floats]
 
     @cached_property

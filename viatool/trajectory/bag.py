@@ -35,17 +35,24 @@ TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 
 @dataclass(frozen=True, eq=False)
 class RecordedOdometry:
-    """M poses of a frame of the robot: stamps (M,) in nanoseconds, poses (M, 3) in `frame`."""
+    """M poses of a frame of the robot: stamps (M,) in nanoseconds, poses (M, 3) in `frame`.
+
+    The velocities (M, 3) are those that the robot measured, in its own frame: m/s ahead and to the left, and rad/s.
+    """
 
     stamps: Indices
     poses: Floats
+    velocities: Floats
     frame: str
     child: str
 
 
 @dataclass(frozen=True, eq=False)
 class RecordedCommands:
-    """C commands: stamps (C,) in nanoseconds, values (C, 2) v and omega; by the recorder's clock if `received`."""
+    """C commands: stamps (C,) in nanoseconds, values (C, 3); by the recorder's clock if `received`.
+
+    The values are speeds ahead and to the left in m/s, and turning speeds in rad/s.
+    """
 
     stamps: Indices
     values: Floats
@@ -217,9 +224,9 @@ def _quaternion(rotation: Any) -> tuple[float, float, float, float]:
 
 
 def _read_odometry(reader: AnyReader, connections: list[Connection]) -> RecordedOdometry:
-    stamps, poses, frames = array("q"), array("d"), set()
+    stamps, poses, velocities, frames = array("q"), array("d"), array("d"), set()
     for _, message in _messages(reader, connections):
-        pose = message.pose.pose
+        pose, twist = message.pose.pose, message.twist.twist
         rotation = _quaternion(pose.orientation)
         if side_of(rotation) < 0:
             raise TrajectoryError(
@@ -228,6 +235,7 @@ def _read_odometry(reader: AnyReader, connections: list[Connection]) -> Recorded
             )
         stamps.append(_stamp(message.header))
         poses.extend((pose.position.x, pose.position.y, heading_of(rotation)))
+        velocities.extend((twist.linear.x, twist.linear.y, twist.angular.z))
         frames.add((_frame(message.header.frame_id), _frame(message.child_frame_id)))
     table = np.array(poses).reshape(-1, 3)
     bad = np.flatnonzero(~np.isfinite(table).all(axis=1))
@@ -242,7 +250,8 @@ def _read_odometry(reader: AnyReader, connections: list[Connection]) -> Recorded
             f"the odometry changes its frames: {sorted(frames)}", "record one odometry, or name its topic"
         )
     frame, child = frames.pop() if frames else ("", "")
-    return RecordedOdometry(_ordered(np.array(stamps), "odometry"), table, frame, child)
+    moving = np.array(velocities).reshape(-1, 3)
+    return RecordedOdometry(_ordered(np.array(stamps), "odometry"), table, moving, frame, child)
 
 
 def _read_scans(reader: AnyReader, connections: list[Connection]) -> Iterator[Scans]:
@@ -292,8 +301,8 @@ def _read_commands(reader: AnyReader, connections: list[Connection]) -> Recorded
         twist = message.twist if stamped else message
         twist = twist.twist if connections[0].msgtype == ODOMETRY else twist
         stamps.append(_stamp(message.header) if stamped else recorded)
-        values.extend((twist.linear.x, twist.angular.z))
-    table = np.array(values).reshape(-1, 2)
+        values.extend((twist.linear.x, twist.linear.y, twist.angular.z))
+    table = np.array(values).reshape(-1, 3)
     bad = np.flatnonzero(~np.isfinite(table).all(axis=1))
     if bad.size:
         raise TrajectoryError(

@@ -26,6 +26,7 @@ _REASONS = (
     "without a pose at their time",
     "with a bin that measured nothing",
     "without a recent command",
+    "without the frames before",
 )
 """Why scans are left out."""
 
@@ -90,9 +91,9 @@ def load_bag(path: Path, specification: PolicySpecification | None, settings: Ba
     EmptyEvaluationError
         If no scan is left.
     """
-    observed = _observed(specification, settings)
+    observed, interval = _observed(specification, settings)
     with open_bag(path, settings.topics, commands="command" in observed.needs) as bag:
-        gathered = _Gathered(bag, observed, settings)
+        gathered = _Gathered(bag, observed, settings, interval)
         columns = Rows(1, np.int64), Rows(3), Rows(observed.size), Rows(1, np.int64)
         for scans in bag.scans:
             for column, part in zip(columns, gathered.states(scans), strict=True):
@@ -123,8 +124,8 @@ def load_bag(path: Path, specification: PolicySpecification | None, settings: Ba
     )
 
 
-def _observed(specification: PolicySpecification | None, settings: BagSettings) -> Quantities:
-    """Return what a policy observes, refusing what no bag can give."""
+def _observed(specification: PolicySpecification | None, settings: BagSettings) -> tuple[Quantities, float]:
+    """Return what a policy observes and how often it acts, refusing what no bag can give."""
     if specification is None:
         raise PolicyError(
             "a bag is read with the policy's specification, but the policy has none",
@@ -139,7 +140,7 @@ def _observed(specification: PolicySpecification | None, settings: BagSettings) 
         )
     if "goal" in observed.needs and settings.goal is None:
         raise ConfigurationError("the policy observes its goal, which a bag does not hold", "give --goal X,Y")
-    return observed
+    return observed, specification.control_interval
 
 
 @dataclass(frozen=True)
@@ -162,10 +163,13 @@ class _Gathered:
         What the policy observes; n numbers.
     settings : BagSettings
         Goal, topics and frame.
+    interval : float
+        Seconds from one frame to the next, where several are observed.
     """
 
-    def __init__(self, bag: Bag, observed: Quantities, settings: BagSettings) -> None:
-        self.bag, self.observed, self.settings = bag, observed, settings
+    def __init__(self, bag: Bag, observed: Quantities, settings: BagSettings, interval: float) -> None:
+        self.bag, self.observed, self.settings, self.interval = bag, observed, settings, interval
+        self._stamps, self._readings = np.zeros(0, np.int64), np.zeros((0, 1))
         self.first = self.scans = self.kept = self.waiting = 0
         self.lost = dict.fromkeys(_REASONS, 0)
         self.mounted: _Mount | None = None
@@ -191,13 +195,47 @@ class _Gathered:
             return bins
 
         goal = None if self.settings.goal is None else np.array(self.settings.goal)
-        observations = self.observed.record(RecordedInstants(poses, goal, previous, scan))
-        known = dict(zip(_REASONS, (located, complete, commanded), strict=True))
+        recorded = RecordedInstants(poses, goal, previous, self._velocities(scans.stamps), scan)
+        readings = self.observed.record(recorded)
+        complete &= np.isfinite(readings).all(axis=1)
+        readings[~(located & complete & commanded)] = np.nan
+        past = self._past(scans.stamps, readings)
+        observations = self.observed.observe(readings, past)
+        remembered = np.isfinite(past).all(axis=(1, 2))
+        known = dict(zip(_REASONS, (located, complete, commanded, remembered), strict=True))
         keep = np.logical_and.reduce(list(known.values()))
         self.kept += int(keep.sum())
         for reason, which in known.items():
             self.lost[reason] += int((~which).sum())
         return scans.stamps[keep], poses[keep], observations[keep], told[keep].astype(np.int64)
+
+    def _velocities(self, at: Indices) -> Floats:
+        """Return the measured velocities at some instants, (S, 3), between those that were recorded."""
+        odometry = self.bag.odometry
+        return np.stack([np.interp(at, odometry.stamps, part) for part in odometry.velocities.T], axis=1)
+
+    def _past(self, stamps: Indices, readings: Floats) -> Floats:
+        """Return what was read in each of the T control intervals before scans, (S, T, m); NaN where it is not known.
+
+        That of an interval is the scan which is nearest to its time, at most half an interval away.
+        """
+        inputs = self.observed.inputs
+        past = np.zeros((len(stamps), inputs.memory, readings.shape[1]))
+        if not inputs.memory:
+            return past
+        self._stamps = np.concatenate([self._stamps, stamps])
+        self._readings = np.concatenate([self._readings.reshape(-1, readings.shape[1]), readings])
+        for age in np.unique(inputs.age[inputs.age > 0]):
+            at = stamps - round(1e9 * age * self.interval)
+            after = np.clip(np.searchsorted(self._stamps, at), 0, len(self._stamps) - 1)
+            before = np.maximum(after - 1, 0)
+            nearer = np.abs(self._stamps[before] - at) < np.abs(self._stamps[after] - at)
+            nearest = np.where(nearer, before, after)
+            there = np.abs(self._stamps[nearest] - at) <= 0.5e9 * self.interval
+            past[:, age - 1] = np.where(there[:, None], self._readings[nearest], np.nan)
+        recent = self._stamps >= stamps[-1] - round(1e9 * (inputs.memory + 1) * self.interval)
+        self._stamps, self._readings = self._stamps[recent], self._readings[recent]
+        return past
 
     def _locate(self, at: Indices) -> tuple[Floats, Booleans]:
         """Return the pose of the robot in the map frame, (S, 3), and whether it is known."""
@@ -246,11 +284,11 @@ class _Gathered:
         return _Mount(yaw, side, float(np.hypot(x, y)))
 
     def _previous(self, scans: Scans) -> tuple[Floats, Booleans, Booleans]:
-        """Return the command before each scan, (S, 2), whether it may be used, and whether it was recorded.
+        """Return the command before each scan, (S, 3), whether it may be used, and whether it was recorded.
 
         Before the first command the robot is taken to stand still, which is not recorded.
         """
-        found, known = np.zeros((len(scans), 2)), np.ones(len(scans), dtype=bool)
+        found, known = np.zeros((len(scans), 3)), np.ones(len(scans), dtype=bool)
         commands = self.bag.commands
         if commands is None:
             return found, known, ~known
