@@ -78,13 +78,13 @@ def test_the_top_level_imports_nothing_heavy(program: str) -> None:
 
 
 def test_torch_and_pybullet_stay_in_their_rooms() -> None:
-    allowed = {"torch": "train", "pybullet": "simulate"}
+    allowed = {"torch": ("train", "importing"), "pybullet": ("simulate",)}
     for path in sorted((ROOT / "viatool").rglob("*.py")):
         room = path.relative_to(ROOT / "viatool").parts[0]
         for line in path.read_text(encoding="utf-8").splitlines():
-            for package, home in allowed.items():
+            for package, homes in allowed.items():
                 if line.strip().startswith((f"import {package}", f"from {package}")):
-                    assert room == home, f"{path}: {line.strip()}"
+                    assert room in homes, f"{path}: {line.strip()}"
 
 
 def test_ci_runs_the_tests_of_the_readme_and_those_that_are_slow() -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from tests.policy.models import save, two_layers
 from tests.policy.rewritten import layer_norm
+from viatool.channels import Frames
 from viatool.errors import PolicyError
 from viatool.policy import ActionChannel, ActionMap, ObservationChannel, PolicySpecification, load_policy
 from viatool.taylor import reach
@@ -81,6 +82,26 @@ def test_a_sidecar_of_another_policy_is_refused(tmp_path: Path) -> None:
         load_policy(save(two_layers(size=5), tmp_path), specification(clip=False))
     with pytest.raises(PolicyError, match="3 actions, its specification describes 2"):
         load_policy(save(two_layers(actions=3), tmp_path), specification(clip=False))
+
+
+def test_sizes_that_do_not_add_up_are_said_channel_by_channel(tmp_path: Path) -> None:
+    channels = [
+        ObservationChannel(name="lidar", size=20, frames=Frames(count=3)),
+        ObservationChannel(name="goal_distance", kind="goal_distance"),
+    ]
+    actions = specification(False).action
+    spec = PolicySpecification(schema_version=2, observation=channels, action=actions)
+    path = save(two_layers(size=64), tmp_path)
+    with pytest.raises(
+        PolicyError, match="lidar 20 x 3 frames = 60, goal_distance 1 = 61, but the model takes 64"
+    ):
+        load_policy(path, spec)
+    whole = [ObservationChannel(name="lidar", size=20), channels[1]]
+    spec = PolicySpecification(
+        schema_version=2, observation=whole, action=actions, frames=Frames(count=3, stride=2)
+    )
+    with pytest.raises(PolicyError, match=r"\(lidar 20, goal_distance 1\) x 3 frames = 63, but the model"):
+        load_policy(path, spec)
 
 
 def test_a_sidecar_can_name_the_output(tmp_path: Path) -> None:

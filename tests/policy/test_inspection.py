@@ -19,8 +19,6 @@ from viatool.policy import (
     PolicySpecification,
     describe,
     load_policy,
-    load_specification,
-    specification_template,
 )
 
 
@@ -116,28 +114,6 @@ def test_a_value_that_is_also_read_raw_is_not_called_normalised(tmp_path: Path) 
     nodes = [node("Mul", ["x", "s"], ["n"]), node("Tanh", ["n"], ["t"]), node("Sub", ["t", "x"], ["y"])]
     policy = load_policy(save(model_of(nodes, {"s": np.float32(2)}), tmp_path))
     assert policy.maps.before.startswith("nothing")
-
-
-def test_the_template_is_a_specification(tmp_path: Path) -> None:
-    path = save(two_layers(), tmp_path)
-    sidecar = tmp_path / "robot.yaml"
-    sidecar.write_text(specification_template(describe(path)))
-    spec = load_specification(sidecar)
-    assert (spec.observation_size, spec.action_size) == (4, 2)
-    assert spec.output is None
-    assert load_policy(path, sidecar).spec == spec
-    with pytest.raises(PolicyError, match="wave"):
-        specification_template(
-            describe(save(model_of([node("Sin", ["x"], ["y"], name="wave")]), tmp_path, "sin.onnx"))
-        )
-
-
-def test_the_template_names_the_chosen_output(tmp_path: Path) -> None:
-    nodes = [node("Tanh", ["x"], ["action"]), node("ReduceSum", ["x"], ["value"])]
-    path = save(model_of(nodes, outputs=("action", "value")), tmp_path)
-    sidecar = tmp_path / "robot.yaml"
-    sidecar.write_text(specification_template(describe(path, output_name="action")))
-    assert load_policy(path, sidecar).output_size == 4
 
 
 def test_everything_that_prevents_verification_is_one_error(tmp_path: Path) -> None:

@@ -15,7 +15,8 @@ from tests.policy.enclosure import escapes
 from tests.policy.models import model_of, node, save, weights
 from viatool.cli import main
 from viatool.errors import PolicyError
-from viatool.policy import describe, load_policy, load_specification, specification_template
+from viatool.policy import describe, load_policy, load_specification
+from viatool.proposals import specification_text
 
 SIZES = {"scan": (1, 3, 16), "goal": (1, 2), "speed": (1, 2)}
 
@@ -169,7 +170,7 @@ def test_inspect_tells_the_order_and_what_each_input_passes(tmp_path: Path) -> N
         "inside the model: scan: 0.166667 * value + -0.5; goal: nothing; speed: 0.25 * value"
     )
     template = tmp_path / "template.yaml"
-    template.write_text(specification_template(found))
+    template.write_text(specification_text(found))
     assert load_policy(path, template).ports.names == ("scan", "goal", "speed")
     shown = " ".join(CliRunner().invoke(main, ["inspect", str(path)]).output.split())
     assert "0 to 47 of the observation, joined in the graph's order" in shown

@@ -23,6 +23,7 @@ COMMANDS = (
     "report",
     "train",
     "export",
+    "import",
     "bounds",
     "simulate",
     "inspect",

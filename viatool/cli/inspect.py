@@ -28,7 +28,16 @@ STDOUT = Path("-")
     "--write-spec",
     type=options.WRITABLE,
     metavar="FILE",
-    help="With one policy: write its specification as YAML, or a template to fill in; - is stdout.",
+    help="With one policy: write its specification as YAML, or propose one from what its exporter states or from its "
+    "sizes, with comments on what was guessed; - is stdout.",
+)
+@click.option(
+    "--from",
+    "stated",
+    type=options.READABLE,
+    metavar="FILE",
+    help="With --write-spec: take what a parameter file of a ROS package states (YAML), or a policy contract (JSON; "
+    "policy_contract.json beside the policy is found without it).",
 )
 @click.pass_context
 def command(ctx: click.Context, /, policies: tuple[Path, ...], **given: Any) -> None:
@@ -38,6 +47,8 @@ def command(ctx: click.Context, /, policies: tuple[Path, ...], **given: Any) -> 
     exit code is then 2, or 3 where the network and onnxruntime disagree.
     """
     json_path = _json_path(given["output"])
+    if given["stated"] is not None and given["write_spec"] is None:
+        raise click.UsageError("--from says what a specification is made of: give --write-spec FILE as well")
     targets = [path for path in (json_path, given["write_spec"]) if path is not None]
     _check_targets(targets, policies)
     codes = [
@@ -55,10 +66,12 @@ def _inspect(
     graph_output: str | None,
     json_path: Path | None,
     write_spec: Path | None,
+    stated: Path | None,
 ) -> int:
     """Look into one policy; return the exit code that it would have by itself."""
     from viatool.errors import ViatoolError
-    from viatool.policy import describe, specification_template
+    from viatool.policy import describe
+    from viatool.proposals import specification_text
     from viatool.report import print_inspection
 
     try:
@@ -70,7 +83,7 @@ def _inspect(
         if found.failure is not None:
             raise found.failure
         if write_spec is not None:
-            _write(write_spec, specification_template(found))
+            _write(write_spec, specification_text(found, stated))
     except ViatoolError as error:
         code, message = explain(error)
         click.echo(message, err=True)

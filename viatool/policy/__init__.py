@@ -19,7 +19,6 @@ from viatool.policy.network import (
 from viatool.policy.policy import Policy, load_policy
 from viatool.policy.specification import ObservationChannel, PolicySpecification
 from viatool.policy.specification_file import load_specification
-from viatool.policy.template import specification_template
 from viatool.policy.writer import write_onnx
 
 __all__ = [
@@ -43,6 +42,5 @@ __all__ = [
     "describe",
     "load_policy",
     "load_specification",
-    "specification_template",
     "write_onnx",
 ]

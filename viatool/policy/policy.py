@@ -258,14 +258,15 @@ def check_sizes(path: Path, network: Network, spec: PolicySpecification) -> None
     Raises
     ------
     PolicyError
-        Names both sizes.
+        Names both sizes, and what each channel takes of its own.
     """
-    for what, found, expected in (
-        ("observations", network.input_size, spec.observation_size),
-        ("actions", network.output_size, spec.action_size),
+    for what, found, expected, total in (
+        ("observations", network.input_size, spec.observation_size, spec.observation_sum),
+        ("actions", network.output_size, spec.action_size, spec.action_sum),
     ):
         if found != expected:
             raise PolicyError(
-                f"{path} has {found} {what}, its specification describes {expected}",
+                f"{path} has {found} {what}, its specification describes {expected}: {total}, "
+                f"but the model {'takes' if what == 'observations' else 'gives'} {found}",
                 "correct the channels of the specification, or give the policy that belongs to it",
             )

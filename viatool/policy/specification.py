@@ -223,6 +223,20 @@ class PolicySpecification(Strict):
         """Return the number of outputs: one for each action, or for each command of a choice."""
         return sum(action.outputs for action in self.action)
 
+    @property
+    def observation_sum(self) -> str:
+        """Return how the size of the observation comes about, channel by channel, for messages."""
+        parts = [_size_in_words(c.name, c.size, c.frames.count if c.frames else 1) for c in self.observation]
+        if self.frames is None or self.frames.count == 1:
+            return f"{', '.join(parts)} = {self.observation_size}"
+        return f"({', '.join(parts)}) x {self.frames.count} frames = {self.observation_size}"
+
+    @property
+    def action_sum(self) -> str:
+        """Return how the number of outputs comes about, action by action, for messages."""
+        parts = [_size_in_words(action.name, action.outputs) for action in self.action]
+        return f"{', '.join(parts)} = {self.action_size}"
+
     def channel(self, name: str) -> ObservationChannel:
         """Return the observation channel of that name.
 
@@ -313,6 +327,10 @@ class PolicySpecification(Strict):
             self.model_dump(mode="json", exclude_none=True), sort_keys=False, allow_unicode=True
         )
         return text
+
+
+def _size_in_words(name: str, size: int, frames: int = 1) -> str:
+    return f"{name} {size}" if frames == 1 else f"{name} {size} x {frames} frames = {size * frames}"
 
 
 def _once_around(channel: Any) -> Any:

@@ -28,7 +28,7 @@ def print_inspection(found: Inspection, console: Console) -> None:
         _print_layers(found, console)
     if found.specification is None:
         works = "bounds work, " if found.verifiable else ""
-        hint = f"  none: {works}geometry needs --spec FILE (--write-spec FILE writes one to fill in)"
+        hint = f"  none: {works}geometry needs --spec FILE (--write-spec FILE proposes one)"
         console.print(Text("specification", style="bold"), Text(hint), sep="\n")
     else:
         _print_specification(found.specification, console)

@@ -1,0 +1,152 @@
+"""A proposal from sizes alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from viatool.proposals.layouts import Channel, command, known_layout, rays_and_tail, size_of
+from viatool.proposals.proposal import FILL_IN, Guess, PolicyFacts, Proposal
+
+_LIMITS = {"linear": (0.0, 0.5), "lateral": (-0.5, 0.5), "angular": (-1.0, 1.0)}
+_UNITS = {"linear": "m/s", "lateral": "m/s", "angular": "rad/s"}
+_MOST_COMMANDS = 3
+"""More numbers than a robot that moves on the ground is commanded with are scores of a choice."""
+
+_NO_TANH = Guess(
+    "actions come in [-1, 1], though no tanh is the last thing in the file",
+    "if they come as commands, remove `scale` and `offset`",
+)
+
+
+def propose_by_size(facts: PolicyFacts) -> Proposal:
+    """Propose a specification from how many numbers go in and come out.
+
+    Parameters
+    ----------
+    facts : PolicyFacts
+        The sizes, and what else is known; limits that a file states are taken as they are.
+
+    Returns
+    -------
+    Proposal
+        Of the project whose sizes these are, of a common LiDAR and what follows it, or of channels without a meaning.
+    """
+    layout = None if facts.ports else known_layout(facts.inputs, facts.outputs)
+    if layout is not None and not (facts.chooses is False and layout.action[0]["kind"] == "choice"):
+        action, about_action = layout.action, layout.about_action
+        if (
+            facts.limits is not None or facts.chooses is True
+        ):  # what the file states, or leaves to be filled in
+            action, about_action = _action(facts, navigates=True)
+        elif not facts.squashed and "scale" in action[0]:
+            about_action = (*about_action, _NO_TANH)
+        found = Proposal(
+            layout.observation,
+            action,
+            f"its sizes, {facts.inputs} numbers in and {facts.outputs} out, which are those of {layout.project}",
+            (
+                Guess(f"it is a policy of {layout.project}", "where it was trained"),
+                *layout.guesses,
+                *about_action,
+            ),
+        )
+    else:
+        common = _common(facts)
+        observation, guesses = common or (_unknown(facts), (_nothing_known(facts.inputs),))
+        action, more = _action(facts, navigates=common is not None)
+        found = Proposal(
+            observation,
+            action,
+            f"its sizes alone, {facts.inputs} numbers in and {facts.outputs} out",
+            (*guesses, *more),
+        )
+    return replace(_with_ranges(found, facts), more=facts.names)
+
+
+def _common(facts: PolicyFacts) -> tuple[list[Channel], tuple[Guess, ...]] | None:
+    """Return rays and what follows them; of several inputs, the first has to be the rays."""
+    common = rays_and_tail(facts.inputs) if facts.outputs > 1 else None
+    if common is None or (facts.ports and facts.ports[0][1] != size_of(common[0][0])):
+        return None
+    return common
+
+
+def _unknown(facts: PolicyFacts) -> list[Channel]:
+    ports = facts.ports or (("observation", facts.inputs),)
+    return [{"name": name, "size": size, "unit": "?", "kind": "other"} for name, size in ports]
+
+
+def _nothing_known(size: int) -> Guess:
+    from viatool.channels import kinds
+
+    return Guess(
+        f"no observation that is known has {size} numbers: channels of kind other stand for them",
+        "split them into channels whose sizes add up to it, each of a kind: " + ", ".join(kinds()),
+    )
+
+
+def _action(facts: PolicyFacts, *, navigates: bool) -> tuple[list[Channel], tuple[Guess, ...]]:
+    """Return action channels for the outputs of a policy."""
+    if facts.chooses or (facts.chooses is None and navigates and facts.outputs > _MOST_COMMANDS):
+        return _choice(facts)
+    names = {1: ["angular"], 2: ["linear", "angular"], 3: ["linear", "lateral", "angular"]}.get(facts.outputs)
+    if names is None or not navigates:
+        return _unnamed(facts)
+    if facts.limits is not None:
+        pairs = zip(names, facts.limits, strict=True)
+        actions = [command(name, _UNITS[name], limits, scaled=False) for name, limits in pairs]
+        return actions, (
+            Guess(f"the outputs command {', '.join(names)}, in this order", "what the robot's driver sends"),
+        )
+    actions = [command(name, _UNITS[name], _LIMITS[name], facts.squashed) for name in names]
+    words = ", ".join(f"{name} from {_LIMITS[name][0]} to {_LIMITS[name][1]}" for name in names)
+    scaled = "scaled from [-1, 1]" if facts.squashed else "as they come, without `scale` and `offset`"
+    return actions, (Guess(f"the outputs command {words}, {scaled}", "the robot's limits, and its driver"),)
+
+
+def _choice(facts: PolicyFacts) -> tuple[list[Channel], tuple[Guess, ...]]:
+    table: list[list[Any]] = [[FILL_IN, FILL_IN] for _ in range(facts.outputs)]
+    action = {"name": "command", "kind": "choice", "axes": ["linear", "angular"], "commands": table}
+    return [action], (
+        Guess(
+            f"the largest of {facts.outputs} outputs chooses a command of linear (m/s) and angular (rad/s); which "
+            f"commands they are, no file says: fill in all {facts.outputs}",
+            "the table of actions in the environment, in its order",
+        ),
+    )
+
+
+def _unnamed(facts: PolicyFacts) -> tuple[list[Channel], tuple[Guess, ...]]:
+    limits = facts.limits or ((-1.0, 1.0),) * facts.outputs
+    actions = [
+        {"name": f"action_{index}", "unit": "?", "kind": "other", "lower": lower, "upper": upper}
+        for index, (lower, upper) in enumerate(limits)
+    ]
+    said = "stated by the file" if facts.limits else "from -1 to 1"
+    return actions, (
+        Guess(
+            f"each action is of no kind, {said}",
+            "`kind`: linear (m/s), angular (rad/s), ...; `lower`, `upper`; `scale` and `offset` where outputs are "
+            "normalised; or one action of kind `choice` with `axes` and `commands`",
+        ),
+    )
+
+
+def _with_ranges(proposal: Proposal, facts: PolicyFacts) -> Proposal:
+    """Take the largest range of a LiDAR from the observation's limits, where the file states them."""
+    if facts.ranges is None:
+        return proposal
+    channels, place = [], 0
+    guesses = list(proposal.guesses)
+    for channel in proposal.observation:
+        upper = {high for _, high in facts.ranges[place : place + size_of(channel)]}
+        place += size_of(channel)
+        lidar, plain = channel.get("lidar"), "scale" not in channel
+        if lidar and plain and len(upper) == 1 and 0.0 < (most := upper.pop()) < 1e3:
+            channel = {**channel, "lidar": {**lidar, "maximum_range": round(float(most), 6)}}
+            guesses.append(
+                Guess(f"the LiDAR reaches {most:g} m, as the observation's limits say", "range_max")
+            )
+        channels.append(channel)
+    return replace(proposal, observation=channels, guesses=tuple(guesses))
