@@ -83,7 +83,7 @@ def attack(policy, result, samples, seed):
         points = np.where(points < low[state], np.nextafter(points, np.float32(np.inf)), points)
         actions = policy.run(points).astype(np.float64)
         outside = (actions < table["lower"][state]) | (actions > table["upper"][state])
-        commands = actions[:, list(result.columns)]
+        commands = result.setting.command_map(actions)
         commands = np.clip(
             commands, (robot.min_linear, -robot.max_angular), (robot.max_linear, robot.max_angular)
         )

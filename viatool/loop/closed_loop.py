@@ -67,7 +67,7 @@ class ClosedLoop:
     Parameters
     ----------
     policy : Policy
-        The program.
+        The program; it gives commands.
     setting : Setting
         The meaning of its numbers with their uncertainty, and what is to hold.
     sensors : Sensors
@@ -105,7 +105,7 @@ class ClosedLoop:
             setting.rules.footprint.holds_origin(setting.rules.clearance.collision),
             setting.radii,
         )
-        return cls(policy, setting, sensors, nowhere, arithmetic)
+        return cls(setting.commanding(policy), setting, sensors, nowhere, arithmetic)
 
     @property
     def rules(self) -> Rules:
@@ -204,7 +204,6 @@ class ClosedLoop:
 
     def _commands(self, cells: StateBoxes) -> CommandBounds:
         check_time()
-        columns = self.setting.columns
         sightings = self.sensors.enclose(cells)
         seen = sightings.forms
         inputs = input_model(seen.centre, seen.slope, seen.rest)
@@ -216,7 +215,7 @@ class ClosedLoop:
         )
         self.watch(seen.centre, reached)
         reached = reached.joined(sightings.cell, len(cells))
-        bounds = reached.lower[:, columns], reached.upper[:, columns]
+        bounds = reached.lower, reached.upper
         require_ordered("commands", *bounds)
         lower, upper = (self.rules.clip(end) for end in bounds)
         moved = reached.influence / np.maximum(reached.influence.sum(axis=1, keepdims=True), 1e-12)

@@ -150,17 +150,16 @@ def _step(loop: ClosedLoop, states: Forms) -> LoopStep:
     )
     loop.watch(seen.centre, reached)
     reached = reached.joined(sightings.cell, len(start))
-    columns, rules = loop.setting.columns, loop.rules
-    bounds = reached.lower[:, columns], reached.upper[:, columns]
+    rules, bounds = loop.rules, (reached.lower, reached.upper)
     require_ordered("commands", *bounds)
-    centre, rest = reached.centre[:, columns], reached.rest[:, columns]
+    centre, rest = reached.centre, reached.rest
     # A limit moves a command by what it exceeds the limit by: a number between 0 and the most that it may.
     over = np.maximum(bounds[1] - rules.upper, 0.0)
     under = np.maximum(rules.lower - bounds[0], 0.0)
     centre, rest = centre + 0.5 * (under - over), rest + 0.5 * (under + over)
     axes = rest.shape[1]
     own = rest[:, :, None] * np.eye(axes)
-    command = np.concatenate([reached.slope[:, :, columns], own], axis=1)  # (C, S + A, A)
+    command = np.concatenate([reached.slope, own], axis=1)  # (C, S + A, A)
     pose = np.concatenate([states.slope[:, :, _POSE], np.zeros((len(own), axes, 3))], axis=1)
     held = Forms(
         np.concatenate([states.centre[:, _POSE], centre], axis=1),

@@ -17,7 +17,7 @@ it is only observed.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
@@ -120,18 +120,10 @@ class Kinematics(ABC):
     axes: ClassVar[tuple[Axis, ...]]
     state: ClassVar[tuple[Axis, ...]] = ()
 
-    def columns(self, kinds: Sequence[str]) -> list[int]:
-        """Return which of some channels hold the axes, in the order of the axes.
-
-        Raises
-        ------
-        KeyError
-            With the kind of the first axis that no channel holds.
-        """
-        for axis in self.axes:
-            if axis.kind not in kinds:
-                raise KeyError(axis.kind)
-        return [kinds.index(axis.kind) for axis in self.axes]
+    @property
+    def takes(self) -> tuple[tuple[str, ...], ...]:
+        """Return the kinds of actions that make up a command: one set of them, or one of several, the usual first."""
+        return (tuple(axis.kind for axis in self.axes),)
 
     def axis(self, kind: str) -> int | None:
         """Return the number of the axis of a kind; None if there is none."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from viatool.arrays import Floats
-from viatool.policy.action_channels import ActionMap
+from viatool.policy.action_map import Scaling, scaling_of
 from viatool.policy.model_file import Ports
 from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Network, Node, Product
 from viatool.policy.specification import PolicySpecification
@@ -53,8 +53,8 @@ def maps_of(network: Network, spec: PolicySpecification | None, ports: Ports | N
     parts = [f"inside the model: {_in_words(after)}"] if after else []
     if spec is None:
         parts.append("what the robot makes of the output is not known: there is no specification")
-    elif spec.action_map is not None:
-        parts.append(f"by the specification: {_map_in_words(spec.action_map, spec)}")
+    elif (words := _scaling_in_words(scaling_of(spec))) is not None:
+        parts.append(f"by the specification: {words}")
     return Maps(_before_in_words(network, ports), "; ".join(parts) or NOTHING_AFTER)
 
 
@@ -179,11 +179,13 @@ def _one_in_words(step: Step) -> str:
     return step.function.name
 
 
-def _map_in_words(action_map: ActionMap, spec: PolicySpecification) -> str:
-    scale, offset = np.array(action_map.scale), np.array(action_map.offset)
-    text = f"command = {_scaled_in_words('output', scale, offset)}"
-    if action_map.clip:
-        text += ", clipped to " + ", ".join(f"[{c.lower:g}, {c.upper:g}]" for c in spec.action)
+def _scaling_in_words(scaling: Scaling | None) -> str | None:
+    """Return what a specification does with the outputs; None where that is nothing."""
+    if scaling is None:
+        return None
+    text = f"command = {_scaled_in_words('output', scaling.scale, scaling.offset)}"
+    if scaling.limits is not None:
+        text += ", clipped to " + ", ".join(f"[{lower:g}, {upper:g}]" for lower, upper in scaling.limits)
     return text
 
 

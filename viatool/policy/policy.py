@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from viatool.arrays import Floats
 from viatool.errors import PolicyError, PolicyWarning
 from viatool.policy.action_map import apply_action_map, with_action_map
+from viatool.policy.command_map import CommandMap
 from viatool.policy.executed import executed_networks
 from viatool.policy.maps import Maps, maps_of
 from viatool.policy.model_file import ModelFile, Ports, actor_graph, open_model
@@ -48,6 +49,8 @@ class Policy:
     rewritten : tuple of Network
         What onnxruntime runs in the file's place at one of its levels of optimisation, where that is another network;
         with the action map as well. Bounds of the deployed program hold for each of them.
+    command_map : CommandMap, optional
+        What makes a command of the actions, where the policy gives commands: it stands at the end of the networks.
     """
 
     path: Path
@@ -59,6 +62,18 @@ class Policy:
     self_check: SelfCheck | None = None
     maps: Maps = field(default_factory=Maps)
     rewritten: tuple[Network, ...] = ()
+    command_map: CommandMap | None = None
+
+    def commanding(self, command_map: CommandMap) -> Policy:
+        """Return the same policy with the command of a robot as what it gives, in networks and runs alike."""
+        if command_map.changes_nothing or command_map == self.command_map:
+            return self
+        return replace(
+            self,
+            network=command_map.follow(self.network),
+            rewritten=tuple(command_map.follow(other) for other in self.rewritten),
+            command_map=command_map,
+        )
 
     @property
     def input_size(self) -> int:
@@ -104,12 +119,15 @@ class Policy:
         -----
         A single row is bit for bit what the robot computes; in a batch the last place may round differently.
         """
-        return apply_action_map(self.outputs(observations), self.spec)
+        actions = apply_action_map(self.outputs(observations), self.spec)
+        return actions if self.command_map is None else self.command_map(actions)
 
     def outputs(self, observations: ArrayLike) -> Floats:
-        """Run the deployed program as `run` does, and return what it gives before the action map, (B, output_size)."""
+        """Run the deployed program as `run` does, and return what it gives before the action map, (B, O)."""
         rows = self._rows(observations)
-        return self.runtime(rows) if len(rows) else np.zeros((0, self.output_size))
+        if len(rows):
+            return self.runtime(rows)
+        return np.zeros((0, self.output_size if self.command_map is None else self.command_map.actions))
 
     def _rows(self, observations: ArrayLike) -> Floats:
         rows = np.asarray(observations, dtype=np.float64)

@@ -37,7 +37,7 @@ class SearchablePolicy(Protocol):
         """The function, for gradients in float64."""
 
     def run(self, observations: ArrayLike, /) -> Floats:
-        """Return the actions (B, A) of observations (B, n), as the deployed program computes them."""
+        """Return the commands (B, A) of observations (B, n), as the deployed program computes them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +100,6 @@ class Witnesses:
 
 def search_witnesses(
     policy: SearchablePolicy,
-    columns: Sequence[int],
     states: JudgedStates,
     doubtful: Indices,
     observations: Floats,
@@ -116,9 +115,7 @@ def search_witnesses(
     Parameters
     ----------
     policy : Policy
-        n inputs.
-    columns : sequence of int
-        Which actions are v and omega.
+        n inputs; it gives commands.
     states : JudgedStates
         N states.
     doubtful : ndarray
@@ -155,15 +152,15 @@ def search_witnesses(
         check_time()
         rows = doubtful[start : start + _CHUNK]
         some, seen = states.select(rows), observations[rows]
-        easy = confirm(policy, columns, some, seen[:, None])
+        easy = confirm(policy, some, seen[:, None])
         parts.append(_of_states(easy, rows))
         hard = np.setdiff1d(np.arange(len(rows)), easy.state)
         if len(hard):
             rows, some, seen = rows[hard], some.select(hard), seen[hard]
             around = Box(box.lower[rows], box.upper[rows])
-            search = _Search(policy, columns, some, seen, around, lower[rows], upper[rows])
+            search = _Search(policy, some, seen, around, lower[rows], upper[rows])
             within = to_float32_within(search.candidates(generator), seen, around)
-            parts.append(_of_states(confirm(policy, columns, some, within), rows))
+            parts.append(_of_states(confirm(policy, some, within), rows))
         if progress is not None:
             progress(min(start + _CHUNK, len(doubtful)), len(doubtful))
     return Witnesses.join(parts, observations.shape[1])
@@ -195,14 +192,12 @@ def to_float32_within(points: Floats, nominal: Floats, box: Box) -> Floats:
     return np.where(inside, rounded.astype(np.float64), nominal[:, None])
 
 
-def confirm(
-    policy: SearchablePolicy, columns: Sequence[int], states: JudgedStates, candidates: Floats
-) -> Witnesses:
+def confirm(policy: SearchablePolicy, states: JudgedStates, candidates: Floats) -> Witnesses:
     """Run candidates through the deployed program and keep, for each state, the one that fails most.
 
     Parameters
     ----------
-    policy, columns, states
+    policy, states
         As in `search_witnesses`.
     candidates : ndarray
         (B, K, n) float32 numbers within the boxes.
@@ -213,8 +208,8 @@ def confirm(
         At most one for each state.
     """
     count, each, size = candidates.shape
-    raw = policy.run(candidates.reshape(-1, size))[:, list(columns)]
-    actions = states.rules.clip(np.asarray(raw, dtype=np.float64)).reshape(count, each, 2)
+    raw = np.asarray(policy.run(candidates.reshape(-1, size)), dtype=np.float64)
+    actions = states.rules.clip(raw).reshape(count, each, -1)
     clearances, seconds, poses = states.closest_approach(actions)
     rows, best = np.arange(count), clearances.argmin(axis=1)
     left = clearances[rows, best]
@@ -237,14 +232,13 @@ class _Search:
     def __init__(
         self,
         policy: SearchablePolicy,
-        columns: Sequence[int],
         states: JudgedStates,
         observations: Floats,
         box: Box,
         lower: Floats,
         upper: Floats,
     ) -> None:
-        self.network, self.columns, self.states = policy.network, list(columns), states
+        self.network, self.states = policy.network, states
         self.observations, self.box = observations, box
         self.centre, self.radius = 0.5 * (lower + upper), np.maximum(0.5 * (upper - lower), 1e-9)
 
@@ -282,9 +276,7 @@ class _Search:
 
     def _climb(self, start: Floats, direction: Floats) -> Floats:
         """Go from corner to corner along the gradient of a combination of commands, (B, n)."""
-        combination = np.zeros((len(start), self.network.output_size))
-        combination[:, self.columns] = direction
-        return climb(self.network, self.box, combination, start, steps=_STEPS)[0]
+        return climb(self.network, self.box, direction, start, steps=_STEPS)[0]
 
     def _random(self, generator: np.random.Generator) -> Floats:
         """Return a random corner of each box, (B, n)."""
@@ -292,8 +284,8 @@ class _Search:
         return np.where(upper, self.box.upper, self.box.lower)
 
     def _actions(self, points: Floats) -> Floats:
-        flat = self.network(points.reshape(-1, points.shape[-1]))[:, self.columns]
-        return flat.reshape(*points.shape[:-1], 2)
+        flat = self.network(points.reshape(-1, points.shape[-1]))
+        return flat.reshape(*points.shape[:-1], -1)
 
     def _clearances(self, actions: Floats) -> Floats:
         """Return the least clearance (B, K) on the paths of commands (B, K, 2)."""

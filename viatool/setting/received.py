@@ -155,7 +155,7 @@ def _recorded(setting: Setting, trajectory: Trajectory) -> Floats | None:
         return None
     before = np.full((len(trajectory), 2), np.nan)
     follows = _follows(setting, trajectory)
-    before[follows] = trajectory.actions[np.flatnonzero(follows) - 1][:, setting.columns]
+    before[follows] = setting.command_map(trajectory.actions[np.flatnonzero(follows) - 1])
     before[_begins(trajectory)] = 0.0
     return before
 

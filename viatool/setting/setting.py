@@ -10,8 +10,9 @@ import numpy as np
 
 from viatool.arrays import Floats
 from viatool.errors import ConfigurationError, PolicyError
-from viatool.motion.law import Kinematics
-from viatool.policy import PolicySpecification
+from viatool.motion.law import Axis
+from viatool.policy import ActionChannel, Policy, PolicySpecification
+from viatool.policy.command_map import CommandMap, command_map
 from viatool.policy.network import Network
 from viatool.policy.runtime import Runtime
 from viatool.policy.specified import Specified, name_of, specification_of
@@ -57,8 +58,8 @@ class Setting:
         What every state must fulfil.
     errors : SensorErrors
         How far observations may be off.
-    columns : list of int
-        Which actions are the robot's commands.
+    command_map : CommandMap
+        How the robot is commanded by the actions of the policy.
     scenarios : tuple of Scenario
         What is asked about, where that is known beforehand; recorded states bring their own.
     number : type
@@ -71,7 +72,7 @@ class Setting:
     world_map: WorldMap
     rules: Rules
     errors: SensorErrors
-    columns: list[int]
+    command_map: CommandMap
     scenarios: tuple[Scenario, ...] = ()
     number: type = np.float32
     premises: tuple[Premise, ...] = field(default=(), repr=False)
@@ -141,11 +142,11 @@ class Setting:
         spec, robot, premises = reconcile(Parties(spec, name, world_map, wishes))
         world_map = world_map.with_robot(robot)
         rules = Rules.of(world_map, wishes.criterion, delay=wishes.delay)
-        columns = command_columns(spec, rules.kinematics, name)
+        commands = command_map(spec, rules.kinematics, name)
         errors = SensorErrors.of(spec, eps)
         chosen = world_map.scenarios if scenarios is None else tuple(scenarios)
         premises += _premises(world_map, rules, wishes) + errors.premises()
-        setting = cls(spec, world_map, rules, errors, columns, chosen, premises=premises)
+        setting = cls(spec, world_map, rules, errors, commands, chosen, premises=premises)
         if scenarios is not None:  # those of a map were looked at when it was read
             _check_goals(setting)
         return setting
@@ -180,9 +181,15 @@ class Setting:
         return self.world_map.robot
 
     @property
-    def actions(self) -> tuple[ActionName, ...]:
-        """Return names and units of the actions."""
-        return tuple(ActionName(action.name, action.unit) for action in self.spec.action)
+    def commands(self) -> tuple[ActionName, ...]:
+        """Return names and units of the entries of a command: as the policy calls them, else as its robot does."""
+        called: dict[str, ActionChannel | Axis] = {action.kind: action for action in self.spec.action}
+        named = [called.get(axis.kind, axis) for axis in self.rules.kinematics.axes]
+        return tuple(ActionName(one.name, one.unit) for one in named)
+
+    def commanding(self, policy: Policy) -> Policy:
+        """Return the policy with the robot's command as what it gives, see `Policy.commanding`."""
+        return policy if self.command_map.changes_nothing else policy.commanding(self.command_map)
 
     def bare(self) -> Setting:
         """Return the same without scenarios and generator, for workers whose states bring their own."""
@@ -197,24 +204,6 @@ def _refuse_unread(spec: PolicySpecification, name: str) -> None:
                 f"the specification of {name} has `{part}`, which no verdict takes into account",
                 f"leave `{part}` out, and verify the policy without it",
             )
-
-
-def command_columns(spec: PolicySpecification, kinematics: Kinematics, name: str = "the policy") -> list[int]:
-    """Return which actions are the entries of a command, in the order of a kinematics' axes.
-
-    Raises
-    ------
-    PolicyError
-        If one is missing.
-    """
-    kinds: list[str] = [channel.kind for channel in spec.action]
-    try:
-        return kinematics.columns(kinds)
-    except KeyError as missing:
-        raise PolicyError(
-            f"no action of {name} is of kind '{missing.args[0]}'",
-            "name the kinds of the actions in the specification",
-        ) from None
 
 
 def _premises(world_map: WorldMap, rules: Rules, wishes: Wishes) -> tuple[Premise, ...]:

@@ -170,5 +170,5 @@ def _observe(policy: RunnablePolicy, setting: Setting, view: View) -> Floats:
 
     view = replace(view, eyes=eyes)
     actions = np.asarray(policy.run(quantities.measure(view)), dtype=np.float64)
-    previous = setting.rules.clip(actions[:, setting.columns])
+    previous = setting.rules.clip(setting.command_map(actions))
     return quantities.measure(replace(view, previous=previous))

@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 
+import numpy as np
+
 from viatool.policy import Policy
 from viatool.schedule import Progress
 from viatool.setting.asked import Asked
@@ -58,14 +60,14 @@ class Simulation(Asked):
 
     def beyond_limits(self) -> list[str]:
         """Return in words which commands of the policy the robot cannot follow."""
-        spec, robot = self.setting.spec, self.setting.robot
-        able = [
-            (robot.min_linear, robot.max_linear, "m/s"),
-            (-robot.max_angular, robot.max_angular, "rad/s"),
-        ]
+        rules, robot = self.setting.rules, self.setting.robot
+        able = {
+            axis.kind: (low, high, axis.unit)
+            for axis, low, high in zip(rules.kinematics.axes, rules.lower, rules.upper, strict=True)
+        }
         told = []
-        for column, (low, high, unit) in zip(self.setting.columns, able, strict=True):
-            asked = spec.action[column]
+        for asked in self.setting.spec.action:
+            low, high, unit = able.get(asked.kind, (-np.inf, np.inf, ""))
             if asked.lower < low - 1e-9 or asked.upper > high + 1e-9:
                 told.append(
                     f"{asked.name} {asked.lower:g} to {asked.upper:g} {unit}, {robot.name} does {low:g} to {high:g}"
@@ -106,6 +108,6 @@ def simulate(
         conditions=conditions or Conditions(),
         seed=seed,
         drive=driven,
-        statistics=summarise_drive(driven, setting.robot, setting.columns),
+        statistics=summarise_drive(driven, setting.robot, setting.command_map),
         seconds=time.perf_counter() - started,
     )

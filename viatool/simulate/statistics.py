@@ -9,6 +9,7 @@ import numpy as np
 
 from viatool.arrays import Floats, Indices
 from viatool.motion.kinematics import kinematics_of
+from viatool.policy.command_map import CommandMap
 from viatool.simulate.roll_out import Drive
 from viatool.trajectory import Trajectory
 from viatool.world import Robot
@@ -109,7 +110,7 @@ class Statistics:
     clipped: Proportion
 
 
-def summarise_drive(drive: Drive, robot: Robot, columns: list[int]) -> Statistics:
+def summarise_drive(drive: Drive, robot: Robot, command_map: CommandMap) -> Statistics:
     """Return the statistics of driven episodes.
 
     Parameters
@@ -118,8 +119,8 @@ def summarise_drive(drive: Drive, robot: Robot, columns: list[int]) -> Statistic
         N episodes.
     robot : Robot
         That drove.
-    columns : list of int
-        Which of the policy's actions are v and omega.
+    command_map : CommandMap
+        What makes commands of the policy's actions.
     """
     trajectory = drive.trajectory
     total = trajectory.episodes
@@ -130,7 +131,7 @@ def summarise_drive(drive: Drive, robot: Robot, columns: list[int]) -> Statistic
     won = trajectory.outcomes == "success"
     edges = np.arange(0.0, _LAST + 0.5 * _BIN, _BIN)
     bins = np.minimum((drive.clearances / _BIN + 1e-9).astype(np.int64), len(edges) - 1)
-    asked = trajectory.actions[:, columns]
+    asked = command_map(trajectory.actions)
     beyond = (np.abs(kinematics_of(robot.kinematics).clip(asked, robot) - asked) > 1e-6).any(axis=1)
     return Statistics(
         **shares,

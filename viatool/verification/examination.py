@@ -28,7 +28,7 @@ class StateExamination:
     Parameters
     ----------
     policy : Policy
-        n inputs, A actions.
+        n inputs; it gives commands, of A entries.
     setting : Setting
         Where the robot drives, the meaning of n observation entries and their uncertainty, and what is to hold.
     engine : mapping
@@ -54,7 +54,7 @@ class StateExamination:
 
     def examine(self, block: States) -> StateFindings:
         """Examine one block of B states."""
-        clock, columns = Clock(), self.setting.columns
+        clock = Clock()
         with clock.timed("geometry"):
             placed = ScenePoses.of(self.setting.world_map, block.scenarios, block.poses, block.episode)
             judged = JudgedStates(self.setting.rules, placed, block.under_way)
@@ -62,14 +62,14 @@ class StateExamination:
         with clock.timed("reach"):
             wanted = contested.either if self.only_contested else np.ones(len(block), dtype=bool)
             reachable = self._reach(block.observations, wanted)
-            lower, upper = reachable.lower[:, columns], reachable.upper[:, columns]
+            lower, upper = reachable.lower, reachable.upper
         with clock.timed("judge"):
             judgement = judge(judged, lower, upper, contested)
         with clock.timed("search"):
             doubtful = np.flatnonzero(~judgement.safe & judged.known)
             box = Box(*self.setting.spec.inputs.box(block.observations, self.setting.radii, within=True))
             found = search_witnesses(
-                self.policy, columns, judged, doubtful, block.observations, box, lower, upper,
+                self.policy, judged, doubtful, block.observations, box, lower, upper,
                 seed=(self.seed, block.first),
             )  # fmt: skip
             witnesses = replace(found, state=block.first + found.state)
@@ -99,7 +99,7 @@ class StateExamination:
         )
 
     def _reach(self, observations: Floats, wanted: Booleans) -> ReachableSet:
-        """Bound the actions of the wanted states; the others get NaN."""
+        """Bound the commands of the wanted states; the others get NaN."""
         found = reach(self.policy, *self.setting.uncertain(observations[wanted]), **self.engine)
         if wanted.all():
             return found

@@ -163,9 +163,10 @@ def verify(
         under_way = commands_under_way(setting, trajectory)
         recording = source.compared(setting, trajectory)
     engine = {"order": order, "approximation": approximation, "refine": refine}
-    beyond = None if horizon is None else HorizonExamination(policy, setting.bare(), horizon, arithmetic)
+    commanding = setting.commanding(policy)
+    beyond = None if horizon is None else HorizonExamination(commanding, setting.bare(), horizon, arithmetic)
     examination = StateExamination(
-        policy, setting.bare(), {**engine, "arithmetic": arithmetic}, only_contested, seed, beyond
+        commanding, setting.bare(), {**engine, "arithmetic": arithmetic}, only_contested, seed, beyond
     )
     campaign = Campaign(scheduler, checkpoint, resume, chunk)
     asked = States.of(trajectory, under_way, previous)

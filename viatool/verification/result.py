@@ -47,7 +47,8 @@ class Result(Asked):
     under_way : ndarray
         (N, W, 2) commands that acted during the dead time, the oldest first; NaN where one is not known.
     reachable : ReachableSet
-        (N, A) bounds of the actions; NaN for states that were settled without them.
+        (N, A) bounds of the commands, in the order of the axes of the kinematics and before the robot's limits; NaN for
+        states that were settled without them.
     contested : Contested
         Which states some admissible command of the robot could make fail.
     judgement : Judgement
@@ -101,13 +102,8 @@ class Result(Asked):
 
     @property
     def actions(self) -> tuple[ActionName, ...]:
-        """Return names and units of the A actions."""
-        return self.setting.actions
-
-    @property
-    def columns(self) -> list[int]:
-        """Return which actions are v and omega."""
-        return self.setting.columns
+        """Return names and units of the A entries of a command."""
+        return self.setting.commands
 
     @property
     def criterion(self) -> str:
@@ -143,19 +139,18 @@ class Result(Asked):
 
     @property
     def lower(self) -> Floats:
-        """Return the lower bounds of the actions, (N, A)."""
+        """Return the lower bounds of the commands, (N, A)."""
         return self.reachable.lower
 
     @property
     def upper(self) -> Floats:
-        """Return the upper bounds of the actions, (N, A)."""
+        """Return the upper bounds of the commands, (N, A)."""
         return self.reachable.upper
 
     @cached_property
     def commands(self) -> tuple[Floats, Floats]:
-        """Return the ends of the commands v and omega as the robot carries them out, two arrays (N, 2)."""
-        columns = list(self.columns)
-        return self.rules.clip(self.lower[:, columns]), self.rules.clip(self.upper[:, columns])
+        """Return the ends of the commands as the robot carries them out, two arrays (N, A)."""
+        return self.rules.clip(self.lower), self.rules.clip(self.upper)
 
     @property
     def witness(self) -> Floats:

@@ -16,6 +16,7 @@ from viatool.errors import ConfigurationError, InputError
 from viatool.loop.horizon import Crashes
 from viatool.motion.kinematics import DIFFERENTIAL, kinematics_of
 from viatool.policy import Policy
+from viatool.policy.command_map import CommandMap
 from viatool.safety.judged_states import JudgedStates
 from viatool.safety.nearest import describe_nearest
 from viatool.safety.scene_poses import ScenePoses
@@ -30,6 +31,9 @@ from viatool.world import Clearance, Footprint, Scenario, WorldMap
 
 SCHEMA_VERSION = 1
 
+_USUAL_KINDS = ("linear", "angular")
+"""What files name that do not say it."""
+
 
 @dataclass(frozen=True, eq=False)
 class WitnessFile:
@@ -42,13 +46,15 @@ class WitnessFile:
     rules : Rules
         What they violate.
     columns : tuple of int
-        Which actions are v and omega.
+        Which actions of the policy make up the command.
+    kinds : tuple of str
+        What these are.
     entries : tuple of dict
         One for each counterexample, as in the file.
     poses, observations : ndarray
         (W, 3) and (W, n): where the robot stood, and what it observed.
     under_way : ndarray
-        (W, commands, 2) what was on its way to the motors then, the oldest first.
+        (W, commands, A) what was on its way to the motors then, the oldest first.
     scenarios : tuple
         W scenarios, None for the bare map.
     """
@@ -56,7 +62,8 @@ class WitnessFile:
     policy: Mapping[str, str]
     world_map: Mapping[str, str]
     rules: Rules
-    columns: tuple[int, int]
+    columns: tuple[int, ...]
+    kinds: tuple[str, ...]
     entries: tuple[Mapping[str, Any], ...]
     poses: Floats
     under_way: Floats
@@ -80,7 +87,7 @@ class Replay:
     Parameters
     ----------
     actions : ndarray
-        (W, 2) commands that onnxruntime computed, as the robot carries them out.
+        (W, A) commands that onnxruntime computed, as the robot carries them out.
     seconds, clearance : ndarray
         (W,) instant of the closest approach, and the metres that are left then.
     poses : ndarray
@@ -106,7 +113,12 @@ def witness_document(result: Result) -> dict[str, Any]:
         crashes = result.horizon.crashes
         entries += _entries(result, crashes.last, crashes)
     return compose_witnesses(
-        result.policy_path, result.policy_sha256, result.world_map, result.columns, result.rules, entries
+        result.policy_path,
+        result.policy_sha256,
+        result.world_map,
+        result.setting.command_map,
+        result.rules,
+        entries,
     )
 
 
@@ -143,7 +155,7 @@ def compose_witnesses(
     policy_path: Path,
     policy_sha256: str,
     world_map: WorldMap,
-    columns: Sequence[int],
+    command_map: CommandMap,
     rules: Rules,
     entries: Sequence[Mapping[str, Any]],
 ) -> dict[str, Any]:
@@ -152,7 +164,8 @@ def compose_witnesses(
         "schema_version": SCHEMA_VERSION,
         "policy": {"path": str(policy_path), "sha256": policy_sha256},
         "map": {"path": str(world_map.path), "sha256": world_map.sha256},
-        "columns": list(columns),
+        "columns": list(command_map.columns),
+        "kinds": list(command_map.kinds),
         "rules": _rules_document(rules),
         "witnesses": list(entries),
     }
@@ -203,14 +216,17 @@ def replay(policy: Policy, world_map: WorldMap, file: WitnessFile) -> Replay:
             "replay them with the policy that they were found for",
         )
     setting = Setting.of(policy, world_map, 0.0, _wishes(file.rules))
-    columns = list(file.columns)
-    if columns != setting.columns:
+    command_map = setting.command_map
+    recorded = (file.columns, file.kinds)
+    if recorded != (command_map.columns, command_map.kinds):
         raise ConfigurationError(
-            f"the witnesses name the actions {columns}, the specification of the policy {setting.columns}",
+            f"the witnesses name the actions {list(file.columns)} ({', '.join(file.kinds)}), the specification of the "
+            f"policy {list(command_map.columns)} ({', '.join(command_map.kinds)})",
             "replay them with the policy and the --spec that they were found for",
         )
-    raw = [policy.run(row[None])[0, columns] for row in file.observations]
-    actions = file.rules.clip(np.array(raw, dtype=np.float64).reshape(count, 2))
+    commands = [command_map(policy.run(row[None]))[0] for row in file.observations]
+    axes = len(file.rules.kinematics.axes)
+    actions = file.rules.clip(np.array(commands, dtype=np.float64).reshape(count, axes))
     clearance, seconds, poses = (
         found[:, 0] for found in file.judged(world_map).closest_approach(actions[:, None])
     )
@@ -276,7 +292,6 @@ def _read_rules(document: Mapping[str, Any]) -> Rules:
 
 def _read(document: Mapping[str, Any]) -> WitnessFile:
     entries = tuple(document["witnesses"])
-    linear, angular = document["columns"]
     scenarios = tuple(
         read_scenario("" if e["scenario"] is None else json.dumps(e["scenario"])) for e in entries
     )
@@ -285,7 +300,8 @@ def _read(document: Mapping[str, Any]) -> WitnessFile:
         policy={name: str(document["policy"][name]) for name in ("path", "sha256")},
         world_map={name: str(document["map"][name]) for name in ("path", "sha256")},
         rules=rules,
-        columns=(int(linear), int(angular)),
+        columns=tuple(int(column) for column in document["columns"]),
+        kinds=tuple(map(str, document.get("kinds", _USUAL_KINDS))),
         entries=entries,
         poses=_stacked([entry["pose"] for entry in entries], 3),
         under_way=_under_way(entries, rules),
@@ -303,10 +319,10 @@ def commands_before(under_way: Floats) -> dict[str, Any]:
 
 
 def _under_way(entries: Sequence[Mapping[str, Any]], rules: Rules) -> Floats:
-    """Return the commands on their way, (W, commands, 2); without `under_way` all are the command before."""
+    """Return the commands on their way, (W, commands, A); without `under_way` all are the command before."""
     count = rules.dead_time.commands
     rows = [entry["under_way"] if "under_way" in entry else [entry["previous"]] * count for entry in entries]
-    found = np.array(rows, dtype=np.float64).reshape(len(rows), count, 2)
+    found = np.array(rows, dtype=np.float64).reshape(len(rows), count, len(rules.kinematics.axes))
     if not np.isfinite(found).all():
         raise ValueError("a command on its way is not finite")
     return found

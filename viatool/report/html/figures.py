@@ -60,7 +60,7 @@ _MARKERS = ("circle", "square", "x")  # of the verdicts: told apart without colo
 
 def commands_figure(result: Result) -> figure:
     """Return the plane of commands: the reachable box, the nine samples, and what else is known."""
-    linear, angular = (result.actions[column] for column in result.columns)
+    linear, angular = result.actions
     plot = framed("commands", f"v [{linear.unit}]", f"ω [{angular.unit}]", height=300)
     plot.x_range, plot.y_range = Range1d(0.0, 0.5), Range1d(-1.0, 1.0)
     limits = plot.quad("left", "right", "bottom", "top", source=source("limits", "left right bottom top"))
@@ -76,7 +76,7 @@ def commands_figure(result: Result) -> figure:
 
 def width_figure(result: Result, place: int) -> figure:
     """Return the width of one command along the episode of the state that is looked at."""
-    action = result.actions[result.columns[place]]
+    action = result.actions[place]
     across = "t [s]" if result.trajectory.connected else "pose"
     plot = framed(f"width-{place}", across, f"width of {'vω'[place]} [{action.unit}]", height=190)
     line = plot.line("x", "y", source=source(f"width-line-{place}", "x y"), line_width=1.2)
@@ -98,8 +98,7 @@ def width_figure(result: Result, place: int) -> figure:
 
 def histograms(result: Result) -> list[figure]:
     """Return the distributions over all states: widths of both commands, and the clearance at the pose."""
-    units = [result.actions[column] for column in result.columns]
-    widths = result.reachable.width[:, list(result.columns)]
+    units, widths = result.actions, result.reachable.width
     shown = [
         ("histogram-v", f"width of v [{units[0].unit}]", widths[:, 0]),
         ("histogram-omega", f"width of ω [{units[1].unit}]", widths[:, 1]),

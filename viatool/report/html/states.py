@@ -88,8 +88,7 @@ def page_data(result: Result, kept: Indices) -> dict[str, Any]:
         "fans": fans_of(result.setting.spec, result.world_map.robot),
         "rules": rules_of(result.rules),
         "actions": [
-            {"name": one_line(result.actions[c].name), "unit": one_line(result.actions[c].unit)}
-            for c in result.columns
+            {"name": one_line(action.name), "unit": one_line(action.unit)} for action in result.actions
         ],
         "verdicts": list(VERDICTS),
         "connected": trajectory.connected,
@@ -98,15 +97,15 @@ def page_data(result: Result, kept: Indices) -> dict[str, Any]:
 
 
 def _states(result: Result, kept: Indices, episode: Indices) -> dict[str, Any]:
-    trajectory, columns = result.trajectory, list(result.columns)
+    trajectory = result.trajectory
     verdict = np.select([result.verdict == name for name in VERDICTS], range(len(VERDICTS)))
     packed = {
         "number": pack(kept, "uint32"),
         "episode": pack(episode, "uint32"),
         "time": pack(trajectory.time[kept], "float32"),
         "pose": pack(trajectory.poses[kept], "float32"),
-        "lower": pack(result.lower[kept][:, columns], "float32"),
-        "upper": pack(result.upper[kept][:, columns], "float32"),
+        "lower": pack(result.lower[kept], "float32"),
+        "upper": pack(result.upper[kept], "float32"),
         "verdict": pack(verdict[kept], "uint8"),
         "danger": pack(result.judgement.danger[kept], "uint8"),
         "sampled": pack(result.judgement.sampled[kept], "uint8"),

@@ -126,7 +126,7 @@ class PlacesRun(PlacesDocument, Cased, Located, Tabled, Drawn, Explorable, Repla
         certificate = self.certificate
         return compose_witnesses(
             certificate.policy.path, certificate.policy.sha256, certificate.world_map,
-            certificate.setting.columns, certificate.rules, list(self._witnesses()),
+            certificate.setting.command_map, certificate.rules, list(self._witnesses()),
         )  # fmt: skip
 
     def _witnesses(self) -> Iterator[dict[str, Any]]:

@@ -1,0 +1,133 @@
+"""From the actions of a policy to what its robot is commanded with: one door, for proofs and for runs alike.
+
+A policy names what its numbers are, in an order of its own; a kinematics says what a command is. A command map puts
+the two together. `CommandMap.follow` extends a network by nodes, so that its outputs are the entries of the command in
+the order of the axes: bounds of the extended network are bounds of the command, and what the entries have in common is
+kept. Calling a map does the same to numbers that a program gave.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from viatool.arrays import Floats
+from viatool.errors import PolicyError
+from viatool.motion.law import Kinematics
+from viatool.policy.action_channels import ActionChannel
+from viatool.policy.action_map import behind
+from viatool.policy.assembly import Assembly, Computed
+from viatool.policy.network import Network
+from viatool.policy.specification import PolicySpecification
+
+
+@dataclass(frozen=True)
+class CommandMap(ABC):
+    """How A entries of a command come from O actions.
+
+    Parameters
+    ----------
+    columns : tuple of int
+        Which actions it takes.
+    channels : tuple of ActionChannel
+        What these are.
+    actions : int
+        O, how many the policy gives.
+    """
+
+    columns: tuple[int, ...]
+    channels: tuple[ActionChannel, ...]
+    actions: int
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Return the kinds of the actions that it takes, in the order of `columns`."""
+        return tuple(channel.kind for channel in self.channels)
+
+    @property
+    def changes_nothing(self) -> bool:
+        """Tell whether the actions are the command as they are."""
+        return False
+
+    @abstractmethod
+    def __call__(self, actions: Floats) -> Floats:
+        """Return the commands (..., A) of actions (..., O), in float64."""
+
+    @abstractmethod
+    def compute(self, assembly: Assembly, actions: Computed) -> Computed:
+        """Add the nodes that compute a command, (A,), from the actions, (O,)."""
+
+    def follow(self, network: Network) -> Network:
+        """Return a network of O outputs followed by the map, in float64."""
+        if self.changes_nothing:
+            return network
+        assembly, actions = behind(network)
+        return assembly.network(self.compute(assembly, actions))
+
+
+@dataclass(frozen=True)
+class Picked(CommandMap):
+    """Each entry is one of the actions, as it is."""
+
+    @property
+    def changes_nothing(self) -> bool:
+        """Tell whether they stand in the order of the axes, and nothing else beside them."""
+        return self.columns == tuple(range(self.actions))
+
+    def __call__(self, actions: Floats) -> Floats:
+        """See `CommandMap`."""
+        return np.asarray(actions[..., list(self.columns)])
+
+    def compute(self, assembly: Assembly, actions: Computed) -> Computed:
+        """Copy them, which is exact; see `CommandMap`."""
+        count = len(self.columns)
+        return assembly.copies([(actions, np.array(self.columns))], np.zeros(count), (count,), "float64")
+
+
+def command_map(spec: PolicySpecification, kinematics: Kinematics, name: str = "the policy") -> CommandMap:
+    """Return how a robot is commanded by a policy.
+
+    Parameters
+    ----------
+    spec : PolicySpecification
+        Its actions.
+    kinematics : Kinematics
+        Of the robot.
+    name : str
+        Of the policy, for messages.
+
+    Raises
+    ------
+    PolicyError
+        If the robot cannot be commanded with what the policy gives.
+    """
+    kinds: list[str] = [channel.kind for channel in spec.action]
+    named = {kind for kind in kinds if kind != "other"}
+    for taken in kinematics.takes:
+        if named == set(taken):
+            columns = tuple(kinds.index(kind) for kind in taken)
+            return Picked(columns, tuple(spec.action[column] for column in columns), len(kinds))
+    raise _refusal(named, kinematics, name)
+
+
+def _refusal(named: set[str], kinematics: Kinematics, name: str) -> PolicyError:
+    """Return why actions of these kinds command no robot of a kinematics."""
+    for taken in kinematics.takes:
+        missing = [kind for kind in taken if kind not in named]
+        if named < set(taken):
+            return PolicyError(
+                f"no action of {name} is of kind '{missing[0]}'",
+                "name the kinds of the actions in the specification",
+            )
+    return PolicyError(
+        f"{name} commands {_listed(sorted(named))}, a robot of kinematics '{kinematics.name}' takes "
+        f"{' or '.join(_listed(taken) for taken in kinematics.takes)}",
+        "correct the kinds of the actions in the specification, or the `kinematics` of the map's robot",
+    )
+
+
+def _listed(kinds: Sequence[str]) -> str:
+    return ", ".join(kinds[:-1]) + (" and " if len(kinds) > 1 else "") + kinds[-1]
