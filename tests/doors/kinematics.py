@@ -40,7 +40,7 @@ class Crab(HeldTwist):
 ''',
     "viatool/motion/kinematics.py": {
         "from viatool.motion.differential": "from viatool.motion.crab import Crab\nfrom viatool.motion.differential",
-        "(DIFFERENTIAL,)": "(DIFFERENTIAL, Crab())",
+        "(DIFFERENTIAL, ": "(DIFFERENTIAL, Crab(), ",
     },
 }
 

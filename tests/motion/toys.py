@@ -55,6 +55,8 @@ def velocity_of(name, commands):
         return commands[..., 0], 0.0 * commands[..., 0], commands[..., 1]
     if name == "crab":
         return commands[..., 0], commands[..., 1], 0.0 * commands[..., 0]
+    if name == "holonomic":
+        return commands[..., 0], commands[..., 2], commands[..., 1]
     assert name == "slider"
     return commands[..., 0], commands[..., 1], commands[..., 2]
 

@@ -151,10 +151,10 @@ class Crashes:
         )
 
     @classmethod
-    def none(cls, steps: int, size: int) -> Crashes:
-        """Return no run, of K intervals and n observation entries."""
+    def none(cls, steps: int, size: int, axes: int) -> Crashes:
+        """Return no run, of K intervals, n observation entries and A entries of a command."""
         index, number, place = np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 3))
-        poses, observations, actions = (np.zeros((0, steps, width)) for width in (3, size, 2))
+        poses, observations, actions = (np.zeros((0, steps, width)) for width in (3, size, axes))
         return cls(index, poses, observations, actions, index.copy(), number, place, number.copy())
 
     @classmethod

@@ -75,7 +75,7 @@ def refute(loop: ClosedLoop, cells: StateBoxes, commands: CommandBounds, *, seed
     check_time()
     poses = _worst_poses(loop, cells.poses.select(row), place, previous[row])
     if not len(row):
-        return Refutations(poses, previous[row], Witnesses.join([], len(setting.radii)))
+        return Refutations(poses, previous[row], Witnesses.join([], len(setting.radii), previous.shape[1]))
     readings = loop.sensors.read(poses, previous[row])
     observations = loop.sensors.encode(readings).astype(setting.number).astype(np.float64)
     radii = np.maximum(setting.radii - AS_RECEIVED * (1.0 + np.abs(readings).max(axis=0)), 0.0)

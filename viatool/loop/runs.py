@@ -109,7 +109,7 @@ def search_crashes(
     """
     radii, generator = follower.loop.setting.radii, np.random.default_rng(seed)
     steps = follower.horizon.steps
-    found = [Crashes.none(steps, len(radii))]
+    found = [Crashes.none(steps, len(radii), previous.shape[1])]
     each = max(1, _AT_ONCE // _RUNS)
     for first in range(0, len(states), each):
         some = slice(first, first + each)
@@ -161,7 +161,7 @@ def _confirmed(
     limit = follower.loop.rules.clearance.collision
     rows = np.flatnonzero((least < limit - MARGIN) | (least <= 0.0))
     if not len(rows):
-        return Crashes.none(follower.horizon.steps, len(follower.loop.setting.radii))
+        return Crashes.none(follower.horizon.steps, len(follower.loop.setting.radii), previous.shape[1])
     starts, errors = _spread(follower, poses[rows], previous[rows], best[rows, None])
     runs, each = drive(follower, starts, previous[rows], errors), np.arange(len(rows))
     at = (runs.clearance < limit).argmax(axis=1)

@@ -6,10 +6,13 @@ import difflib
 
 from viatool.errors import ConfigurationError
 from viatool.motion.differential import DifferentialDrive
+from viatool.motion.holonomic import HolonomicDrive
 from viatool.motion.law import Kinematics
 
 DIFFERENTIAL = DifferentialDrive()
-KINEMATICS: dict[str, Kinematics] = {kinematics.name: kinematics for kinematics in (DIFFERENTIAL,)}
+KINEMATICS: dict[str, Kinematics] = {
+    kinematics.name: kinematics for kinematics in (DIFFERENTIAL, HolonomicDrive())
+}
 
 
 def kinematics_of(name: str) -> Kinematics:

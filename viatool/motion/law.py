@@ -46,6 +46,10 @@ class Limited(Protocol):
     def max_angular(self) -> float:
         """Largest turning speed to either side, in rad/s."""
 
+    @property
+    def max_lateral(self) -> float:
+        """Largest speed to either side, in m/s."""
+
 
 @dataclass(frozen=True)
 class Axis:
@@ -132,6 +136,13 @@ class Kinematics(ABC):
     def clip(self, commands: Floats, robot: Limited) -> Floats:
         """Return commands (..., A) as a robot carries them out; monotone, so ends of a box map to ends."""
         return np.clip(commands, *self.limits(robot))
+
+    def range_words(self, lower: Floats, upper: Floats) -> str:
+        """Return the ends (A,) of commands in words."""
+        return ", ".join(
+            f"{axis.name} {low:g} to {high:g} {axis.unit}"
+            for axis, low, high in zip(self.axes, lower, upper, strict=True)
+        )
 
     @abstractmethod
     def limits(self, robot: Limited) -> tuple[Floats, Floats]:

@@ -28,7 +28,7 @@ class CellFindings:
     status : ndarray
         (N,) int8, an index of `STATUSES`.
     pose, previous, action : ndarray
-        (R, 3), (R, 2), (R, 2): of the counterexamples, in the order of the refuted leaves.
+        (R, 3), (R, A), (R, A): of the counterexamples, in the order of the refuted leaves.
     observation : ndarray
         (R, n) float32 or float64, as the program receives it.
     seconds, clearance : ndarray
@@ -76,15 +76,12 @@ class CellFindings:
         """Return all parts as one."""
         none = np.zeros((0, len(AXES)))
         every = [cls(none.astype(np.int8), none.astype(np.int32), np.zeros(0, np.int8), *_NONE), *parts]
-        size = max(part.observation.shape[1] for part in every)
-        joined = {
-            part.name: np.concatenate([getattr(found, part.name) for found in every])
-            for part in fields(cls)
-            if part.name != "observation"
-        }
-        seen = [found.observation for found in every if len(found.observation)]
-        observation = np.concatenate(seen) if seen else np.zeros((0, size), np.float32)
-        return cls(**joined, observation=observation)
+        joined = {}
+        for name in (part.name for part in fields(cls)):
+            arrays = [getattr(found, name) for found in every]
+            widest = max(arrays, key=lambda array: array.shape[1:])  # what is empty may not know its width
+            joined[name] = np.concatenate([array for array in arrays if len(array)] or [widest])
+        return cls(**joined)
 
     def to_arrays(self) -> dict[str, NDArray[Any]]:
         """Return the arrays by name."""

@@ -217,12 +217,17 @@ def check_lookahead(lookahead: Lookahead, rules: Rules, lattice: Lattice) -> Mes
     Raises
     ------
     ConfigurationError
-        If there are too many cells, or the robot acts with a delay.
+        If there are too many cells, the robot acts with a delay, or it is commanded with more than v and omega.
     """
     if rules.delay:
         raise ConfigurationError(
             "with a delay it is not known for how long cells stay certified",
             "leave out --delay, --steps and --forever",
+        )
+    if len(lattice.beyond):
+        raise ConfigurationError(
+            f"how long cells stay certified is not followed for a {rules.kinematics.description}",
+            "leave out --steps and --forever",
         )
     mesh = Mesh.of(lattice, lookahead.coarser)
     if len(mesh) > _MOST_CELLS:
@@ -273,7 +278,7 @@ def look_ahead(
     Raises
     ------
     ConfigurationError
-        If there are too many cells, or the robot acts with a delay.
+        If there are too many cells, the robot acts with a delay, or it is commanded with more than v and omega.
 
     Notes
     -----

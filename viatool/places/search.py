@@ -130,7 +130,7 @@ def _loosest_axis(loop: ClosedLoop, lattice: Lattice, nodes: Nodes, commands: Co
     score = np.column_stack(
         [
             commands.influence[:, :1] * loss[:, None] + places[:, None],
-            commands.influence[:, 1:] * loss[:, None] + _spread_while_waiting(loop, cells),
+            commands.influence[:, 1:3] * loss[:, None] + _spread_while_waiting(loop, cells)[:, :2],
         ]
     )
     may = np.column_stack(

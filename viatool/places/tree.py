@@ -7,7 +7,7 @@ level l each root is cut into 2^l equal parts. Bounds of neighbours come from th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -76,6 +76,8 @@ class Lattice:
         (5,) levels at which the question what is contested is settled.
     deepest : ndarray
         (5,) levels of the smallest cells.
+    beyond : ndarray
+        (A - 2, 2) ends of the commands before along further axes, which are never cut: every cell takes all of them.
     """
 
     origin: Floats
@@ -83,6 +85,7 @@ class Lattice:
     count: Indices
     grain: Indices
     deepest: Indices
+    beyond: Floats = field(default_factory=lambda: np.zeros((0, 2)))
 
     @classmethod
     def over(
@@ -99,7 +102,7 @@ class Lattice:
         bounds : tuple
             Smallest x, y and largest x, y of the map, in metres.
         commands : tuple of ndarray
-            (2,) each: the smallest and the largest v and omega.
+            (A,) each: the smallest and the largest command, v and omega first.
         smallest : tuple
             Largest side in metres and opening in radians of the smallest cells; how often commands may be halved.
         grain : int
@@ -112,11 +115,12 @@ class Lattice:
         size = widths / count
         lower, upper = commands
         return cls(
-            origin=np.concatenate([bounds[:2], [-np.pi], lower]),
-            size=np.concatenate([size, upper - lower]),
+            origin=np.concatenate([bounds[:2], [-np.pi], lower[:2]]),
+            size=np.concatenate([size, (upper - lower)[:2]]),
             count=np.concatenate([count, [1, 1]]),
             grain=np.array([levels - grain] * 3 + [0, 0]),
             deepest=np.array([levels] * 3 + [halvings] * 2),
+            beyond=np.column_stack([lower[2:], upper[2:]]),
         )
 
     def roots(self) -> Nodes:
@@ -135,7 +139,11 @@ class Lattice:
         lower, upper = self.bounds(nodes)
         middle = 0.5 * (lower + upper)
         radius = np.maximum(upper - middle, middle - lower) * SLIGHTLY_MORE + SPARE
-        return StateBoxes(PoseBoxes(middle[:, :3], radius[:, :3]), lower[:, 3:], upper[:, 3:])
+        whole = np.broadcast_to(self.beyond.T[:, None], (2, len(nodes), len(self.beyond)))
+        before = [
+            np.concatenate([end[:, 3:], rest], axis=1) for end, rest in ((lower, whole[0]), (upper, whole[1]))
+        ]
+        return StateBoxes(PoseBoxes(middle[:, :3], radius[:, :3]), *before)
 
     def volumes(self, nodes: Nodes) -> Floats:
         """Return the volumes in m^2 rad; slices of the previous command count with their share of its range."""

@@ -105,15 +105,14 @@ def command_map(spec: PolicySpecification, kinematics: Kinematics, name: str = "
         If the robot cannot be commanded with what the policy gives.
     """
     kinds: list[str] = [channel.kind for channel in spec.action]
-    named = {kind for kind in kinds if kind != "other"}
     for taken in kinematics.takes:
-        if named == set(taken):
+        if spec.command_kinds == set(taken):
             columns = tuple(kinds.index(kind) for kind in taken)
             return Picked(columns, tuple(spec.action[column] for column in columns), len(kinds))
-    raise _refusal(named, kinematics, name)
+    raise _refusal(spec.command_kinds, kinematics, name)
 
 
-def _refusal(named: set[str], kinematics: Kinematics, name: str) -> PolicyError:
+def _refusal(named: frozenset[str], kinematics: Kinematics, name: str) -> PolicyError:
     """Return why actions of these kinds command no robot of a kinematics."""
     for taken in kinematics.takes:
         missing = [kind for kind in taken if kind not in named]

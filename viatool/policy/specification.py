@@ -214,6 +214,11 @@ class PolicySpecification(Strict):
         ]
 
     @property
+    def command_kinds(self) -> frozenset[str]:
+        """Return what a command consists of, by kind."""
+        return frozenset(axis.kind for axis in self.axes if axis.kind != "other")
+
+    @property
     def observation_size(self) -> int:
         """Return the length of the observation vector, all frames included."""
         return self.inputs.size

@@ -57,8 +57,7 @@ def print_map(world_map: WorldMap, console: Console) -> None:
         ("robot", f"{robot.name}, footprint {outline}"),
         (
             "commands",
-            f"v {robot.min_linear:g} to {robot.max_linear:g} m/s, |omega| up to {robot.max_angular:g} rad/s, "
-            f"every {robot.control_interval:g} s",
+            f"{robot.speeds}, every {robot.control_interval:g} s",
         ),
         (
             "LiDAR",

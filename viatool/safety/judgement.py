@@ -155,7 +155,7 @@ def settle(states: JudgedStates, threshold: float) -> Booleans:
     distance; the rest get the proof of `prove_clearance` over the full range of commands.
     """
     rules, here = states.rules, states.acting
-    lower, upper = (np.broadcast_to(end, (len(states), 2)) for end in (rules.lower, rules.upper))
+    lower, upper = (np.broadcast_to(end, (len(states), len(end))) for end in (rules.lower, rules.upper))
     away = here.scenes.clearance(here.poses[:, :2], here.scene) - rules.footprint.reach
     way = rules.manoeuvre.longest(rules.lower, rules.upper)
     near = ~(away > threshold + way + 1e-6 * here.scale)
@@ -175,7 +175,7 @@ def prove(states: JudgedStates, lower: Floats, upper: Floats, threshold: float) 
     states : JudgedStates
         B states.
     lower, upper : ndarray
-        (B, 2) what the policy can command, v in m/s and omega in rad/s.
+        (B, A) what the policy can command.
     threshold : float
         The clearance to be exceeded, in metres.
 
@@ -205,7 +205,7 @@ def sample(states: JudgedStates, lower: Floats, upper: Floats, threshold: float)
     states : JudgedStates
         B states.
     lower, upper : ndarray
-        (B, 2) what the policy can command.
+        (B, A) what the policy can command.
     threshold : float
         The clearance to be exceeded, in metres.
 
@@ -223,6 +223,6 @@ def sample(states: JudgedStates, lower: Floats, upper: Floats, threshold: float)
     lower, upper = states.rules.clip(lower), states.rules.clip(upper)
     asked = states.rules.asked
     shares = np.array(list(product(asked.levels, repeat=lower.shape[1])))  # (9, 2) of two axes
-    actions = lower[:, None] + shares * (upper - lower)[:, None]  # (B, 9, 2)
+    actions = lower[:, None] + shares * (upper - lower)[:, None]  # (B, 9, A)
     clearances = states.clearance(states.paths(actions, np.array(asked.instants)))
     return np.asarray((clearances > threshold).all(axis=(1, 2)))

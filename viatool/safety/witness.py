@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any, Protocol
 
 import numpy as np
@@ -26,7 +27,6 @@ _ROUNDS = 3
 _STEPS = 4
 _CONFIRMED = 6
 _CHUNK = 256
-_CORNERS = np.array([(v, w) for v in (-1.0, 0.0, 1.0) for w in (-1.0, 0.0, 1.0)])
 
 
 class SearchablePolicy(Protocol):
@@ -51,7 +51,7 @@ class Witnesses:
     observation : ndarray
         (W, n) float32 numbers within the box of the state.
     action : ndarray
-        (W, 2) v in m/s and omega in rad/s as onnxruntime computed them, clipped by the robot.
+        (W, A) commands as onnxruntime computed them, clipped by the robot.
     seconds : ndarray
         (W,) time from the observation to the closest approach.
     pose : ndarray
@@ -87,9 +87,9 @@ class Witnesses:
         }
 
     @classmethod
-    def join(cls, parts: list[Witnesses], size: int) -> Witnesses:
-        """Return all parts as one, ordered by state; `size` numbers in an observation."""
-        shapes = ((0,), (0, size), (0, 2), (0,), (0, 3), (0,))
+    def join(cls, parts: list[Witnesses], size: int, axes: int) -> Witnesses:
+        """Return all parts as one, ordered by state; `size` numbers in an observation, `axes` in a command."""
+        shapes = ((0,), (0, size), (0, axes), (0,), (0, 3), (0,))
         none = cls(np.zeros(0, dtype=np.int64), *(np.zeros(shape) for shape in shapes[1:]))
         every = [none, *parts]
         names = tuple(cls.__dataclass_fields__)
@@ -125,7 +125,7 @@ def search_witnesses(
     box : Box
         (N, n) what the network may take in each state.
     lower, upper : ndarray
-        (N, 2) bounds of the commands, which say where to aim.
+        (N, A) bounds of the commands, which say where to aim.
     seed : int or sequence of int
         Of the random points.
     progress : callable, optional
@@ -142,7 +142,7 @@ def search_witnesses(
     numbers are float32 and within the box, its command comes from onnxruntime, and the exact clearance on
     its exact path is less than the distance by `MARGIN` (or 0).
 
-    The search aims in the plane of commands: from the command of the box that comes nearest it takes the
+    The search aims in the space of commands: from the command of the box that comes nearest it takes the
     direction in which the clearance falls, follows the gradient of that combination of commands from corner
     to corner of the observation box, and takes the direction anew at the command it found.
     """
@@ -163,7 +163,7 @@ def search_witnesses(
             parts.append(_of_states(confirm(policy, some, within), rows))
         if progress is not None:
             progress(min(start + _CHUNK, len(doubtful)), len(doubtful))
-    return Witnesses.join(parts, observations.shape[1])
+    return Witnesses.join(parts, observations.shape[1], lower.shape[1])
 
 
 def to_float32_within(points: Floats, nominal: Floats, box: Box) -> Floats:
@@ -259,20 +259,22 @@ class _Search:
         return np.stack(found, axis=1)
 
     def _nearest_of_box(self) -> Floats:
-        """Return the command of the action box, among its corners and middles, that comes nearest, (B, 2)."""
-        actions = self.centre[:, None] + _CORNERS * self.radius[:, None]
+        """Return the command of the action box, among its corners and middles, that comes nearest, (B, A)."""
+        corners = np.array(list(product((-1.0, 0.0, 1.0), repeat=self.centre.shape[1])))
+        actions = self.centre[:, None] + corners * self.radius[:, None]
         return np.asarray(actions[np.arange(len(actions)), self._clearances(actions).argmin(axis=1)])
 
     def _descent(self, action: Floats) -> Floats:
-        """Return the direction in the plane of commands in which the clearance falls fastest, (B, 2)."""
-        steps = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]) * 0.5 * self.radius[:, None]
-        values = self._clearances(action[:, None] + steps)
-        return np.column_stack([values[:, 1] - values[:, 0], values[:, 3] - values[:, 2]]) / self.radius
+        """Return the direction in the space of commands in which the clearance falls fastest, (B, A)."""
+        axes = np.eye(action.shape[1])
+        steps = np.concatenate([axes, -axes]) * 0.5 * self.radius[:, None]
+        ahead, behind = np.split(self._clearances(action[:, None] + steps), 2, axis=1)
+        return np.asarray((behind - ahead) / self.radius)
 
     def _diagonals(self, action: Floats) -> list[Floats]:
-        """Return the direction from the middle of the box to a command, and its two components."""
+        """Return the direction from the middle of the box to a command, and its components."""
         outward = np.sign(action - self.centre) / self.radius
-        return [outward, outward * [1.0, 0.0], outward * [0.0, 1.0]]
+        return [outward, *(outward * axis for axis in np.eye(outward.shape[1]))]
 
     def _climb(self, start: Floats, direction: Floats) -> Floats:
         """Go from corner to corner along the gradient of a combination of commands, (B, n)."""
@@ -288,6 +290,6 @@ class _Search:
         return flat.reshape(*points.shape[:-1], -1)
 
     def _clearances(self, actions: Floats) -> Floats:
-        """Return the least clearance (B, K) on the paths of commands (B, K, 2)."""
+        """Return the least clearance (B, K) on the paths of commands (B, K, A)."""
         paths = self.states.paths(self.states.rules.clip(actions), _FRACTIONS)
         return np.asarray(self.states.clearance(paths).min(axis=2))

@@ -59,7 +59,7 @@ def commands_under_way(setting: Setting, trajectory: Trajectory) -> Floats:
     Returns
     -------
     ndarray
-        (N, W, 2), as the robot carries them out; NaN where a command is not known: before the first state of a
+        (N, W, A), as the robot carries them out; NaN where a command is not known: before the first state of a
         recording, behind a gap in it, and where what was recorded contradicts what was observed.
 
     Raises
@@ -75,11 +75,11 @@ def commands_under_way(setting: Setting, trajectory: Trajectory) -> Floats:
     """
     dead_time = setting.rules.dead_time
     if not dead_time.commands:
-        return np.zeros((len(trajectory), 0, 2))
+        return np.zeros((len(trajectory), 0, _axes(setting)))
     newest = commands_before(setting, trajectory)
     if not trajectory.connected:
         return dead_time.queue(newest)
-    queue = np.full((len(newest), dead_time.commands, 2), np.nan)
+    queue = np.full((len(newest), dead_time.commands, _axes(setting)), np.nan)
     rows, follows = np.arange(len(newest)), _follows(setting, trajectory)
     begins = _begins(trajectory)
     known = np.ones(len(newest), dtype=bool)
@@ -92,14 +92,14 @@ def commands_under_way(setting: Setting, trajectory: Trajectory) -> Floats:
 
 
 def commands_observed(setting: Setting, trajectory: Trajectory) -> Floats:
-    """Return the command before each state as far as the policy observes it, (N, 2); 0 where it does not."""
+    """Return the command before each state as far as the policy observes it, (N, A); 0 where it does not."""
     if not _previous_columns(setting):
-        return np.zeros((len(trajectory), 2))
+        return np.zeros((len(trajectory), _axes(setting)))
     return commands_before(setting, trajectory)
 
 
 def commands_before(setting: Setting, trajectory: Trajectory) -> Floats:
-    """Return the command before each state, (N, 2), as the robot carried it out; NaN where it is not known.
+    """Return the command before each state, (N, A), as the robot carried it out; NaN where it is not known.
 
     Raises
     ------
@@ -125,9 +125,9 @@ def commands_before(setting: Setting, trajectory: Trajectory) -> Floats:
 
 
 def _observed(setting: Setting, trajectory: Trajectory) -> Floats | None:
-    """Return the previous commands as the policy observed them, (N, 2); None unless both are, and not fixed."""
-    found, columns = np.full((len(trajectory), 2), np.nan), _previous_columns(setting)
-    if {axis for axis, _ in columns} != {0, 1}:
+    """Return the previous commands as the policy observed them, (N, A); None unless all are, and not fixed."""
+    found, columns = np.full((len(trajectory), _axes(setting)), np.nan), _previous_columns(setting)
+    if {axis for axis, _ in columns} != set(range(_axes(setting))):
         return None
     least, most = setting.spec.inputs.readings(trajectory.observations)
     for axis, column in columns:
@@ -150,14 +150,19 @@ def _previous_columns(setting: Setting) -> list[tuple[int, int]]:
 
 
 def _recorded(setting: Setting, trajectory: Trajectory) -> Floats | None:
-    """Return the commands recorded in the states before, (N, 2), NaN where there was none; None without any."""
+    """Return the commands recorded in the states before, (N, A), NaN where there was none; None without any."""
     if trajectory.actions.shape[1] != setting.spec.action_size:
         return None
-    before = np.full((len(trajectory), 2), np.nan)
+    before = np.full((len(trajectory), _axes(setting)), np.nan)
     follows = _follows(setting, trajectory)
     before[follows] = setting.command_map(trajectory.actions[np.flatnonzero(follows) - 1])
     before[_begins(trajectory)] = 0.0
     return before
+
+
+def _axes(setting: Setting) -> int:
+    """Return A, the number of entries of a command."""
+    return len(setting.rules.kinematics.axes)
 
 
 def _begins(trajectory: Trajectory) -> Booleans:

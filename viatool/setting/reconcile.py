@@ -7,13 +7,15 @@ for every job: what contradicts is refused with both values and both files, unle
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from viatool.channels import LidarSpecification
 from viatool.errors import ConfigurationError
+from viatool.motion.kinematics import KINEMATICS, kinematics_of
 from viatool.policy import ActionChannel, PolicySpecification
 from viatool.setting.premises import Premise
 from viatool.setting.rules import as_footprint
@@ -91,8 +93,16 @@ def _base(parties: Parties) -> tuple[Robot, str]:
             told if spec.robot == world_map.robot.name else f"{told}; the policy names {spec.robot}",
         )
     if spec.robot in ROBOTS:
-        return ROBOTS[spec.robot], f"{parties.policy} (the map names no robot)"
-    return replace(world_map.robot, name=spec.robot), "default (policy and map name no robot that is known)"
+        return _moved(spec, ROBOTS[spec.robot]), f"{parties.policy} (the map names no robot)"
+    unknown = _moved(spec, replace(world_map.robot, name=spec.robot))
+    return unknown, "default (policy and map name no robot that is known)"
+
+
+def _moved(spec: PolicySpecification, robot: Robot) -> Robot:
+    """Return a robot of which no map says how it moves: as a policy commands it."""
+    kinds = spec.command_kinds
+    fit = [name for name, one in KINEMATICS.items() if kinds in map(frozenset, one.takes)]
+    return robot if robot.kinematics in fit or not fit else replace(robot, kinematics=fit[0])
 
 
 def with_robot(world_map: WorldMap, name: str) -> WorldMap:
@@ -141,15 +151,14 @@ def _interval(parties: Parties, robot: Robot) -> tuple[Robot, Premise]:
 
 
 def _limits(parties: Parties, robot: Robot, source: str) -> tuple[Robot, tuple[Premise, ...]]:
-    """Return the robot with the limits of v and omega that count."""
-    asked = {channel.kind: channel for channel in parties.spec.action}
-    linear, angular = asked.get("linear"), asked.get("angular")
-    if linear is None or angular is None:  # refused with the policy's name where columns are looked up
-        return robot, ()
-    turn = max(abs(angular.lower), abs(angular.upper))
-    own = replace(robot, min_linear=linear.lower, max_linear=linear.upper, max_angular=turn)
+    """Return the robot with the limits of its commands that count."""
+    asked: dict[str, ActionChannel] = {channel.kind: channel for channel in parties.spec.axes}
+    kinematics = kinematics_of(robot.kinematics)
+    if parties.spec.command_kinds not in map(frozenset, kinematics.takes):
+        return robot, ()  # refused where the command is put together
+    own = _with_limits(robot, asked)
     if not parties.map_speaks and parties.wishes.robot is None:
-        _check_symmetric(parties, angular)
+        _check_symmetric(parties, asked)
         robot, source = own, f"{parties.policy}"
     elif not _within(own, robot):
         party = parties.wishes.preferred("limits") or ("map" if parties.wishes.robot else None)
@@ -161,21 +170,41 @@ def _limits(parties: Parties, robot: Robot, source: str) -> tuple[Robot, tuple[P
                 "--robot NAME, ",
             )
         if party == "policy":
-            _check_symmetric(parties, angular)
+            _check_symmetric(parties, asked)
             robot, source = own, f"{parties.policy}, by --prefer"
         else:
             source = f"{source}; commands beyond are clipped, the policy asks for {_range_of(own)}"
     return robot, (Premise("commands", _range_of(robot), source),)
 
 
-def _check_symmetric(parties: Parties, angular: ActionChannel) -> None:
+def _with_limits(robot: Robot, asked: Mapping[str, ActionChannel]) -> Robot:
+    """Return the robot that does what a policy may ask, and no more."""
+    limits: dict[str, Any] = {}
+    if "linear" in asked:
+        limits |= {"min_linear": asked["linear"].lower, "max_linear": asked["linear"].upper}
+    limits |= {
+        name: max(abs(asked[kind].lower), abs(asked[kind].upper))
+        for kind, name in _SYMMETRIC.items()
+        if kind in asked
+    }
+    return replace(robot, **limits)
+
+
+_SYMMETRIC = {"angular": "max_angular", "lateral": "max_lateral"}
+"""Kinds of commands of which a robot does as much to one side as to the other, and its limit of each."""
+
+
+def _check_symmetric(parties: Parties, asked: Mapping[str, ActionChannel]) -> None:
     """Refuse limits that no robot of ours has: one that turns faster to one side than to the other."""
-    if not _same(-angular.lower, angular.upper):
-        raise ConfigurationError(
-            f"{parties.policy} limits '{angular.name}' to {angular.lower:g} to {angular.upper:g} rad/s, "
-            "but a robot limits turns equally to both sides",
-            "name the robot in the map, or choose one with --robot NAME",
-        )
+    for kind in _SYMMETRIC.keys() & asked.keys():
+        channel = asked[kind]
+        if not _same(-channel.lower, channel.upper):
+            what, unit = ("turns", "rad/s") if kind == "angular" else ("steps aside", "m/s")
+            raise ConfigurationError(
+                f"{parties.policy} limits '{channel.name}' to {channel.lower:g} to {channel.upper:g} {unit}, "
+                f"but a robot limits {what} equally to both sides",
+                "name the robot in the map, or choose one with --robot NAME",
+            )
 
 
 def _lidar(parties: Parties, robot: Robot) -> tuple[PolicySpecification, tuple[Premise, ...]]:
@@ -256,18 +285,15 @@ def _same(first: float, second: float) -> bool:
 def _within(asked: Robot, has: Robot) -> bool:
     """Tell whether a robot carries out every command of another one."""
     slack = _SAME * (1.0 + abs(has.max_linear) + has.max_angular)
-    return (
-        asked.min_linear >= has.min_linear - slack
-        and asked.max_linear <= has.max_linear + slack
-        and asked.max_angular <= has.max_angular + slack
+    upper = ("max_linear", *_SYMMETRIC.values())
+    return asked.min_linear >= has.min_linear - slack and all(
+        getattr(asked, name) <= getattr(has, name) + slack for name in upper
     )
 
 
 def _range_of(robot: Robot) -> str:
-    return (
-        f"v {robot.min_linear:g} to {robot.max_linear:g} m/s, "
-        f"omega {-robot.max_angular:g} to {robot.max_angular:g} rad/s"
-    )
+    kinematics = kinematics_of(robot.kinematics)
+    return kinematics.range_words(*kinematics.limits(robot))
 
 
 def _words(lidar: LidarSpecification | Lidar, names: Sequence[str]) -> str:

@@ -90,7 +90,7 @@ def observe_places(policy: RunnablePolicy, setting: Setting, places: Places, *, 
     if not len(poses):
         raise EmptyEvaluationError("there is no free place", "lower the clearance or the grid's spacing")
     goals = np.array([scenario.goal for scenario in scenarios])[scene]
-    standing = np.zeros((len(poses), 2))
+    standing = np.zeros((len(poses), len(setting.rules.kinematics.axes)))
     observations = np.empty((len(poses), setting.spec.observation_size))
     for start in range(0, len(poses), _OBSERVED):
         rows = slice(start, start + _OBSERVED)

@@ -63,7 +63,7 @@ class HorizonExamination:
         """Tell from which states no command comes too near within the horizon, however often, (B,). **Sound:** yes."""
         rules, horizon = self.setting.rules, self.horizon
         away = placed.scenes.clearance(placed.poses[:, :2], placed.scene) - rules.footprint.reach
-        fastest = float(np.abs([rules.lower[0], rules.upper[0]]).max())
+        fastest = float(rules.kinematics.rates(rules.lower, rules.upper)[0])
         way = (horizon.steps - 1) * rules.interval * fastest + float(np.hypot(*horizon.pose_error[:2]))
         longest = rules.manoeuvre.longest(rules.lower, rules.upper)
         return np.asarray(away > rules.clearance.collision + way + longest + 1e-6 * placed.scale)
@@ -102,7 +102,7 @@ class HorizonExamination:
             Of B states.
         """
         steps, size = self.horizon.steps, len(self.setting.radii)
-        tubes, crashes = Tubes.none(len(poses), steps), [Crashes.none(steps, size)]
+        tubes, crashes = Tubes.none(len(poses), steps), [Crashes.none(steps, size, previous.shape[1])]
         known = np.isfinite(previous).all(axis=1)
         tubes.steps[wanted & ~known] = 0  # a tube that begins nowhere proves nothing
         wanted = wanted & known

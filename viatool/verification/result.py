@@ -304,8 +304,7 @@ class Result(Asked):
             "footprint": rules.footprint.words,
             "clearance": f"more than {rules.clearance.collision:g} m (danger: {rules.clearance.danger:g} m)",
             "commands": (
-                f"clipped to v {rules.lower[0]:g} to {rules.upper[0]:g} m/s, "
-                f"omega {rules.lower[1]:g} to {rules.upper[1]:g} rad/s, reached at once"
+                f"clipped to {rules.kinematics.range_words(rules.lower, rules.upper)}, reached at once"
             ),
             "motion": f"{rules.kinematics.description}, from the exact pose of the state",
             "horizon": f"one command, held for {rules.interval:g} s; each state by itself, not the whole run"

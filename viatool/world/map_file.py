@@ -65,7 +65,13 @@ class RobotFile(Strict):
     footprint: FootprintFile | None = None
     lidar: LidarFile | None = None
     kinematics: str | None = Field(
-        default=None, min_length=1, description="how it moves; 'differential' if left out"
+        default=None, min_length=1, description="how it moves; that of the known robot if left out"
+    )
+    max_lateral: NotNegative | None = Field(
+        default=None, description="largest speed to either side of a holonomic robot, in m/s"
+    )
+    track: Positive | None = Field(
+        default=None, description="distance between the left and the right wheels, in metres"
     )
 
 

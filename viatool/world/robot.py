@@ -15,6 +15,8 @@ from viatool.world.rings import fit, simple_polygon
 
 FootprintKind = Literal["point", "circle", "polygon"]
 
+_NOT_NEGATIVE = ("max_angular", "deceleration", "control_interval", "max_lateral", "track")
+
 _TOUCHING = 1e-9
 """Metres from an outline within which a point counts as neither inside nor outside."""
 
@@ -114,6 +116,10 @@ class Robot:
         Its range finder.
     kinematics : str
         How it moves: a name that `viatool.motion.kinematics` knows.
+    max_lateral : float
+        Speed to either side, in m/s, of a robot that can.
+    track : float
+        Distance between its wheels to the left and to the right, in metres; 0 where it is not known.
 
     Raises
     ------
@@ -130,19 +136,21 @@ class Robot:
     footprint: Footprint = field(default_factory=Footprint)
     lidar: Lidar = field(default_factory=Lidar)
     kinematics: str = "differential"
+    max_lateral: float = 0.0
+    track: float = 0.0
+
+    @property
+    def speeds(self) -> str:
+        """Return its limits in words, for reports."""
+        aside = f", to either side up to {self.max_lateral:g} m/s" if self.max_lateral else ""
+        return f"v {self.min_linear:g} to {self.max_linear:g} m/s, |omega| up to {self.max_angular:g} rad/s{aside}"
 
     def __post_init__(self) -> None:
-        limits = (
-            self.min_linear,
-            self.max_linear,
-            self.max_angular,
-            self.deceleration,
-            self.control_interval,
-        )
-        if not np.isfinite(limits).all():
+        limits = {name: getattr(self, name) for name in ("min_linear", "max_linear", *_NOT_NEGATIVE)}
+        if not np.isfinite(list(limits.values())).all():
             raise ConfigurationError(
-                f"robot '{self.name}' has the limits {limits} (min_linear, max_linear, max_angular, deceleration, "
-                "control_interval), expected finite numbers",
+                f"robot '{self.name}' has the limits {tuple(limits.values())} ({', '.join(limits)}), "
+                "expected finite numbers",
                 "correct the limits",
             )
         if self.max_linear < max(self.min_linear, 0.0):
@@ -150,7 +158,7 @@ class Robot:
                 f"max_linear {self.max_linear} m/s is below min_linear {self.min_linear} m/s or below 0",
                 "correct the speed limits",
             )
-        for name in ("max_angular", "deceleration", "control_interval"):
+        for name in _NOT_NEGATIVE:
             if getattr(self, name) < 0.0:
                 raise ConfigurationError(
                     f"{name} of robot '{self.name}' is {getattr(self, name)}, expected 0 or more",

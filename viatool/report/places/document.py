@@ -32,6 +32,9 @@ MEANING = {
 }
 
 
+_UNITS = ("m/s", "rad/s", "m/s to the left")
+
+
 class PlacesDocument(Verified, Annotated):
     """A certificate."""
 
@@ -148,8 +151,11 @@ class PlacesDocument(Verified, Annotated):
             "sensors": f"read what is there, each number within eps {describe_eps(record.eps)}",
             "motion": "exact arcs without slip",
             "timing": f"commands act after {record.delay:g} s, until then the one before goes on",
-            "command before": f"any from {before.lower[0]:g} to {before.upper[0]:g} m/s and "
-            f"{before.lower[1]:g} to {before.upper[1]:g} rad/s",
+            "command before": "any from "
+            + " and ".join(
+                f"{low:g} to {high:g} {unit}"
+                for low, high, unit in zip(before.lower, before.upper, _UNITS, strict=False)
+            ),
             "scope": "the next command from every pose, not those after it",
             "smallest cells": ", ".join(f"{name} {significant(side)}" for name, side in size.items()),
         }

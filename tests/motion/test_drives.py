@@ -1,0 +1,103 @@
+"""Each kind of robot through the whole chain, against small steps of its velocity."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.motion.drives import DRIVES, left_over, read
+from viatool import verify
+from viatool.places import Resolution, SearchBudget, certify
+from viatool.places.findings import CERTIFIED, SETTLED
+from viatool.setting.setting import Setting
+from viatool.simulate import NavigationSimulator, roll_out
+from viatool.simulate.places import Places
+from viatool.taylor import reach
+
+EPS = 0.05
+each = pytest.mark.parametrize("drive", DRIVES.values(), ids=DRIVES)
+
+
+@each
+def test_the_simulator_drives_it_where_its_velocity_leads(drive, tmp_path):
+    world, policy = drive.world(tmp_path), drive.policy(tmp_path)
+    setting = Setting.of(policy, world, EPS)
+    simulator = NavigationSimulator(setting.world_map, 200, scenarios=world.scenarios * 200, noise=0.0)
+    simulator.reset()
+    generator = np.random.default_rng(0)
+    for _ in range(3):
+        raw = generator.uniform(-1.5, 1.5, (200, len(drive.actions)))
+        before = simulator.poses.copy()
+        simulator.step(setting.command_map(np.clip(raw, *_ends(drive))))
+        expected = drive.path(before, raw)[:, -1]
+        np.testing.assert_allclose(simulator.poses[:, :2], expected[:, :2], atol=2e-4)
+        assert np.abs(np.angle(np.exp(1j * (simulator.poses[:, 2] - expected[:, 2])))).max() < 1e-9
+
+
+@each
+def test_what_reaches_the_robot_is_within_the_bounds_of_the_command(drive, tmp_path):
+    """Bounds over boxes of observations hold what the program gives, put together as a run does it."""
+    world, policy = drive.world(tmp_path), drive.policy(tmp_path)
+    setting, generator = Setting.of(policy, world, EPS), np.random.default_rng(1)
+    seen = np.float32(generator.uniform(0.1, 4.0, (60, policy.input_size))).astype(float)
+    for eps in (0.01, 0.3):
+        sets = reach(setting.commanding(policy), seen, eps)
+        assert sets.lower.shape == (60, len(setting.rules.kinematics.axes))
+        for _ in range(40):
+            near = seen + 0.999 * eps * generator.choice([-1.0, -0.3, 0.5, 1.0], seen.shape)
+            commands = setting.command_map(policy.run(near))
+            assert ((commands >= sets.lower) & (commands <= sets.upper)).all()
+        ahead, left, turn = drive.velocity(drive.clipped(policy.run(near)))
+        parts = setting.rules.kinematics.parts(setting.rules.clip(commands))
+        np.testing.assert_allclose(np.stack(parts), np.stack([ahead, left, turn]), atol=1e-9)
+
+
+@each
+def test_no_state_that_is_safe_comes_too_near(drive, tmp_path):
+    world, policy = drive.world(tmp_path), drive.policy(tmp_path)
+    result = verify(policy, world, eps=EPS, places=Places(count=600), criterion="swept")
+    assert {"safe", "unsafe"} <= set(result.verdict)
+    assert (result.contested.collision & (result.verdict == "safe")).any(), "nothing was at stake"
+    generator = np.random.default_rng(2)
+    safe = result.verdict == "safe"
+    poses, seen = result.poses[safe], read(result.poses[safe])
+    for _ in range(60):
+        error = generator.choice([-1.0, 1.0], seen.shape) * generator.choice([1.0, generator.random()])
+        raw = policy.run(np.float32(seen + 0.9999 * EPS * error))
+        assert left_over(drive.path(poses, raw)).min() > world.clearance.collision
+    for row in result.witnesses.state[:50]:
+        raw = policy.run(result.witness[row][None])
+        assert left_over(drive.path(result.poses[row][None], raw)).min() < world.clearance.collision + 1e-4
+
+
+@each
+def test_cells_that_are_certified_keep_their_clearance(drive, tmp_path):
+    world, policy = drive.world(tmp_path), drive.policy(tmp_path)
+    certificate = certify(
+        policy, world, 0, eps=EPS, criterion="swept",
+        resolution=Resolution(side=0.25, halvings=0), budget=SearchBudget(cells=20_000),
+    )  # fmt: skip
+    status = certificate.findings.status
+    held = np.isin(status, (SETTLED, CERTIFIED))
+    assert (status == CERTIFIED).sum() > 100
+    lower, upper = certificate.lattice.bounds(certificate.findings.nodes.select(held))
+    generator = np.random.default_rng(3)
+    for _ in range(8):
+        poses = (lower + generator.random(lower.shape) * (upper - lower))[:, :3]
+        poses = poses[left_over(poses) > world.clearance.collision]
+        seen = read(poses)
+        raw = policy.run(np.float32(seen + 0.9999 * EPS * generator.choice([-1.0, 1.0], seen.shape)))
+        assert left_over(drive.path(poses, raw)).min() > world.clearance.collision
+
+
+@each
+def test_it_is_driven_and_what_was_recorded_is_verified(drive, tmp_path):
+    world, policy = drive.world(tmp_path, collision=0.05), drive.policy(tmp_path)
+    driven = roll_out(policy, world, horizon=10)
+    assert np.hypot(*np.diff(driven.poses[:2, :2], axis=0).T) > 0.01
+    result = verify(policy, world, trajectory=driven, eps=EPS)
+    assert len(result.verdict) == len(driven)
+
+
+def _ends(drive):
+    return [low for _, low, _ in drive.actions], [high for *_, high in drive.actions]
