@@ -99,4 +99,12 @@ HOLONOMIC = Drive(
     lambda held: (held[:, 1], held[:, 0], held[:, 2]),
 )
 
-DRIVES = {"holonomic": HOLONOMIC}
+TRACK = 0.4
+WHEELS = Drive(
+    f"min_linear: -0.6, max_linear: 0.9, max_angular: 6.0, track: {TRACK}",
+    (("right_wheel", -0.6, 0.9), ("left_wheel", -0.6, 0.8)),
+    ((0.1, 0.0, 0.2, 0.2, 0.0, 0.2, -0.5), (0.2, 0.0, 0.2, 0.2, 0.0, 0.1, -0.5)),
+    lambda held: ((held[:, 0] + held[:, 1]) / 2, 0.0 * held[:, 0], (held[:, 0] - held[:, 1]) / TRACK),
+)
+
+DRIVES = {"holonomic": HOLONOMIC, "wheels": WHEELS}

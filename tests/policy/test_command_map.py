@@ -24,6 +24,7 @@ from viatool.policy import (
 from viatool.policy.command_map import command_map
 from viatool.setting.setting import Setting
 from viatool.taylor import reach
+from viatool.world import Robot
 
 V = ActionChannel(name="v", unit="m/s", lower=0.0, upper=0.5, kind="linear")
 W = ActionChannel(name="w", unit="rad/s", lower=-1.0, upper=1.0, kind="angular")
@@ -84,7 +85,7 @@ def test_what_a_robot_cannot_be_commanded_with_is_refused(kinds: list[str], told
     actions = [ActionChannel(name=f"a{n}", lower=-1, upper=1, kind=kind) for n, kind in enumerate(kinds)]
     spec = PolicySpecification(observation=[lidar("lidar", 3.0, 4)], action=actions)
     with pytest.raises(PolicyError, match=told):
-        command_map(spec, kinematics_of("differential"), "p")
+        command_map(spec, kinematics_of("differential"), Robot(), "p")
 
 
 def test_each_action_of_version_2_is_scaled_and_clipped(tmp_path: Path) -> None:

@@ -19,6 +19,11 @@ class DifferentialDrive(HeldTwist):
     axes: ClassVar[tuple[Axis, ...]] = (Axis("v", "m/s", "linear"), Axis("omega", "rad/s", "angular"))
     velocity: ClassVar[tuple[Part, ...]] = ("ahead", "turn")
 
+    @property
+    def takes(self) -> tuple[tuple[str, ...], ...]:
+        """Return a twist, or the speeds of the rims of both wheels."""
+        return (*super().takes, ("left_wheel", "right_wheel"))
+
     def limits(self, robot: Limited) -> tuple[Floats, Floats]:
         """See `Kinematics.limits`."""
         return (

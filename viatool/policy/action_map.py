@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,15 +86,16 @@ def clipped(assembly: Assembly, values: Computed, limits: Limits) -> Computed:
     return joined(
         assembly,
         [
-            assembly.activation(taken(assembly, values, index), activation("Clip", min=lower, max=upper))
+            assembly.activation(picked(assembly, values, (index,)), activation("Clip", min=lower, max=upper))
             for index, (lower, upper) in enumerate(limits)
         ],
     )
 
 
-def taken(assembly: Assembly, values: Computed, index: int) -> Computed:
-    """Return one of several numbers, (1,); an exact copy."""
-    return assembly.copies([(values, np.array([index]))], np.zeros(1), (1,), "float64")
+def picked(assembly: Assembly, values: Computed, which: Sequence[int]) -> Computed:
+    """Return some of several numbers; exact copies."""
+    count = len(which)
+    return assembly.copies([(values, np.array(which))], np.zeros(count), (count,), "float64")
 
 
 def joined(assembly: Assembly, numbers: list[Computed]) -> Computed:

@@ -9,7 +9,7 @@ kept. Calling a map does the same to numbers that a program gave.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,10 +18,11 @@ from viatool.arrays import Floats
 from viatool.errors import PolicyError
 from viatool.motion.law import Kinematics
 from viatool.policy.action_channels import ActionChannel
-from viatool.policy.action_map import behind
-from viatool.policy.assembly import Assembly, Computed
+from viatool.policy.action_map import Limits, behind, clipped, picked
+from viatool.policy.assembly import Assembly, Computed, Term
 from viatool.policy.network import Network
 from viatool.policy.specification import PolicySpecification
+from viatool.world import Robot
 
 
 @dataclass(frozen=True)
@@ -83,11 +84,45 @@ class Picked(CommandMap):
 
     def compute(self, assembly: Assembly, actions: Computed) -> Computed:
         """Copy them, which is exact; see `CommandMap`."""
-        count = len(self.columns)
-        return assembly.copies([(actions, np.array(self.columns))], np.zeros(count), (count,), "float64")
+        return picked(assembly, actions, self.columns)
 
 
-def command_map(spec: PolicySpecification, kinematics: Kinematics, name: str = "the policy") -> CommandMap:
+@dataclass(frozen=True)
+class Wheels(CommandMap):
+    """The speeds of the rims of the left and the right wheels: half their sum ahead, and their difference turns.
+
+    Parameters
+    ----------
+    track : float
+        Metres between the wheels.
+    """
+
+    track: float
+
+    @property
+    def limits(self) -> Limits:
+        """Return the least and the largest speed of each rim, in m/s; faster ones are clipped."""
+        return tuple((channel.lower, channel.upper) for channel in self.channels)
+
+    @property
+    def matrix(self) -> Floats:
+        """Return what makes speed and turning speed of the speeds of the rims, (2, 2)."""
+        return np.array([[0.5, 0.5], [-1.0 / self.track, 1.0 / self.track]])
+
+    def __call__(self, actions: Floats) -> Floats:
+        """See `CommandMap`."""
+        rims = np.clip(actions[..., list(self.columns)], *np.transpose(self.limits))
+        return np.asarray(rims @ self.matrix.T)
+
+    def compute(self, assembly: Assembly, actions: Computed) -> Computed:
+        """Clip each rim, and add and subtract; the reciprocal of the track is rounded once. See `CommandMap`."""
+        rims = clipped(assembly, picked(assembly, actions, self.columns), self.limits)
+        return assembly.affine([Term(rims, self.matrix)], np.zeros(2), (2,), "float64", roundings=1)
+
+
+def command_map(
+    spec: PolicySpecification, kinematics: Kinematics, robot: Robot, name: str = "the policy"
+) -> CommandMap:
     """Return how a robot is commanded by a policy.
 
     Parameters
@@ -96,6 +131,8 @@ def command_map(spec: PolicySpecification, kinematics: Kinematics, name: str = "
         Its actions.
     kinematics : Kinematics
         Of the robot.
+    robot : Robot
+        Its wheels.
     name : str
         Of the policy, for messages.
 
@@ -103,13 +140,31 @@ def command_map(spec: PolicySpecification, kinematics: Kinematics, name: str = "
     ------
     PolicyError
         If the robot cannot be commanded with what the policy gives.
+    ConfigurationError
+        If what the command depends on is not known of the robot.
     """
     kinds: list[str] = [channel.kind for channel in spec.action]
     for taken in kinematics.takes:
         if spec.command_kinds == set(taken):
             columns = tuple(kinds.index(kind) for kind in taken)
-            return Picked(columns, tuple(spec.action[column] for column in columns), len(kinds))
+            parts = columns, tuple(spec.action[column] for column in columns), len(kinds)
+            return _MAPS.get(taken, _picked)(parts, robot)
     raise _refusal(spec.command_kinds, kinematics, name)
+
+
+Parts = tuple[tuple[int, ...], tuple[ActionChannel, ...], int]
+
+
+def _picked(parts: Parts, robot: Robot) -> CommandMap:
+    return Picked(*parts)
+
+
+def _wheels(parts: Parts, robot: Robot) -> CommandMap:
+    return Wheels(*parts, track=robot.known("track"))
+
+
+_MAPS: dict[tuple[str, ...], Callable[[Parts, Robot], CommandMap]] = {("left_wheel", "right_wheel"): _wheels}
+"""How commands come of kinds that are not the axes themselves."""
 
 
 def _refusal(named: frozenset[str], kinematics: Kinematics, name: str) -> PolicyError:

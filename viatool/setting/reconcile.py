@@ -180,6 +180,14 @@ def _limits(parties: Parties, robot: Robot, source: str) -> tuple[Robot, tuple[P
 def _with_limits(robot: Robot, asked: Mapping[str, ActionChannel]) -> Robot:
     """Return the robot that does what a policy may ask, and no more."""
     limits: dict[str, Any] = {}
+    if "left_wheel" in asked:
+        left, right = asked["left_wheel"], asked["right_wheel"]
+        apart = max(right.upper - left.lower, left.upper - right.lower)
+        limits = {
+            "min_linear": 0.5 * (left.lower + right.lower),
+            "max_linear": 0.5 * (left.upper + right.upper),
+            "max_angular": apart / robot.known("track"),
+        }
     if "linear" in asked:
         limits |= {"min_linear": asked["linear"].lower, "max_linear": asked["linear"].upper}
     limits |= {

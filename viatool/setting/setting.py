@@ -142,7 +142,7 @@ class Setting:
         spec, robot, premises = reconcile(Parties(spec, name, world_map, wishes))
         world_map = world_map.with_robot(robot)
         rules = Rules.of(world_map, wishes.criterion, delay=wishes.delay)
-        commands = command_map(spec, rules.kinematics, name)
+        commands = command_map(spec, rules.kinematics, robot, name)
         errors = SensorErrors.of(spec, eps)
         chosen = world_map.scenarios if scenarios is None else tuple(scenarios)
         premises += _premises(world_map, rules, wishes) + errors.premises()

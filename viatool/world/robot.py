@@ -139,6 +139,22 @@ class Robot:
     max_lateral: float = 0.0
     track: float = 0.0
 
+    def known(self, name: str) -> float:
+        """Return a length of its body.
+
+        Raises
+        ------
+        ConfigurationError
+            If it is not known.
+        """
+        length = float(getattr(self, name))
+        if length <= 0.0:
+            raise ConfigurationError(
+                f"the {name} of robot '{self.name}' is not known, and its commands depend on it",
+                f"give the map's robot its `{name}` in metres, or name a known robot",
+            )
+        return length
+
     @property
     def speeds(self) -> str:
         """Return its limits in words, for reports."""
