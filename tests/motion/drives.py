@@ -107,4 +107,12 @@ WHEELS = Drive(
     lambda held: ((held[:, 0] + held[:, 1]) / 2, 0.0 * held[:, 0], (held[:, 0] - held[:, 1]) / TRACK),
 )
 
-DRIVES = {"holonomic": HOLONOMIC, "wheels": WHEELS}
+WHEELBASE = 0.33
+CAR = Drive(
+    f"kinematics: ackermann, min_linear: -0.3, max_linear: 1.0, max_steering: 0.5, wheelbase: {WHEELBASE}",
+    (("steering", -0.5, 0.4), ("linear", -0.3, 1.0)),
+    ((-0.2, -0.1, 0.0, 0.0, 0.1, 0.2, 0.1), (0.0, 0.0, 0.3, 0.3, 0.0, 0.0, -0.2)),
+    lambda held: (held[:, 1], 0.0 * held[:, 1], held[:, 1] * np.tan(held[:, 0]) / WHEELBASE),
+)
+
+DRIVES = {"holonomic": HOLONOMIC, "wheels": WHEELS, "car": CAR}

@@ -95,7 +95,9 @@ def test_shapes_broadcast(move):
 @each
 def test_limits_clip_commands_and_the_ends_of_boxes_to_ends(move):
     generator = np.random.default_rng(3)
-    robot = Robot(min_linear=-0.2, max_linear=0.5, max_angular=1.5)
+    robot = Robot(
+        min_linear=-0.2, max_linear=0.5, max_angular=1.5, max_lateral=0.3, wheelbase=0.3, max_steering=0.4
+    )
     low, high = move.limits(robot)
     assert low.shape == high.shape == (len(move.axes),)
     assert (low <= high).all()

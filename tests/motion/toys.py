@@ -51,7 +51,7 @@ def registered(kinematics):
 
 def velocity_of(name, commands):
     """Speed ahead, to the left, and turning speed of commands (..., A), written down once more."""
-    if name == "differential":
+    if name in ("differential", "ackermann"):
         return commands[..., 0], 0.0 * commands[..., 0], commands[..., 1]
     if name == "crab":
         return commands[..., 0], commands[..., 1], 0.0 * commands[..., 0]

@@ -5,13 +5,14 @@ from __future__ import annotations
 import difflib
 
 from viatool.errors import ConfigurationError
+from viatool.motion.ackermann import AckermannDrive
 from viatool.motion.differential import DifferentialDrive
 from viatool.motion.holonomic import HolonomicDrive
 from viatool.motion.law import Kinematics
 
 DIFFERENTIAL = DifferentialDrive()
 KINEMATICS: dict[str, Kinematics] = {
-    kinematics.name: kinematics for kinematics in (DIFFERENTIAL, HolonomicDrive())
+    kinematics.name: kinematics for kinematics in (DIFFERENTIAL, HolonomicDrive(), AckermannDrive())
 }
 
 

@@ -50,6 +50,14 @@ class Limited(Protocol):
     def max_lateral(self) -> float:
         """Largest speed to either side, in m/s."""
 
+    @property
+    def wheelbase(self) -> float:
+        """Distance between the axles, in metres."""
+
+    @property
+    def max_steering(self) -> float:
+        """Largest angle of the steered wheels to either side, in rad."""
+
 
 @dataclass(frozen=True)
 class Axis:

@@ -336,6 +336,12 @@ def _clip(min: float, max: float) -> Expression:
     return _pieces(*pieces)
 
 
+@_declare("ClippedTan", KernelError(16.0), min=-1.0, max=1.0)
+def _clipped_tan(min: float, max: float) -> Expression:
+    """Return the tangent of an angle that is clipped to limits within a quarter turn: how steered wheels turn a car."""
+    return _pieces((sympy.tan(min), X <= min), (sympy.tan(max), X >= max), (sympy.tan(X), True))
+
+
 @dataclass(frozen=True)
 class ActivationFunction:
     """One elementwise function with its parameters; equal functions compare and hash equal.

@@ -18,7 +18,8 @@ from viatool.arrays import Floats
 from viatool.errors import PolicyError
 from viatool.motion.law import Kinematics
 from viatool.policy.action_channels import ActionChannel
-from viatool.policy.action_map import Limits, behind, clipped, picked
+from viatool.policy.action_map import Limits, behind, clipped, joined, picked
+from viatool.policy.activations import ActivationFunction, activation
 from viatool.policy.assembly import Assembly, Computed, Term
 from viatool.policy.network import Network
 from viatool.policy.specification import PolicySpecification
@@ -120,6 +121,42 @@ class Wheels(CommandMap):
         return assembly.affine([Term(rims, self.matrix)], np.zeros(2), (2,), "float64", roundings=1)
 
 
+@dataclass(frozen=True)
+class Steered(CommandMap):
+    """The speed of the rear axle and the angle of the front wheels: ``omega = v tan(angle) / wheelbase``.
+
+    Parameters
+    ----------
+    limits : tuple of pairs
+        The least and the largest speed in m/s and angle in rad that the robot carries out; others are clipped first,
+        so that the turning speed is that of the speed which is driven.
+    wheelbase : float
+        Metres between the axles.
+    """
+
+    limits: Limits
+    wheelbase: float
+
+    def __call__(self, actions: Floats) -> Floats:
+        """See `CommandMap`."""
+        speed, angle = np.moveaxis(actions[..., list(self.columns)], -1, 0)
+        speed = np.clip(speed, *self.limits[0])
+        return np.stack([speed, speed * self._tangent(angle) * (1.0 / self.wheelbase)], axis=-1)
+
+    def compute(self, assembly: Assembly, actions: Computed) -> Computed:
+        """Multiply the clipped speed and the tangent of the clipped angle; see `CommandMap`."""
+        speed, angle = (picked(assembly, actions, (column,)) for column in self.columns)
+        low, high = self.limits[0]
+        speed = assembly.activation(speed, activation("Clip", min=low, max=high))
+        bent = assembly.product(speed, assembly.activation(angle, self._tangent))
+        return joined(assembly, [speed, assembly.scaled(bent, 1.0 / self.wheelbase, roundings=1)])
+
+    @property
+    def _tangent(self) -> ActivationFunction:
+        low, high = self.limits[1]
+        return activation("ClippedTan", min=low, max=high)
+
+
 def command_map(
     spec: PolicySpecification, kinematics: Kinematics, robot: Robot, name: str = "the policy"
 ) -> CommandMap:
@@ -163,7 +200,20 @@ def _wheels(parts: Parts, robot: Robot) -> CommandMap:
     return Wheels(*parts, track=robot.known("track"))
 
 
-_MAPS: dict[tuple[str, ...], Callable[[Parts, Robot], CommandMap]] = {("left_wheel", "right_wheel"): _wheels}
+def _steered(parts: Parts, robot: Robot) -> CommandMap:
+    speed, angle = parts[1]
+    able = (robot.min_linear, robot.max_linear), (-robot.max_steering, robot.max_steering)
+    limits = tuple(
+        (max(asked.lower, low), min(asked.upper, high))
+        for asked, (low, high) in zip((speed, angle), able, strict=True)
+    )
+    return Steered(*parts, limits, robot.known("wheelbase"))
+
+
+_MAPS: dict[tuple[str, ...], Callable[[Parts, Robot], CommandMap]] = {
+    ("left_wheel", "right_wheel"): _wheels,
+    ("linear", "steering"): _steered,
+}
 """How commands come of kinds that are not the axes themselves."""
 
 

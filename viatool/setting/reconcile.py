@@ -198,16 +198,17 @@ def _with_limits(robot: Robot, asked: Mapping[str, ActionChannel]) -> Robot:
     return replace(robot, **limits)
 
 
-_SYMMETRIC = {"angular": "max_angular", "lateral": "max_lateral"}
+_SYMMETRIC = {"angular": "max_angular", "lateral": "max_lateral", "steering": "max_steering"}
 """Kinds of commands of which a robot does as much to one side as to the other, and its limit of each."""
+_WORDS = {"angular": ("turns", "rad/s"), "lateral": ("steps aside", "m/s")}
 
 
 def _check_symmetric(parties: Parties, asked: Mapping[str, ActionChannel]) -> None:
     """Refuse limits that no robot of ours has: one that turns faster to one side than to the other."""
-    for kind in _SYMMETRIC.keys() & asked.keys():
+    for kind in _WORDS.keys() & asked.keys():
         channel = asked[kind]
         if not _same(-channel.lower, channel.upper):
-            what, unit = ("turns", "rad/s") if kind == "angular" else ("steps aside", "m/s")
+            what, unit = _WORDS[kind]
             raise ConfigurationError(
                 f"{parties.policy} limits '{channel.name}' to {channel.lower:g} to {channel.upper:g} {unit}, "
                 f"but a robot limits {what} equally to both sides",

@@ -18,7 +18,8 @@ from viatool.rounding import LAST_PLACE
 
 _TINY = 5e-324
 _LARGEST = float(np.finfo(np.float64).max)
-_FUNCTION_ULPS = 8  # numpy and scipy state at most 4 for exp, log, tanh, erf
+_FUNCTION_ULPS = 8  # numpy and scipy state at most 4 for exp, log, tan, tanh, erf
+_QUARTER = 1.57  # radians, before the pole of the tangent
 
 
 def step_down(x: Floats, ulps: int | Floats = 1) -> Floats:
@@ -146,9 +147,18 @@ def _normal_cdf(x: Interval | float) -> Interval:
     return Interval(np.clip(lower, 0.0, 1.0), np.clip(upper, 0.0, 1.0))
 
 
+def _tan(x: Interval | float) -> Interval:
+    """Enclose the tangent, which rises between its poles; beyond a quarter turn it may be anything."""
+    x = interval_of(x)
+    held = (x.lower > -_QUARTER) & (x.upper < _QUARTER)
+    result = _outward(np.tan(x.lower), np.tan(x.upper), _FUNCTION_ULPS)
+    return Interval(np.where(held, result.lower, -np.inf), np.where(held, result.upper, np.inf))
+
+
 ENCLOSED_FUNCTIONS: dict[str, Any] = {
     "exp": _increasing(np.exp, least=0.0),
     "log": _increasing(np.log),
+    "tan": _tan,
     "tanh": _increasing(np.tanh, -1.0, 1.0),
     "erf": _increasing(special.erf, -1.0, 1.0),
     "NormalCdf": _normal_cdf,

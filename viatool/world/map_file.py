@@ -73,6 +73,12 @@ class RobotFile(Strict):
     track: Positive | None = Field(
         default=None, description="distance between the left and the right wheels, in metres"
     )
+    wheelbase: Positive | None = Field(
+        default=None, description="distance between the axles of a car, in metres; its origin is the rear one"
+    )
+    max_steering: NotNegative | None = Field(
+        default=None, description="largest angle of the front wheels of a car to either side, in rad"
+    )
 
 
 def _kind_of_robot(value: Any) -> str:

@@ -15,7 +15,9 @@ from viatool.world.rings import fit, simple_polygon
 
 FootprintKind = Literal["point", "circle", "polygon"]
 
-_NOT_NEGATIVE = ("max_angular", "deceleration", "control_interval", "max_lateral", "track")
+_NOT_NEGATIVE = (
+    "max_angular", "deceleration", "control_interval", "max_lateral", "track", "wheelbase", "max_steering",
+)  # fmt: skip
 
 _TOUCHING = 1e-9
 """Metres from an outline within which a point counts as neither inside nor outside."""
@@ -120,6 +122,10 @@ class Robot:
         Speed to either side, in m/s, of a robot that can.
     track : float
         Distance between its wheels to the left and to the right, in metres; 0 where it is not known.
+    wheelbase : float
+        Distance between the axles of a car, in metres; 0 where it is not known. Its origin is the rear one's middle.
+    max_steering : float
+        Angle of the front wheels of a car to either side, in rad.
 
     Raises
     ------
@@ -138,6 +144,8 @@ class Robot:
     kinematics: str = "differential"
     max_lateral: float = 0.0
     track: float = 0.0
+    wheelbase: float = 0.0
+    max_steering: float = 0.0
 
     def known(self, name: str) -> float:
         """Return a length of its body.
