@@ -6,12 +6,13 @@ from pathlib import Path
 
 import pytest
 import yaml
+from onnx import TensorProto, helper
 
 from tests.policy.models import model_of, node, save, two_layers
 from viatool.errors import PolicyError
-from viatool.policy import describe, load_policy, load_specification
+from viatool.policy import PolicySpecification, describe, load_policy, load_specification
 from viatool.proposals import PolicyFacts, propose_by_size, specification_text
-from viatool.proposals.layouts import LAYOUTS, known_layout
+from viatool.proposals.projects import LAYOUTS, known_layout
 
 SIZES = [
     (
@@ -54,6 +55,26 @@ SIZES = [
         "725 = 720 rays + 5",
         ["lidar", "goal_distance", "goal_cosine", "goal_sine", "previous_linear", "previous_angular"],
     ),
+    (
+        72,
+        2,
+        "72 = 3 x 24: 3 whole observations",
+        ["lidar", "goal_distance", "goal_bearing", "previous_linear", "previous_angular"],
+    ),
+    (
+        1456,
+        2,
+        "1456 = 4 x 364: 4 whole observations",
+        ["lidar", "goal_distance", "goal_bearing", "previous_linear", "previous_angular"],
+    ),
+    (
+        365,
+        3,
+        "Arena (rosnav-rl), a robot that moves sideways",
+        ["lidar", "goal_x", "goal_y", "previous_linear", "previous_lateral", "previous_angular"],
+    ),
+    (41, 2, "f1tenth_drl", ["lidar", "linear_velocity"]),
+    (722, 2, "ros_jackal (BARN)", ["lidar", "goal_x", "goal_y"]),
     (1083, 2, "1083 = 1080 rays + 3", ["lidar", "goal_distance", "goal_cosine", "goal_sine"]),
     (1538, 2, "1538 = 3 frames of 512 rays + 2", ["lidar", "goal_distance", "goal_bearing"]),
 ]
@@ -107,6 +128,35 @@ def test_commands_that_no_file_says_have_to_be_filled_in(tmp_path: Path) -> None
     assert load_specification(sidecar).action_size == 7
     # a policy that a file says to be a choice gets no project's commands either
     assert not propose_by_size(PolicyFacts(26, 5, chooses=True)).is_complete
+
+
+def test_a_stack_of_whole_observations_is_one_entry() -> None:
+    proposal = propose_by_size(PolicyFacts(100, 2, squashed=True))
+    spec = PolicySpecification.model_validate(proposal.document)
+    assert spec.frames is not None
+    assert (spec.frames.count, spec.observation_size) == (4, 100)
+
+
+def test_kinds_of_actions_stay_where_a_file_states_their_limits() -> None:
+    proposal = propose_by_size(PolicyFacts(41, 2, limits=((-0.3, 0.3), (0.0, 5.0)), chooses=False))
+    assert [(a["kind"], a["upper"]) for a in proposal.action] == [("steering", 0.3), ("linear", 5.0)]
+
+
+def test_the_names_of_several_inputs_tell_their_kinds(tmp_path: Path) -> None:
+    nodes = [
+        node("Concat", ["laser", "goal_distance", "goal_angle"], ["all"], axis=1),
+        node("Tanh", ["all"], ["y"]),
+    ]
+    graph = model_of(nodes)
+    del graph.graph.input[:]
+    for name, size in (("laser", 4), ("goal_distance", 1), ("goal_angle", 1)):
+        graph.graph.input.append(helper.make_tensor_value_info(name, TensorProto.FLOAT, ["batch", size]))
+    path = save(graph, tmp_path)
+    (tmp_path / "robot.yaml").write_text(specification_text(describe(path)), encoding="utf-8")
+    spec = load_policy(path, tmp_path / "robot.yaml").spec
+    assert spec is not None
+    assert [channel.kind for channel in spec.observation] == ["lidar", "goal_distance", "goal_bearing"]
+    assert spec.input == ["laser", "goal_distance", "goal_angle"]
 
 
 def test_limits_that_a_file_states_are_taken() -> None:

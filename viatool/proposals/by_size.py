@@ -5,13 +5,18 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from viatool.proposals.layouts import Channel, command, known_layout, rays_and_tail, size_of
+from viatool.proposals.layout import Channel, command, size_of
+from viatool.proposals.projects import known_layout
 from viatool.proposals.proposal import FILL_IN, Guess, PolicyFacts, Proposal
+from viatool.proposals.rays import rays_and_tail
 
 _LIMITS = {"linear": (0.0, 0.5), "lateral": (-0.5, 0.5), "angular": (-1.0, 1.0)}
 _UNITS = {"linear": "m/s", "lateral": "m/s", "angular": "rad/s"}
 _MOST_COMMANDS = 3
 """More numbers than a robot that moves on the ground is commanded with are scores of a choice."""
+
+_STACKS = (1, 2, 3, 4, 5, 6, 8)
+"""How many whole observations are commonly stacked."""
 
 _NO_TANH = Guess(
     "actions come in [-1, 1], though no tanh is the last thing in the file",
@@ -30,46 +35,80 @@ def propose_by_size(facts: PolicyFacts) -> Proposal:
     Returns
     -------
     Proposal
-        Of the project whose sizes these are, of a common LiDAR and what follows it, or of channels without a meaning.
+        Of the project whose sizes these are, of a common LiDAR and what follows it, of several frames of one of them, or
+        of channels without a meaning.
     """
+    for count in _STACKS:
+        if facts.inputs % count == 0 and (count == 1 or not facts.ports):
+            frame = replace(facts, inputs=facts.inputs // count)
+            found = _of_a_project(frame) or _of_rays(frame)
+            if found is not None:
+                return _stacked(_with_ranges(found, frame), count, facts)
+    action, guesses = _action(facts, navigates=False)
+    return Proposal(
+        _unknown(facts),
+        action,
+        f"its sizes alone, {facts.inputs} numbers in and {facts.outputs} out",
+        (_nothing_known(facts.inputs), *guesses),
+        facts.names,
+    )
+
+
+def _of_a_project(facts: PolicyFacts) -> Proposal | None:
+    """Return what a project with these sizes does."""
     layout = None if facts.ports else known_layout(facts.inputs, facts.outputs)
-    if layout is not None and not (facts.chooses is False and layout.action[0]["kind"] == "choice"):
-        action, about_action = layout.action, layout.about_action
-        if (
-            facts.limits is not None or facts.chooses is True
-        ):  # what the file states, or leaves to be filled in
-            action, about_action = _action(facts, navigates=True)
-        elif not facts.squashed and "scale" in action[0]:
-            about_action = (*about_action, _NO_TANH)
-        found = Proposal(
-            layout.observation,
-            action,
-            f"its sizes, {facts.inputs} numbers in and {facts.outputs} out, which are those of {layout.project}",
-            (
-                Guess(f"it is a policy of {layout.project}", "where it was trained"),
-                *layout.guesses,
-                *about_action,
-            ),
-        )
-    else:
-        common = _common(facts)
-        observation, guesses = common or (_unknown(facts), (_nothing_known(facts.inputs),))
-        action, more = _action(facts, navigates=common is not None)
-        found = Proposal(
-            observation,
-            action,
-            f"its sizes alone, {facts.inputs} numbers in and {facts.outputs} out",
-            (*guesses, *more),
-        )
-    return replace(_with_ranges(found, facts), more=facts.names)
+    if layout is None:
+        return None
+    action, guesses = layout.action, layout.about_action
+    chooses = action[0]["kind"] == "choice"
+    if facts.chooses is not None and facts.chooses != chooses:
+        return None
+    if facts.chooses:  # of a file that holds a choice, and not its commands
+        action, guesses = _choice(facts)
+    elif facts.limits is not None:
+        action, guesses = [_within(*pair) for pair in zip(action, facts.limits, strict=True)], ()
+    elif not facts.squashed and "scale" in action[0]:
+        guesses = (*guesses, _NO_TANH)
+    return Proposal(
+        layout.observation,
+        action,
+        f"its sizes, {facts.inputs} numbers in and {facts.outputs} out, which are those of {layout.project}",
+        (Guess(f"it is a policy of {layout.project}", "where it was trained"), *layout.guesses, *guesses),
+    )
 
 
-def _common(facts: PolicyFacts) -> tuple[list[Channel], tuple[Guess, ...]] | None:
-    """Return rays and what follows them; of several inputs, the first has to be the rays."""
+def _within(action: Channel, limits: tuple[float, float]) -> Channel:
+    """Return an action that comes as a command within limits."""
+    kept = {key: value for key, value in action.items() if key not in ("scale", "offset")}
+    return {**kept, "lower": limits[0], "upper": limits[1]}
+
+
+def _of_rays(facts: PolicyFacts) -> Proposal | None:
+    """Return rays and what commonly follows them; of several inputs, the first has to be the rays."""
     common = rays_and_tail(facts.inputs) if facts.outputs > 1 else None
     if common is None or (facts.ports and facts.ports[0][1] != size_of(common[0][0])):
         return None
-    return common
+    observation, guesses = common
+    action, more = _action(facts, navigates=True)
+    source = f"its sizes alone, {facts.inputs} numbers in and {facts.outputs} out"
+    return Proposal(observation, action, source, (*guesses, *more))
+
+
+def _stacked(proposal: Proposal, count: int, facts: PolicyFacts) -> Proposal:
+    """Return a proposal of whole observations that are stacked."""
+    if count == 1:
+        return replace(proposal, more=facts.names)
+    stack = Guess(
+        f"{facts.inputs} = {count} x {facts.inputs // count}: {count} whole observations, oldest first, one step apart",
+        "the frame stack: `frames`, its `stride` and `order`",
+    )
+    more = {**facts.names, "frames": {"count": count, "order": "oldest_first"}}
+    return replace(
+        proposal,
+        source=f"{proposal.source}, {count} times",
+        guesses=(stack, *proposal.guesses),
+        more=more,
+    )
 
 
 def _unknown(facts: PolicyFacts) -> list[Channel]:

@@ -7,39 +7,14 @@ import re
 from viatool.channels import kinds
 from viatool.errors import PolicyError
 from viatool.proposals.by_size import propose_by_size
-from viatool.proposals.layouts import Channel, one, scan
+from viatool.proposals.layout import VECTORS, Channel, one, scan
 from viatool.proposals.proposal import Guess, PolicyFacts, Proposal
 from viatool.proposals.terms import CONTRACT, ObservationTerm, Stated
 
 _LARGEST = 1e9
 """Stands for an open end of a clip, for the ends are finite in a specification."""
 
-_VECTORS: dict[str, tuple[Channel, ...]] = {
-    "base_lin_vel": (
-        one("linear_velocity", unit="m/s"),
-        one("lateral_velocity", unit="m/s"),
-        one("vertical_velocity", "constant", value=0.0),
-    ),
-    "base_ang_vel": (
-        one("roll_rate", "constant", value=0.0),
-        one("pitch_rate", "constant", value=0.0),
-        one("angular_velocity", unit="rad/s"),
-    ),
-    "projected_gravity": (
-        one("gravity_x", "constant", value=0.0),
-        one("gravity_y", "constant", value=0.0),
-        one("gravity_z", "constant", value=-1.0),
-    ),
-    "pose_command": (
-        one("goal_x", unit="m"),
-        one("goal_y", unit="m"),
-        one("goal_height", "constant", value=0.0),
-        one("goal_heading", "other", unit="rad"),
-    ),
-}
-"""Vectors of Isaac Lab and mjlab, in the robot's frame, for a robot that stays upright on flat ground."""
-
-_SIZES: dict[str, int] = {**{name: len(parts) for name, parts in _VECTORS.items()}, "velocity_commands": 3}
+_SIZES: dict[str, int] = {**{name: len(parts) for name, parts in VECTORS.items()}, "velocity_commands": 3}
 
 _KINDS: tuple[tuple[str, str], ...] = (
     (r"lidar|laser|scan|ranges|rays", "lidar"),
@@ -115,7 +90,7 @@ def _channels(term: ObservationTerm, size: int) -> tuple[list[Channel], list[Gue
     if term.clip is not None:  # exporters clip first and scale then
         encoding["clip"] = sorted(max(-_LARGEST, min(_LARGEST, end * term.scale)) for end in term.clip)
     frames = {"frames": {"count": term.history, "order": "oldest_first"}} if term.history > 1 else {}
-    parts = _VECTORS.get(term.name)
+    parts = VECTORS.get(term.name)
     if parts is not None and len(parts) == size and not frames:
         words = ", ".join(part["name"] for part in parts)
         return [{**part, **encoding} for part in parts], [
@@ -124,7 +99,7 @@ def _channels(term: ObservationTerm, size: int) -> tuple[list[Channel], list[Gue
                 "the order, and the frame of each",
             )
         ]
-    kind = _kind(term.name)
+    kind = kind_of_term(term.name)
     guess = [Guess(f"{term.name} is of kind {kind}", "the term's function in the environment")]
     if frames:
         guess.append(
@@ -141,7 +116,8 @@ def _channels(term: ObservationTerm, size: int) -> tuple[list[Channel], list[Gue
     return [one(term.name, kind, size=size, **encoding, **frames)], guess
 
 
-def _kind(name: str) -> str:
+def kind_of_term(name: str) -> str:
+    """Return the kind of channel that the name of a term tells; "other" where it tells none."""
     if name in kinds():
         return name
     return next((kind for pattern, kind in _KINDS if re.search(pattern, name)), "other")

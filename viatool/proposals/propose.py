@@ -8,10 +8,10 @@ from viatool.errors import PolicyError
 from viatool.policy import Inspection
 from viatool.policy.model_file import open_model
 from viatool.proposals.by_size import propose_by_size
-from viatool.proposals.by_terms import propose_by_terms
+from viatool.proposals.by_terms import kind_of_term, propose_by_terms
 from viatool.proposals.parameters import with_parameters
 from viatool.proposals.proposal import PolicyFacts, Proposal
-from viatool.proposals.terms import CONTRACT, stated_in_contract, stated_in_metadata
+from viatool.proposals.terms import CONTRACT, ObservationTerm, Stated, stated_in_contract, stated_in_metadata
 
 
 def specification_text(found: Inspection, parameters: Path | None = None) -> str:
@@ -53,8 +53,16 @@ def propose(found: Inspection, parameters: Path | None = None) -> Proposal:
     stated = stated_in_contract(contract or model.path.parent / CONTRACT)
     if stated is None and contract is not None:
         raise PolicyError(f"cannot read {contract}: there is no such file", "give a JSON file")
-    stated = stated or stated_in_metadata(entries, model.path)
+    stated = stated or stated_in_metadata(entries, model.path) or _stated_by_inputs(facts)
     proposal = propose_by_size(facts) if stated is None else propose_by_terms(stated, facts)
     if parameters is not None and contract is None:
         proposal = with_parameters(proposal, parameters)
     return proposal
+
+
+def _stated_by_inputs(facts: PolicyFacts) -> Stated | None:
+    """Return what the names of several inputs tell; None where one of them tells nothing."""
+    terms = tuple(ObservationTerm(name, size) for name, size in facts.ports)
+    if not terms or any(kind_of_term(term.name) == "other" for term in terms):
+        return None
+    return Stated("the names of its inputs", terms)
