@@ -77,7 +77,7 @@ def test_what_was_put_inside_is_said(tmp_path: Path) -> None:
     assert "vec_normalize.pkl, clipped to 1.5 deviations" in words
     assert "scaled to [0, 0.5], [-1, 1]" in words
     alone = import_policy(ImportRequest(tmp_path / "model.zip"), tmp_path / "alone.onnx")
-    assert "add --vecnormalize" in " ".join(alone.inside)
+    assert "vec_normalize.pkl is beside it, add --vecnormalize" in " ".join(alone.inside)
 
 
 def test_the_proposal_has_the_limits_and_ranges_of_the_spaces(tmp_path: Path) -> None:
@@ -248,3 +248,41 @@ def test_an_image_policy_is_refused_by_its_space(tmp_path: Path) -> None:
 def test_the_environment_of_these_tests_has_the_limits_of_the_actions() -> None:
     assert Wander().action_space.low.tolist() == LOW.tolist()
     assert Wander().action_space.high.tolist() == HIGH.tolist()
+
+
+def test_older_versions_name_gym_and_numpy_otherwise(tmp_path: Path) -> None:
+    import base64
+    import json
+    import pickle
+    import zipfile
+
+    model, normaliser = saved(tmp_path, "TD3", normalise=True)
+    with zipfile.ZipFile(tmp_path / "model.zip") as archive:
+        data = json.loads(archive.read("data"))
+    changes: dict[str, Any] = {}
+    for field in ("observation_space", "action_space"):
+        space = pickle.loads(base64.b64decode(data[field][":serialized:"]))
+        content = pickle.dumps(space, 2)  # names stand between line breaks, so that they can be changed
+        content = content.replace(b"cgymnasium.spaces", b"cgym.spaces").replace(
+            b"cnumpy._core", b"cnumpy.core"
+        )
+        assert b"cgym.spaces.box" in content
+        changes[field] = {":serialized:": base64.b64encode(content).decode()}
+    with (tmp_path / "vec_normalize.pkl").open("rb") as stream:
+        old = pickle.load(stream)
+    old.class_attributes = old.returns = None  # which saving leaves out
+    content = pickle.dumps(old, 2).replace(b"cgymnasium.spaces", b"cgym.spaces")
+    (tmp_path / "old.pkl").write_bytes(content.replace(b"cnumpy._core", b"cnumpy.core"))
+
+    request = ImportRequest(rewritten(tmp_path / "model.zip", **changes), tmp_path / "old.pkl")
+    policy = import_policy(request, tmp_path / "policy.onnx").policy
+    raw = observations()
+    expected, _ = model.predict(normaliser.normalize_obs(raw), deterministic=True)
+    np.testing.assert_allclose(policy.run(raw), expected, atol=2e-5)
+
+
+def test_inspect_points_to_import(tmp_path: Path) -> None:
+    saved(tmp_path, "TD3")
+    with pytest.raises(PolicyError, match="is not an ONNX model") as refusal:
+        load_policy(tmp_path / "model.zip")
+    assert "viatool import" in refusal.value.hint

@@ -82,3 +82,48 @@ def test_weights_and_pickled_modules_say_what_they_are(tmp_path: Path) -> None:
         with pytest.raises(PolicyError, match=r"was written by torch.save") as refusal:
             import_policy(ImportRequest(tmp_path / "weights.pt"), tmp_path / "policy.onnx")
         assert "torch.jit.trace" in refusal.value.hint
+
+
+class Writes(nn.Module):
+    """Writes a file when it is run, and when it is read."""
+
+    def __init__(self, path: str) -> None:
+        super().__init__()
+        self.path = path
+
+    def forward(self, observed: Tensor) -> Tensor:
+        torch.save(observed, self.path)
+        return observed
+
+    @torch.jit.export
+    def __getstate__(self) -> tuple[str, bool]:
+        return self.path, self.training
+
+    @torch.jit.export
+    def __setstate__(self, state: tuple[str, bool]) -> None:
+        self.path = state[0]
+        self.training = state[1]
+        torch.save(torch.zeros(1), self.path)
+
+
+class Reads(nn.Module):
+    """Takes numbers of a file."""
+
+    def forward(self, observed: Tensor) -> Tensor:
+        return observed + torch.from_file("/etc/hostname", size=1, dtype=torch.float32)
+
+
+def test_a_program_that_touches_files_is_not_even_read(tmp_path: Path) -> None:
+    touched = tmp_path / "touched"
+    path = script(Writes(str(touched)), tmp_path / "writes.pt")
+    with pytest.raises(PolicyError, match=r"calls 'torch.save', where arithmetic is expected"):
+        import_policy(ImportRequest(path, input_size=2), tmp_path / "policy.onnx")
+    assert not touched.exists()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        torch.jit.load(str(path))
+    assert touched.exists()  # so it would have been written
+    with pytest.raises(PolicyError, match=r"calls 'torch.from_file'"):
+        import_policy(
+            ImportRequest(script(Reads(), tmp_path / "reads.pt"), input_size=1), tmp_path / "policy.onnx"
+        )

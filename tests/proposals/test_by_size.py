@@ -14,69 +14,38 @@ from viatool.policy import PolicySpecification, describe, load_policy, load_spec
 from viatool.proposals import PolicyFacts, propose_by_size, specification_text
 from viatool.proposals.projects import LAYOUTS, known_layout
 
+POLAR = ["lidar", "goal_distance", "goal_bearing"]
+BEFORE = ["previous_linear", "previous_angular"]
+DIRECTION = ["lidar", "goal_distance", "goal_cosine", "goal_sine"]
+SIDEWAYS = ["previous_linear", "previous_lateral", "previous_angular"]
+VELOCITIES = ["linear_velocity", "lateral_velocity", "angular_velocity"]
 SIZES = [
-    (
-        24,
-        2,
-        "DRL-robot-navigation",
-        ["lidar", "goal_distance", "goal_bearing", "previous_linear", "previous_angular"],
-    ),
-    (
-        25,
-        2,
-        "DRL-Robot-Navigation-ROS2",
-        ["lidar", "goal_distance", "goal_cosine", "goal_sine", "previous_linear", "previous_angular"],
-    ),
-    (44, 2, "turtlebot3_drlnav", ["lidar", "goal_distance", "goal_bearing", "previous_raw"]),
+    (24, 2, "DRL-robot-navigation", [*POLAR, *BEFORE]),
+    (25, 2, "DRL-Robot-Navigation-ROS2", [*DIRECTION, *BEFORE]),
+    (26, 2, "viatool, of VIA's task", [*DIRECTION, *BEFORE, "budget"]),
+    (185, 2, "DRL-robot-navigation-IR-SIM", [*DIRECTION, *BEFORE]),
+    (44, 2, "turtlebot3_drlnav", [*POLAR, "previous_raw"]),
     (26, 5, "ROBOTIS turtlebot3_dqn (ROS 2)", ["goal_distance", "goal_bearing", "lidar"]),
     (28, 5, "ROBOTIS turtlebot3_dqn (ROS 1)", ["lidar", "goal_bearing", "goal_distance", "other", "other"]),
-    (
-        1540,
-        2,
-        "rl-collision-avoidance",
-        ["lidar", "goal_x", "goal_y", "linear_velocity", "angular_velocity"],
-    ),
-    (
-        28,
-        2,
-        "28 = 24 rays + 4",
-        ["lidar", "goal_distance", "goal_bearing", "previous_linear", "previous_angular"],
-    ),
-    (
-        40,
-        2,
-        "40 = 36 rays + 4",
-        ["lidar", "goal_distance", "goal_bearing", "previous_linear", "previous_angular"],
-    ),
-    (362, 2, "362 = 360 rays + 2", ["lidar", "goal_distance", "goal_bearing"]),
-    (
-        725,
-        3,
-        "725 = 720 rays + 5",
-        ["lidar", "goal_distance", "goal_cosine", "goal_sine", "previous_linear", "previous_angular"],
-    ),
-    (
-        72,
-        2,
-        "72 = 3 x 24: 3 whole observations",
-        ["lidar", "goal_distance", "goal_bearing", "previous_linear", "previous_angular"],
-    ),
-    (
-        1456,
-        2,
-        "1456 = 4 x 364: 4 whole observations",
-        ["lidar", "goal_distance", "goal_bearing", "previous_linear", "previous_angular"],
-    ),
+    (1540, 2, "rl-collision-avoidance", ["lidar", "goal_x", "goal_y", "linear_velocity", "angular_velocity"]),
     (
         365,
-        3,
-        "Arena (rosnav-rl), a robot that moves sideways",
-        ["lidar", "goal_x", "goal_y", "previous_linear", "previous_lateral", "previous_angular"],
+        2,
+        "Arena (rosnav-rl), a robot that cannot",
+        [*POLAR, "previous_linear", "constant", "previous_angular"],
     ),
-    (41, 2, "f1tenth_drl", ["lidar", "linear_velocity"]),
+    (365, 3, "Arena (rosnav-rl), a robot that moves", ["lidar", "goal_x", "goal_y", *SIDEWAYS]),
+    (1085, 3, "NavRep", ["lidar", "goal_x", "goal_y", *VELOCITIES]),
     (722, 2, "ros_jackal (BARN)", ["lidar", "goal_x", "goal_y"]),
-    (1083, 2, "1083 = 1080 rays + 3", ["lidar", "goal_distance", "goal_cosine", "goal_sine"]),
-    (1538, 2, "1538 = 3 frames of 512 rays + 2", ["lidar", "goal_distance", "goal_bearing"]),
+    (41, 2, "f1tenth_drl", ["lidar", "linear_velocity"]),
+    (28, 2, "28 = 24 rays + 4", [*POLAR, *BEFORE]),
+    (40, 2, "40 = 36 rays + 4", [*POLAR, *BEFORE]),
+    (362, 2, "362 = 360 rays + 2", POLAR),
+    (725, 3, "725 = 720 rays + 5", [*DIRECTION, *BEFORE]),
+    (1083, 2, "1083 = 1080 rays + 3", DIRECTION),
+    (1538, 2, "1538 = 3 frames of 512 rays + 2", POLAR),
+    (72, 2, "72 = 3 x 24: 3 whole observations", [*POLAR, *BEFORE]),
+    (1456, 2, "1456 = 4 x 364: 4 whole observations", [*POLAR, *BEFORE]),
 ]
 
 

@@ -28,6 +28,10 @@ TOLERANCE = 1e-3
 """Of the largest output, by which onnxruntime and torch may differ; rounding stays about a hundred times below."""
 
 
+_NORMALISERS = ("vec_normalize.pkl", "vecnormalize.pkl")
+"""As people name what VecNormalize.save writes."""
+
+
 @dataclass(frozen=True)
 class ImportRequest:
     """What is imported, and what the file does not say.
@@ -202,7 +206,10 @@ def _inside(actor: ImportedActor, normaliser: Normaliser | None, request: Import
     elif request.normaliser is not None:
         before = f"no normaliser: {request.normaliser} has norm_obs off"
     else:
-        before = "no normaliser: if the model was trained in a VecNormalize, add --vecnormalize FILE"
+        beside = next(
+            (f"{name} is beside it" for name in _NORMALISERS if (request.path.parent / name).exists()), ""
+        )
+        before = f"no normaliser: {beside or 'if the model was trained in a VecNormalize'}, add --vecnormalize FILE"
     if isinstance(actor.action, DiscreteSpace):
         after = f"the scores of {actor.action.choices} choices, of which the largest is taken"
     elif actor.action is None:

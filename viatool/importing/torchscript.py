@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import warnings
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +18,10 @@ from viatool.importing.spaces import BoxSpace
 _SCRIPT = (
     "save it with `torch.jit.trace(actor, example).save(FILE)`, or export it by hand, see docs/exporting.md"
 )
-_TOUCHES_FILES = ("aten::from_file", "aten::save", "prim::PythonOp")
+_TOUCHES_FILES = re.compile(rb"\b(?:torch|ops\.aten)\.(?:save|from_file)\b|\bops\.(?!aten\b|prim\b)\w+")
+"""In the text of a program, before it is read: reading one may run a part of it."""
+
+_MAX_CODE = 2**24
 
 
 def is_torchscript(names: list[str]) -> bool:
@@ -54,20 +59,33 @@ def read_script(path: Path, size: int | None, action: BoxSpace | None) -> Import
 
 
 def _loaded(path: Path) -> nn.Module:
+    _refuse_files(path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             body = torch.jit.load(str(path), map_location="cpu")  # type: ignore[no-untyped-call]
-            operators = torch.jit.export_opnames(body)  # type: ignore[no-untyped-call]
     except Exception as error:  # torch names no class of errors for what it cannot read
         raise PolicyError(
             f"{path} is not TorchScript that torch {torch.__version__} reads", _SCRIPT
         ) from error
-    touching = [name for name in operators if name.startswith(_TOUCHES_FILES)]
-    if touching:
-        raise PolicyError(f"{path} calls '{touching[0]}', where arithmetic is expected", _SCRIPT)
     loaded: nn.Module = body.eval()
     return loaded
+
+
+def _refuse_files(path: Path) -> None:
+    """Refuse a program that reads or writes files, or calls operators that torch does not bring."""
+    with zipfile.ZipFile(path) as archive:
+        for info in archive.infolist():
+            if "/code/" not in info.filename or not info.filename.endswith(".py"):
+                continue
+            if info.file_size > _MAX_CODE:
+                raise PolicyError(f"{path}: {info.filename} is far longer than a policy needs", _SCRIPT)
+            found = _TOUCHES_FILES.search(archive.read(info))
+            if found is not None:
+                raise PolicyError(
+                    f"{path}: {info.filename} calls '{found[0].decode()}', where arithmetic is expected",
+                    _SCRIPT,
+                )
 
 
 def _first_size(body: nn.Module, path: Path) -> int:

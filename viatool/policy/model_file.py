@@ -25,6 +25,8 @@ from viatool.policy.tensors import MAX_BYTES, as_precision, dtype_name
 from viatool.samples import POLICIES
 
 _EXPORT_HINT = "give the .onnx file of an exported actor"
+_IMPORT_HINT = "make an ONNX policy of a Stable-Baselines3 or TorchScript model with `viatool import`"
+_ZIP = b"PK\x03\x04"
 _NAMES = frozenset(("name", "op_type", "domain", "input", "output", "overload", "ref_attr_name"))
 _LONGEST_NAME = 1024
 _LARGEST_INPUT = 2**16
@@ -165,7 +167,8 @@ def open_model(path: str | os.PathLike[str]) -> ModelFile:
     try:
         proto.ParseFromString(content)
     except (DecodeError, UnicodeDecodeError, ValueError, RecursionError) as error:
-        raise PolicyError(f"{path} is not an ONNX model, or is damaged", _EXPORT_HINT) from error
+        hint = _IMPORT_HINT if content.startswith(_ZIP) else _EXPORT_HINT
+        raise PolicyError(f"{path} is not an ONNX model, or is damaged", hint) from error
     if not _has_sane_names(proto):
         raise PolicyError(
             f"{path} is damaged: it holds names that are not text, or are absurdly long", _EXPORT_HINT

@@ -35,8 +35,8 @@ def propose_by_size(facts: PolicyFacts) -> Proposal:
     Returns
     -------
     Proposal
-        Of the project whose sizes these are, of a common LiDAR and what follows it, of several frames of one of them, or
-        of channels without a meaning.
+        Of the project whose sizes these are, of a common LiDAR and what follows it, of several frames of one of
+        them, or of channels without a meaning.
     """
     for count in _STACKS:
         if facts.inputs % count == 0 and (count == 1 or not facts.ports):

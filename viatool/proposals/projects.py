@@ -88,6 +88,35 @@ def _bins() -> Layout:
     )
 
 
+def _own() -> Layout:
+    lidar = {"field_of_view": PI, "rays": 180, "bins": 20, "minimum_range": 0.2, "maximum_range": 7.0}
+    return Layout(
+        "viatool, of VIA's task",
+        [
+            scan(20, lidar, unit="m"),
+            one("goal_distance", unit="m"),
+            one("goal_cosine"),
+            one("goal_sine"),
+            one("previous_linear", unit="m/s"),
+            one("previous_angular", unit="rad/s"),
+            one("budget"),
+        ],
+        twist((0.0, 0.5), 1.0, scaled=True),
+        2,
+        (
+            Guess(
+                "20 bins, each the least of nine rays over 180 degrees, to 7 m",
+                "where the policy was trained",
+            ),
+            Guess(
+                "the last number is the budget of the constraint",
+                "give its `value`, to which training converged",
+            ),
+        ),
+        (Guess("the limits are 0 to 0.5 m/s and 1 rad/s", "the robot's limits"),),
+    )
+
+
 def _robotis(outputs: int = 5) -> Layout:
     ahead = [*range(12), *range(36, 48)]
     angles = [round(index * 6.28 / 47, 6) for index in ahead]
@@ -355,6 +384,7 @@ LAYOUTS: tuple[Callable[[], Layout], ...] = (
     _drlnav,
     _gaps,
     _bins,
+    _own,
     _robotis,
     _robotis_first,
     _collision_avoidance,

@@ -52,7 +52,6 @@ def tail(count: int) -> list[Channel] | None:
         3: direction,
         4: [*goal, *before],
         5: [*direction, *before],
-        6: [*direction, *before, one("budget")],
     }.get(count)
 
 
