@@ -66,7 +66,9 @@ def _of_a_project(facts: PolicyFacts) -> Proposal | None:
     if facts.chooses:  # of a file that holds a choice, and not its commands
         action, guesses = _choice(facts)
     elif facts.limits is not None:
-        action, guesses = [_within(*pair) for pair in zip(action, facts.limits, strict=True)], ()
+        names = ", ".join(str(each["kind"]) for each in action)
+        action = [_within(*pair) for pair in zip(action, facts.limits, strict=True)]
+        guesses = (Guess(f"the outputs command {names}, in this order", "what the robot's driver sends"),)
     elif not facts.squashed and "scale" in action[0]:
         guesses = (*guesses, _NO_TANH)
     return Proposal(
