@@ -46,6 +46,8 @@ ACTIVATIONS: tuple[ActivationFunction, ...] = (
     activation("Pow", exponent=3.0),
     activation("Reciprocal"),
     activation("Relu"),
+    activation("RecurrentSigmoid"),
+    activation("RecurrentTanh"),
     activation("Selu"),
     activation("Sigmoid"),
     activation("Sign"),

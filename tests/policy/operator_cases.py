@@ -500,3 +500,50 @@ def max_pool(operator: str, version: int) -> list[Case]:
 @case("GlobalAveragePool", "GlobalMaxPool")
 def global_pool(operator: str, version: int) -> list[Case]:
     return [Case([node(operator, ["x"], ["y"])], shape=(1, 2, 3, 2))]
+
+
+@case("GRU", "LSTM", "RNN")
+def recurrent(operator: str, version: int) -> list[Case]:
+    gates, features, hidden = {"RNN": 1, "GRU": 3, "LSTM": 4}[operator], 2, 3
+
+    def numbers(directions: int, biased: bool = True) -> dict[str, Any]:
+        found = {
+            "w": weights(1, directions, gates * hidden, features, scale=0.7),
+            "r": weights(2, directions, gates * hidden, hidden, scale=0.7),
+            "zeros": np.zeros((directions, 1, hidden), np.float32),
+            "h": weights(4, directions, 1, hidden),
+            "c": weights(5, directions, 1, hidden),
+            "p": weights(6, directions, 3 * hidden),
+            "length": np.array([4], np.int32),
+        }
+        return found | ({"b": weights(3, directions, 2 * gates * hidden)} if biased else {})
+
+    def call(*inputs: str, outputs: tuple[str, ...] = ("", "y"), **attributes: Any) -> list[onnx.NodeProto]:
+        return [node(operator, ["x", "w", "r", *inputs], list(outputs), hidden_size=hidden, **attributes)]
+
+    shape = (4, 1, features)
+    cell = ["c"] if operator == "LSTM" else []
+    bends = {"RNN": ["Relu"], "GRU": ["Sigmoid", "Relu"], "LSTM": ["Sigmoid", "Relu", "Tanh"]}[operator]
+    cases = [
+        Case(call("b"), numbers(1), shape, "the last state", 7),
+        Case(call(), numbers(1, biased=False), shape, "without a bias", 7),
+        Case(call("b", outputs=("y", "last")), numbers(1), shape, "every state", 7),
+        Case(call("b", "length", "h", *cell), numbers(1), shape, "from a constant state", 7),
+        Case(call("b", direction="reverse"), numbers(1), shape, "backwards", 7),
+        Case(call("b", direction="bidirectional", outputs=("y",)), numbers(2), shape, "both ways", 7),
+        Case(call("b", activations=bends), numbers(1), shape, "other activations", 7),
+    ]
+    if operator == "GRU":
+        cases += [
+            Case(call("b", linear_before_reset=1), numbers(1), shape, "reset behind the weights", 7),
+            Case(
+                call("b", "", "h", linear_before_reset=1), numbers(1), shape, "reset behind, from a state", 7
+            ),
+        ]
+    if operator == "LSTM":
+        cases += [
+            Case(call("b", "", "zeros", "zeros", "p"), numbers(1), shape, "with peepholes", 7),
+            Case(call("b", input_forget=1), numbers(1), shape, "with coupled gates", 7),
+            Case(call("b", outputs=("", "", "y")), numbers(1), shape, "the cell", 7),
+        ]
+    return cases

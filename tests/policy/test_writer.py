@@ -32,6 +32,8 @@ FUNCTIONS = [
     activation("Relu"),
     activation("Tanh"),
     activation("Sigmoid"),
+    activation("RecurrentSigmoid"),
+    activation("RecurrentTanh"),
     activation("LeakyRelu", alpha=0.125),
     activation("Elu"),
     activation("Celu", alpha=2.0),

@@ -19,6 +19,7 @@ from scipy import special
 
 from viatool.arrays import Floats
 from viatool.policy.kernel_error import (
+    RECURRENT_ERROR,
     BoundedError,
     ExponentialError,
     GuardedError,
@@ -188,6 +189,18 @@ def _hard_sigmoid(alpha: float, beta: float) -> Expression:
 @_declare("Tanh", BoundedError(12.0))
 def _tanh() -> Expression:
     return sympy.tanh(X)
+
+
+@_declare("RecurrentSigmoid", RECURRENT_ERROR)
+def _recurrent_sigmoid() -> Expression:
+    """Return the sigmoid as recurrent operators compute it."""
+    return _sigmoid()
+
+
+@_declare("RecurrentTanh", RECURRENT_ERROR)
+def _recurrent_tanh() -> Expression:
+    """Return the tanh as recurrent operators compute it."""
+    return _tanh()
 
 
 @_declare("Softplus", KernelError(24.0))

@@ -6,8 +6,8 @@ the chosen output does not need are dropped; what contradicts itself (cycles, na
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import onnx
@@ -162,11 +162,16 @@ def live(graph: Graph, *outputs: str) -> Graph:
                 visit(source)
     used = {source for node in ordered for source in node.inputs} | set(outputs)
     return Graph(
-        tuple(ordered),
+        tuple(_with_outputs(node, used) for node in ordered),
         {name: tensor for name, tensor in graph.initializers.items() if name in used},
         {name: value for name, value in graph.inputs.items() if name in used},
         outputs,
     )
+
+
+def _with_outputs(node: GraphNode, used: Collection[str]) -> GraphNode:
+    """Return a node without the names of outputs that nobody reads."""
+    return replace(node, outputs=tuple(name if name in used else "" for name in node.outputs))
 
 
 def _makers(graph: Graph) -> dict[str, GraphNode]:

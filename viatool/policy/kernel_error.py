@@ -141,6 +141,11 @@ class BoundedError(KernelError):
         return np.maximum(1.0, value)
 
 
+RECURRENT_ERROR = BoundedError(24.0)
+"""That of a gate within a recurrent operator, of which onnxruntime's GRU computes both functions by one fraction of
+polynomials: up to 10.3 roundings were measured, where the operators of their own err by 3."""
+
+
 @dataclass(frozen=True)
 class GuardedError(KernelError):
     """None between the limits `min` and `max`; beyond them the program gives no number."""

@@ -106,15 +106,16 @@ def read_network(graph: Graph, ports: Ports, folder: Path) -> Reading:
     findings: list[UnreadableNode] = []
     for node in graph.nodes:
         assembly.call = node.label
+        results: Sequence[Result | None] = []
         try:
             with np.errstate(all="ignore"):  # what is not finite is refused by name
                 results = _read_node(node, values, assembly)
         except Refusal as refusal:
             findings.append(UnreadableNode(node.name, _operator(node), refusal.reason, refusal.hint))
-            results = []
         missing = _Unreadable(_is_computed(node, values))
         values.update((name, missing) for name in node.outputs if name)
-        values.update((name, value) for name, value in zip(node.outputs, results, strict=False) if name)
+        made = zip(node.outputs, results, strict=False)
+        values.update((name, value) for name, value in made if name and value is not None)
     if findings:
         return Reading(None, tuple(findings))
     output = values[graph.outputs[0]]
@@ -157,7 +158,7 @@ def _operator(node: GraphNode) -> str:
 
 def _read_node(
     node: GraphNode, values: Mapping[str, Result | _Unreadable], assembly: Assembly
-) -> list[Result]:
+) -> Sequence[Result | None]:
     """Return the values that a node makes; none where its inputs are unreadable and it says nothing new."""
     if is_fused(node):
         return _read_parts(node, values, assembly)
@@ -197,7 +198,8 @@ def _read_parts(
         return []
     ranks = [len(_shape_of(inner[name])) if name else 0 for name in node.inputs]
     for part in parts_of(node, ranks):
-        inner.update(zip(part.outputs, _read_node(part, inner, assembly), strict=False))
+        made = zip(part.outputs, _read_node(part, inner, assembly), strict=False)
+        inner.update((name, value) for name, value in made if value is not None)
     results = [inner.get(name or node.key) for name in node.outputs]
     if any(result is None for result in results):
         raise Refusal("has an output that is not read", "export the actor alone")

@@ -21,7 +21,7 @@ FAMILIES: tuple[tuple[str, str, frozenset[str]], ...] = (
     (
         "is recurrent: its result depends on earlier observations",
         "export the actor without its memory, or with the memory as part of the observation",
-        frozenset(("LSTM", "GRU", "RNN", "CausalConvWithState", "LinearAttention")),
+        frozenset(("CausalConvWithState", "LinearAttention")),
     ),
     (
         "is control flow",

@@ -247,12 +247,18 @@ def _write_gelu(writer: _Writer, source: str, function: ActivationFunction, prec
     return writer.call("Gelu", [source], approximate="tanh" if function.name == "GeluTanh" else "none")
 
 
+def _write_gate(writer: _Writer, source: str, function: ActivationFunction, precision: Precision) -> str:
+    return writer.call(function.name.removeprefix("Recurrent"), [source])
+
+
 _ACTIVATIONS: dict[str, Callable[[_Writer, str, ActivationFunction, Precision], str]] = {
     "Clip": _write_clip,
     "Gelu": _write_gelu,
     "GeluTanh": _write_gelu,
     "Logistic": _write_logistic,
     "Pow": _write_power,
+    "RecurrentSigmoid": _write_gate,
+    "RecurrentTanh": _write_gate,
     "Silu": _write_silu,
 }
 

@@ -147,7 +147,8 @@ class Call:
         return value
 
 
-Reader = Callable[[Call], Sequence[Result]]
+Reader = Callable[[Call], Sequence[Result | None]]
+"""Makes the values of a call's outputs; None for one that is not read."""
 
 
 @dataclass(frozen=True)

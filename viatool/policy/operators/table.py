@@ -61,6 +61,8 @@ _NOTES = """\
   after each operation, or, without arithmetic in half precision, at none of them; an exponential or a long sum differs
   in its last places anyway. So such a constant carries how many roundings it may be off, of all that was added up in
   it, and the layer that uses it counts them.
+- `GRU`, `LSTM` and `RNN` over the steps of one observation are unrolled: each gate is an affine node and an activation,
+  with the error of the runtime's own gates. Their number of steps is fixed, and all are used.
 - A Clip keeps every finite limit: the largest float32 number limits a double.
 """
 
