@@ -225,6 +225,8 @@ class _Writer:
                 self.emit("Identity", [source], name)
             case "SpelledTanh" | "SpelledSigmoid":
                 self.emit(node.function.name.removeprefix("Spelled"), [source], name)
+            case "RecurrentSigmoid" | "RecurrentTanh":
+                self.write_gate_of_gru(node.function.name, source, name)
             case "Clip":
                 self.emit("Clip", [source, *(self.constant(parameters[k]) for k in ("min", "max"))], name)
             case "Pow":
@@ -254,6 +256,17 @@ class _Writer:
         )
         chosen = self.emit("Gather", [self.emit(operator, [both], axis=2), self.numbers(0)], axis=2)
         self.emit("Squeeze", [chosen, self.numbers(2)], name)
+
+    def write_gate_of_gru(self, kind: str, source: str, name: str) -> None:
+        """Write a GRU of one step whose candidate is tanh(x), or 1 and its update gate sigmoid(x)."""
+        update, candidate = kind == "RecurrentSigmoid", kind == "RecurrentTanh"
+        weights = self.constant(np.array([update, 0.0, candidate]).reshape(1, 3, 1))
+        bias = self.constant([[-100.0 * candidate, 0.0, 100.0 * update, 0.0, 0.0, 0.0]])
+        sequence = self.emit("Reshape", [source, self.numbers(1, -1, 1)])
+        states = [sequence, weights, self.constant(np.zeros((1, 3, 1))), bias]
+        last = self.emit("Squeeze", [self.emit("GRU", states, hidden_size=1), self.numbers(0)])
+        value = self.emit("Sub", [self.constant(1.0), last]) if update else last
+        self.emit("Reshape", [value, self.emit("Shape", [source])], name)
 
     def numbers(self, *values: int) -> str:
         from onnx import numpy_helper
