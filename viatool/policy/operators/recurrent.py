@@ -92,7 +92,9 @@ class _Cell:
     def _of_all(self, weights: Floats) -> Floats:
         rows, columns = weights.shape
         self.assembly.reserve(self.batch * rows, self.batch * columns)
-        return np.kron(np.eye(self.batch), weights) if self.batch > 1 else weights
+        if self.batch == 1:
+            return weights
+        return np.asarray(np.kron(np.eye(self.batch), weights), dtype=np.float64)
 
 
 Step = Callable[[_Cell, Computed, State], State]
@@ -223,21 +225,13 @@ def _cells(call: Call, batch: int, gates: int, functions: tuple[str, ...]) -> li
         raise Refusal(f"has recurrent weights {list(recurrent.shape)}, which do not fit its hidden size")
     bias = call.weights(3, "bias") if call.has(3) else np.zeros((len(backwards), 2 * gates * hidden))
     peepholes = call.weights(7, "peephole weight") if call.has(7) else np.zeros((len(backwards), 3 * hidden))
-    return [
-        (
-            back,
-            _Cell(
-                call,
-                batch,
-                weights[k].reshape(gates, hidden, -1),
-                recurrent[k].reshape(gates, hidden, hidden),
-                *bias[k].reshape(2, gates, hidden),
-                peepholes[k].reshape(3, hidden),
-                named[k],
-            ),
-        )
-        for k, back in enumerate(backwards)
-    ]
+    found = []
+    for k, back in enumerate(backwards):
+        input_bias, state_bias = bias[k].reshape(2, gates, hidden)
+        own = (weights[k].reshape(gates, hidden, -1), recurrent[k].reshape(gates, hidden, hidden))
+        cell = _Cell(call, batch, *own, input_bias, state_bias, peepholes[k].reshape(3, hidden), named[k])
+        found.append((back, cell))
+    return found
 
 
 def _functions(call: Call, default: tuple[str, ...], directions: int) -> list[tuple[str, ...]]:
