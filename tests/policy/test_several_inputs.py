@@ -64,7 +64,7 @@ observation:
   - {{name: v, kind: linear_velocity}}
   - {{name: turn, kind: angular_velocity}}
 action:
-  - {{name: linear, kind: linear, lower: 0, upper: 1}}
+  - {{name: linear, kind: linear, lower: -1, upper: 1}}
   - {{name: angular, kind: angular, lower: -1, upper: 1}}
 """
     )
