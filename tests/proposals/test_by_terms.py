@@ -84,6 +84,8 @@ def test_one_scale_is_that_of_every_action(tmp_path: Path) -> None:
             "3 actions are stated, but the model gives 2 numbers",
         ),
         ({"action_scale": "1,1,1"}, "joint_names has 2 names, but action_scale has 3 numbers"),
+        ({"observation_terms_scale": "0,1,1,1,1,1"}, "observation.0.*has scale 0"),
+        ({"action_scale": "nan"}, "action.0.scale"),
         ({"action_scale": "big"}, "action_scale is 'big', where numbers"),
         ({"observation_terms_clip": "a,b,c,d,e,f"}, "observation_terms_clip holds 'a', where low;high"),
         (

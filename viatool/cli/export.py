@@ -12,15 +12,7 @@ from viatool.cli.terminal import open_console
 
 @click.command()
 @click.argument("checkpoint", type=options.READABLE)
-@click.option(
-    "--output",
-    "-o",
-    type=options.WRITABLE,
-    default=Path("policy.onnx"),
-    show_default=True,
-    metavar="FILE",
-    help="The ONNX file to write.",
-)
+@options.policy_output_option
 @click.option(
     "--seed",
     type=click.IntRange(min=0),

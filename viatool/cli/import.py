@@ -38,15 +38,7 @@ class NumbersType(click.ParamType):  # type: ignore[type-arg]  # generic only in
 
 @click.command()
 @click.argument("model", type=options.READABLE)
-@click.option(
-    "--output",
-    "-o",
-    type=options.WRITABLE,
-    default=Path("policy.onnx"),
-    show_default=True,
-    metavar="FILE",
-    help="The ONNX file to write.",
-)
+@options.policy_output_option
 @click.option(
     "--vecnormalize",
     type=options.READABLE,

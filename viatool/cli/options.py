@@ -224,6 +224,15 @@ threads_option = click.option(
     is_eager=True,
     help="Threads of the numeric libraries; by default 1, or what OMP_NUM_THREADS says.",
 )
+policy_output_option = click.option(
+    "--output",
+    "-o",
+    type=WRITABLE,
+    default=Path("policy.onnx"),
+    show_default=True,
+    metavar="FILE",
+    help="The ONNX file to write.",
+)
 quiet_option = click.option("--quiet", "-q", is_flag=True, help="Print no report and no progress.")
 
 

@@ -15,7 +15,7 @@ _UNITS = {"linear": "m/s", "lateral": "m/s", "angular": "rad/s"}
 _MOST_COMMANDS = 3
 """More numbers than a robot that moves on the ground is commanded with are scores of a choice."""
 
-_STACKS = (1, 2, 3, 4, 5, 6, 8)
+_STACKS = (1, 3, 4, 5, 6, 8)
 """How many whole observations are commonly stacked."""
 
 _NO_TANH = Guess(

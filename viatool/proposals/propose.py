@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 from viatool.errors import PolicyError
 from viatool.policy import Inspection
 from viatool.policy.model_file import open_model
+from viatool.policy.specification_file import specification_from_json
 from viatool.proposals.by_size import propose_by_size
 from viatool.proposals.by_terms import kind_of_term, propose_by_terms
 from viatool.proposals.parameters import with_parameters
@@ -57,6 +59,10 @@ def propose(found: Inspection, parameters: Path | None = None) -> Proposal:
     proposal = propose_by_size(facts) if stated is None else propose_by_terms(stated, facts)
     if parameters is not None and contract is None:
         proposal = with_parameters(proposal, parameters)
+    if proposal.is_complete:  # what is stated may be no specification, such as a scale of 0
+        specification_from_json(
+            json.dumps(proposal.document), f"{model.path}: proposed from {proposal.source}"
+        )
     return proposal
 
 
