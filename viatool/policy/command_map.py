@@ -62,6 +62,10 @@ class CommandMap(ABC):
     def compute(self, assembly: Assembly, actions: Computed) -> Computed:
         """Add the nodes that compute a command, (A,), from the actions, (O,)."""
 
+    def of_axes(self, numbers: Floats) -> Floats:
+        """Return the command (..., A) that numbers in the order of the specification's axes stand for."""
+        return self(numbers)
+
     def follow(self, network: Network) -> Network:
         """Return a network of O outputs followed by the map, in float64."""
         if self.changes_nothing:
@@ -157,6 +161,42 @@ class Steered(CommandMap):
         return activation("ClippedTan", min=low, max=high)
 
 
+@dataclass(frozen=True)
+class Chosen(CommandMap):
+    """The command of a table whose number is that of the largest of O outputs, of equal ones the first.
+
+    Networks keep the outputs that are compared: which commands are possible is for `viatool.reach` to say.
+
+    Parameters
+    ----------
+    numbers : CommandMap
+        Of the numbers in a command.
+    table : tuple of tuple of float
+        O of them.
+    """
+
+    numbers: CommandMap
+    table: tuple[tuple[float, ...], ...]
+
+    @property
+    def commands(self) -> Floats:
+        """Return all commands, (O, A)."""
+        return self.numbers(np.array(self.table))
+
+    def __call__(self, actions: Floats) -> Floats:
+        """See `CommandMap`; what is not known to be chosen is NaN."""
+        known = np.isfinite(actions).all(axis=-1, keepdims=True)
+        return np.where(known, self.commands[np.argmax(actions, axis=-1)], np.nan)
+
+    def of_axes(self, numbers: Floats) -> Floats:
+        """See `CommandMap`."""
+        return self.numbers(numbers)
+
+    def compute(self, assembly: Assembly, actions: Computed) -> Computed:
+        """Add nothing: what is compared stays as it is."""
+        return actions
+
+
 def command_map(
     spec: PolicySpecification, kinematics: Kinematics, robot: Robot, name: str = "the policy"
 ) -> CommandMap:
@@ -180,12 +220,17 @@ def command_map(
     ConfigurationError
         If what the command depends on is not known of the robot.
     """
-    kinds: list[str] = [channel.kind for channel in spec.action]
+    kinds: list[str] = [channel.kind for channel in spec.axes]
     for taken in kinematics.takes:
         if spec.command_kinds == set(taken):
             columns = tuple(kinds.index(kind) for kind in taken)
-            parts = columns, tuple(spec.action[column] for column in columns), len(kinds)
-            return _MAPS.get(taken, _picked)(parts, robot)
+            parts = columns, tuple(spec.axes[column] for column in columns), len(kinds)
+            numbers = _MAPS.get(taken, _picked)(parts, robot)
+            choice = spec.choice
+            if choice is None:
+                return numbers
+            assert choice.commands is not None  # checked by the channel
+            return Chosen(numbers.columns, numbers.channels, choice.outputs, numbers, choice.commands)
     raise _refusal(spec.command_kinds, kinematics, name)
 
 

@@ -155,7 +155,8 @@ def _recorded(setting: Setting, trajectory: Trajectory) -> Floats | None:
         return None
     before = np.full((len(trajectory), _axes(setting)), np.nan)
     follows = _follows(setting, trajectory)
-    before[follows] = setting.command_map(trajectory.actions[np.flatnonzero(follows) - 1])
+    last = np.flatnonzero(follows) - 1
+    before[follows] = setting.sent(trajectory.observations[last], trajectory.actions[last])
     before[_begins(trajectory)] = 0.0
     return before
 

@@ -12,10 +12,12 @@ from viatool.arrays import Floats
 from viatool.errors import ConfigurationError, PolicyError
 from viatool.motion.law import Axis
 from viatool.policy import ActionChannel, Policy, PolicySpecification
-from viatool.policy.command_map import CommandMap, command_map
+from viatool.policy.command_map import Chosen, CommandMap, command_map
 from viatool.policy.network import Network
+from viatool.policy.overrides import Overrides
 from viatool.policy.runtime import Runtime
 from viatool.policy.specified import Specified, name_of, specification_of
+from viatool.setting.driven import DrivenPolicy
 from viatool.setting.premises import Premise
 from viatool.setting.reconcile import Parties, reconcile
 from viatool.setting.rules import Rules
@@ -60,6 +62,8 @@ class Setting:
         How far observations may be off.
     command_map : CommandMap
         How the robot is commanded by the actions of the policy.
+    overrides : Overrides
+        The rules that its software wraps around the policy.
     scenarios : tuple of Scenario
         What is asked about, where that is known beforehand; recorded states bring their own.
     number : type
@@ -73,6 +77,7 @@ class Setting:
     rules: Rules
     errors: SensorErrors
     command_map: CommandMap
+    overrides: Overrides
     scenarios: tuple[Scenario, ...] = ()
     number: type = np.float32
     premises: tuple[Premise, ...] = field(default=(), repr=False)
@@ -146,7 +151,9 @@ class Setting:
         errors = SensorErrors.of(spec, eps)
         chosen = world_map.scenarios if scenarios is None else tuple(scenarios)
         premises += _premises(world_map, rules, wishes) + errors.premises()
-        setting = cls(spec, world_map, rules, errors, commands, chosen, premises=premises)
+        setting = cls(
+            spec, world_map, rules, errors, commands, Overrides.of(spec, commands), chosen, premises=premises
+        )
         if scenarios is not None:  # those of a map were looked at when it was read
             _check_goals(setting)
         return setting
@@ -188,8 +195,23 @@ class Setting:
         return tuple(ActionName(one.name, one.unit) for one in named)
 
     def commanding(self, policy: Policy) -> Policy:
-        """Return the policy with the robot's command as what it gives, see `Policy.commanding`."""
-        return policy if self.command_map.changes_nothing else policy.commanding(self.command_map)
+        """Return the policy with the robot's command as what it gives; one that chooses keeps what it compares."""
+        if self.choice is not None or self.command_map.changes_nothing:
+            return policy
+        return policy.commanding(self.command_map)
+
+    @property
+    def choice(self) -> Chosen | None:
+        """Return the table of commands among which the policy chooses; None if it gives the numbers of a command."""
+        return self.command_map if isinstance(self.command_map, Chosen) else None
+
+    def driven(self, policy: Policy) -> DrivenPolicy:
+        """Return what the robot really does with a policy, choice and rules included."""
+        return DrivenPolicy(self.commanding(policy), self.choice, self.overrides)
+
+    def sent(self, observations: Floats, actions: Floats) -> Floats:
+        """Return the commands (B, A) that are sent after observations (B, n) and actions (B, O) of the policy."""
+        return self.overrides.apply(observations, self.command_map(actions))
 
     def bare(self) -> Setting:
         """Return the same without scenarios and generator, for workers whose states bring their own."""

@@ -169,6 +169,7 @@ def _observe(policy: RunnablePolicy, setting: Setting, view: View) -> Floats:
         return seen[fan]
 
     view = replace(view, eyes=eyes)
-    actions = np.asarray(policy.run(quantities.measure(view)), dtype=np.float64)
-    previous = setting.rules.clip(setting.command_map(actions))
+    standing = quantities.measure(view)
+    actions = np.asarray(policy.run(standing), dtype=np.float64)
+    previous = setting.rules.clip(setting.sent(standing, actions))
     return quantities.measure(replace(view, previous=previous))

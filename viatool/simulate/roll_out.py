@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from viatool.arrays import Floats, Indices
-from viatool.policy.command_map import CommandMap
 from viatool.policy.specified import Specified, name_of, specification_of
 from viatool.schedule import Progress
 from viatool.setting.setting import Setting
@@ -138,7 +137,7 @@ def drive(
         conditions=conditions,
     )
     try:
-        return _record(policy, simulator, chosen, setting.command_map, progress)
+        return _record(policy, simulator, chosen, setting, progress)
     finally:
         simulator.close()
 
@@ -147,7 +146,7 @@ def _record(
     policy: RunnablePolicy,
     simulator: Simulator,
     scenarios: tuple[Scenario, ...],
-    command_map: CommandMap,
+    setting: Setting,
     progress: Progress | None,
 ) -> Drive:
     """Drive all scenarios; a robot that is done takes the next one, or leaves."""
@@ -159,7 +158,7 @@ def _record(
         actions = np.asarray(policy.run(observations), dtype=np.float64)
         recording.add_states(simulator, observations, actions)
         raw = policy.outputs(observations) if simulator.observes_raw else None
-        step = simulator.step(command_map(actions), raw)
+        step = simulator.step(setting.sent(observations, actions), raw)
         recording.add_step(simulator, step)
         observations = step.observation
         done = np.flatnonzero(step.done)

@@ -66,7 +66,7 @@ class Simulation(Asked):
             for axis, low, high in zip(rules.kinematics.axes, rules.lower, rules.upper, strict=True)
         }
         told = []
-        for asked in self.setting.spec.action:
+        for asked in self.setting.spec.axes:
             low, high, unit = able.get(asked.kind, (-np.inf, np.inf, ""))
             if asked.lower < low - 1e-9 or asked.upper > high + 1e-9:
                 told.append(
@@ -108,6 +108,6 @@ def simulate(
         conditions=conditions or Conditions(),
         seed=seed,
         drive=driven,
-        statistics=summarise_drive(driven, setting.robot, setting.command_map),
+        statistics=summarise_drive(driven, setting),
         seconds=time.perf_counter() - started,
     )

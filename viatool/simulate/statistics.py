@@ -9,10 +9,9 @@ import numpy as np
 
 from viatool.arrays import Floats, Indices
 from viatool.motion.kinematics import kinematics_of
-from viatool.policy.command_map import CommandMap
+from viatool.setting.setting import Setting
 from viatool.simulate.roll_out import Drive
 from viatool.trajectory import Trajectory
-from viatool.world import Robot
 
 _QUANTILE = 1.959963984540054  # of the standard normal distribution at 97.5 %
 _BIN = 0.1  # width of a bin of the clearance histogram, in metres
@@ -110,17 +109,15 @@ class Statistics:
     clipped: Proportion
 
 
-def summarise_drive(drive: Drive, robot: Robot, command_map: CommandMap) -> Statistics:
+def summarise_drive(drive: Drive, setting: Setting) -> Statistics:
     """Return the statistics of driven episodes.
 
     Parameters
     ----------
     drive : Drive
         N episodes.
-    robot : Robot
-        That drove.
-    command_map : CommandMap
-        What makes commands of the policy's actions.
+    setting : Setting
+        The robot that drove, and what makes commands of its policy's actions.
     """
     trajectory = drive.trajectory
     total = trajectory.episodes
@@ -131,7 +128,7 @@ def summarise_drive(drive: Drive, robot: Robot, command_map: CommandMap) -> Stat
     won = trajectory.outcomes == "success"
     edges = np.arange(0.0, _LAST + 0.5 * _BIN, _BIN)
     bins = np.minimum((drive.clearances / _BIN + 1e-9).astype(np.int64), len(edges) - 1)
-    asked = command_map(trajectory.actions)
+    robot, asked = setting.robot, setting.sent(trajectory.observations, trajectory.actions)
     beyond = (np.abs(kinematics_of(robot.kinematics).clip(asked, robot) - asked) > 1e-6).any(axis=1)
     return Statistics(
         **shares,

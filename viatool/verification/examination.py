@@ -11,7 +11,8 @@ import numpy as np
 from viatool.arrays import Booleans, Floats
 from viatool.loop.horizon import Crashes, Tubes
 from viatool.policy import Policy
-from viatool.safety import JudgedStates, ScenePoses, find_contested, judge, search_witnesses
+from viatool.safety import JudgedStates, ScenePoses, find_contested, search_witnesses
+from viatool.safety.pieces import CommandPieces, judge_pieces
 from viatool.setting.setting import Setting
 from viatool.taylor import ReachableSet, reach
 from viatool.taylor.propagation import Box
@@ -62,14 +63,17 @@ class StateExamination:
         with clock.timed("reach"):
             wanted = contested.either if self.only_contested else np.ones(len(block), dtype=bool)
             reachable = self._reach(block.observations, wanted)
-            lower, upper = reachable.lower, reachable.upper
+            observed = self.setting.spec.inputs.box(block.observations, self.setting.radii)
+            policy = self.setting.driven(self.policy)
+            pieces = CommandPieces.of(policy, reachable, *observed)
+            commands = reachable if policy.is_plain else pieces.reachable(reachable)
         with clock.timed("judge"):
-            judgement = judge(judged, lower, upper, contested)
+            judgement = judge_pieces(judged, pieces, contested)
         with clock.timed("search"):
             doubtful = np.flatnonzero(~judgement.safe & judged.known)
             box = Box(*self.setting.spec.inputs.box(block.observations, self.setting.radii, within=True))
             found = search_witnesses(
-                self.policy, judged, doubtful, block.observations, box, lower, upper,
+                policy, judged, doubtful, block.observations, box, commands.lower, commands.upper,
                 seed=(self.seed, block.first),
             )  # fmt: skip
             witnesses = replace(found, state=block.first + found.state)
@@ -77,7 +81,7 @@ class StateExamination:
             tubes, crashes = self._follow(block, placed)
         if self.horizon is None:
             del clock.seconds["horizon"]
-        return StateFindings(reachable, contested, judgement, witnesses, clock.seconds, tubes, crashes)
+        return StateFindings(commands, contested, judgement, witnesses, clock.seconds, tubes, crashes)
 
     def _follow(self, block: States, placed: ScenePoses) -> tuple[Tubes | None, Crashes | None]:
         """Follow the closed loop from every state, or with `only_contested` from those that can come too near."""

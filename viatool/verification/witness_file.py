@@ -224,7 +224,8 @@ def replay(policy: Policy, world_map: WorldMap, file: WitnessFile) -> Replay:
             f"policy {list(command_map.columns)} ({', '.join(command_map.kinds)})",
             "replay them with the policy and the --spec that they were found for",
         )
-    commands = [command_map(policy.run(row[None]))[0] for row in file.observations]
+    driven = setting.driven(policy)
+    commands = [driven.run(row[None])[0] for row in file.observations]
     axes = len(file.rules.kinematics.axes)
     actions = file.rules.clip(np.array(commands, dtype=np.float64).reshape(count, axes))
     clearance, seconds, poses = (
