@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from viatool.arrays import Booleans, Floats
-from viatool.channels import Quantities
+from viatool.channels import Quantities, Sightings
 from viatool.channels.previous import PreviousCommand
 from viatool.channels.velocities import MeasuredVelocity
 from viatool.errors import PolicyError
@@ -18,17 +19,28 @@ from viatool.loop.retreat import keep_away
 from viatool.loop.waiting import after_waiting
 from viatool.motion.manoeuvre import Manoeuvre
 from viatool.policy import Policy
+from viatool.policy.network import Network
 from viatool.rounding import SIGHT_ROUNDING
 from viatool.safety import ScenePoses
+from viatool.safety.pieces import CommandPieces
 from viatool.safety.proof import ProofEffort, prove_clearance
 from viatool.schedule import check_time
 from viatool.sets.bounds import require_ordered
 from viatool.sets.forms import PoseBoxes
 from viatool.sets.states import StateBoxes
+from viatool.setting.driven import DrivenPolicy
 from viatool.setting.rules import Rules
 from viatool.setting.setting import Setting
 from viatool.sight.shapes import Shapes
-from viatool.taylor.correlated import CorrelatedReach, LinearReach, input_model, reach_correlated
+from viatool.taylor import ReachableSet
+from viatool.taylor.choices import chosen_by, differences, excluded_by, require_not_excluded
+from viatool.taylor.correlated import (
+    CorrelatedReach,
+    LinearReach,
+    input_model,
+    reach_correlated,
+    reach_linear,
+)
 from viatool.taylor.reach import Arithmetic, networks_of
 from viatool.taylor.watch import require_program_within
 from viatool.world import Scenario
@@ -67,7 +79,7 @@ class ClosedLoop:
     Parameters
     ----------
     policy : Policy
-        The program; it gives commands.
+        The program; it gives commands, or what is compared to choose one.
     setting : Setting
         The meaning of its numbers with their uncertainty, and what is to hold.
     sensors : Sensors
@@ -208,16 +220,13 @@ class ClosedLoop:
         seen = sightings.forms
         inputs = input_model(seen.centre, seen.slope, seen.rest)
         reached = CorrelatedReach.hull(
-            [
-                reach_correlated(network, inputs, arithmetic=self.arithmetic)
-                for network in networks_of(self.policy, self.arithmetic)
-            ]
+            [reach_correlated(network, inputs, arithmetic=self.arithmetic) for network in self._networks()]
         )
-        self.watch(seen.centre, reached)
+        if self.driven.choice is None:
+            self.watch(seen.centre, reached)
+        commands = self._sent(sightings, reached.lower, reached.upper, len(cells))
         reached = reached.joined(sightings.cell, len(cells))
-        bounds = reached.lower, reached.upper
-        require_ordered("commands", *bounds)
-        lower, upper = (self.rules.clip(end) for end in bounds)
+        lower, upper = (self.rules.clip(end) for end in commands)
         moved = reached.influence / np.maximum(reached.influence.sum(axis=1, keepdims=True), 1e-12)
         moved = moved.max(axis=2)  # (C, 3 + A + n)
         pose, before = moved.sum(axis=1), []
@@ -225,6 +234,67 @@ class ClosedLoop:
             before.append(moved[:, [3 + axis, *self._told_of(axis)]].sum(axis=1))
             pose = pose - before[-1]
         return CommandBounds(lower, upper, np.stack([pose, *before], axis=1))
+
+    @cached_property
+    def driven(self) -> DrivenPolicy:
+        """What the robot does with the policy: its choice, and the rules around it."""
+        return self.setting.driven(self.policy)
+
+    def _networks(self) -> list[Network]:
+        """Return the networks whose bounds tell the commands: of a choice, the differences of what is compared."""
+        networks = networks_of(self.policy, self.arithmetic)
+        return [network if self.driven.choice is None else differences(network) for network in networks]
+
+    def _sent(self, sightings: Sightings, lower: Floats, upper: Floats, count: int) -> tuple[Floats, Floats]:
+        """Return the ends (C, A) of the commands that may be sent in C cells, of bounds (R, ...) of `_networks`.
+
+        **Sound:** yes; of several commands, the box around all of them.
+        """
+        require_ordered("commands", lower, upper)
+        seen, choice = sightings.forms, self.driven.choice
+        known = ReachableSet(lower, upper, lower, upper, lower)
+        if choice is not None:
+            excluded = excluded_by(lower, upper, choice.actions)
+            if self.arithmetic == "float32":
+                require_not_excluded(chosen_by(self.policy.run, seen.centre, choice.actions), excluded)
+            known = replace(known, possible=~excluded)
+        ends = CommandPieces.of(self.driven, known, seen.lower, seen.upper).hull()
+        least = np.full((count, ends[0].shape[1]), np.inf)
+        most = np.full_like(least, -np.inf)
+        np.minimum.at(least, sightings.cell, ends[0])
+        np.maximum.at(most, sightings.cell, ends[1])
+        require_ordered("commands", least, most)
+        return least, most
+
+    def commands_of_sets(self, sightings: Sightings, common: int, count: int) -> LinearReach:
+        """Bound what is sent in C sets as forms of their `common` symbols. **Sound:** yes.
+
+        Where a policy chooses, or a rule may count, all that may be sent is in the rest.
+        """
+        seen = sightings.forms
+        inputs = input_model(seen.centre, seen.slope, seen.rest)
+        found = LinearReach.hull(
+            [
+                reach_linear(network, inputs, common, arithmetic=self.arithmetic)
+                for network in self._networks()
+            ]
+        )
+        if self.driven.is_plain:
+            self.watch(seen.centre, found)
+            return found.joined(sightings.cell, count)
+        if self.driven.choice is None:
+            self.watch(seen.centre, found)
+        lower, upper = self._sent(sightings, found.lower, found.upper, count)
+        nothing = np.zeros((count, common, lower.shape[1]))
+        middle = 0.5 * (lower + upper)
+        rest = np.nextafter(np.maximum(upper - middle, middle - lower), np.inf)
+        any_of_them = LinearReach(lower, upper, middle, nothing, rest)
+        if self.driven.choice is not None:
+            return any_of_them
+        policy_alone = np.ones(count, dtype=bool)
+        standing = self.driven.overrides.over(seen.lower, seen.upper)
+        np.logical_and.at(policy_alone, sightings.cell, ~standing.counts.any(axis=1))
+        return LinearReach.choose(policy_alone, found.joined(sightings.cell, count), any_of_them)
 
     def _told_of(self, axis: int) -> list[int]:
         """Return the columns of an influence in which the previous command of an axis errs as the policy is told it."""

@@ -84,7 +84,7 @@ def refute(loop: ClosedLoop, cells: StateBoxes, commands: CommandBounds, *, seed
     judged = JudgedStates(rules, placed, rules.dead_time.queue(previous[row]))
     check_time()
     found = search_witnesses(
-        loop.policy, judged, np.arange(len(row)), observations, box,
+        loop.driven, judged, np.arange(len(row)), observations, box,
         commands.lower[row], commands.upper[row], seed=seed,
     )  # fmt: skip
     return Refutations(poses[found.state], previous[row][found.state], replace(found, state=row[found.state]))
@@ -105,7 +105,7 @@ def _worst_poses(loop: ClosedLoop, boxes: PoseBoxes, place: Floats, previous: Fl
     poses = np.concatenate([places, heading[:, :, None]], axis=2)  # (W, 3, 3)
     flat = poses.reshape(-1, 3)
     before = np.repeat(previous, len(_TURNS), axis=0)
-    actions = rules.clip(loop.policy.network(observe(loop, flat, before)))
+    actions = rules.clip(loop.driven(observe(loop, flat, before)))
     placed = replace(loop.geometry, poses=flat, scene=np.zeros(len(flat), np.int64), radii=None)
     judged = JudgedStates(rules, placed, rules.dead_time.queue(before))
     left = judged.clearance(judged.paths(actions[:, None], _FRACTIONS)).reshape(count, len(_TURNS), -1)

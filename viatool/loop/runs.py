@@ -68,7 +68,7 @@ def drive(follower: TubeFollower, poses: Floats, previous: Floats, errors: Float
     for k in range(errors.shape[1]):
         readings = loop.sensors.read(poses, previous) + errors[:, k]
         seen = loop.sensors.encode(readings).astype(loop.setting.number).astype(np.float64)
-        previous = rules.clip(np.asarray(loop.policy.run(seen)))
+        previous = rules.clip(np.asarray(loop.driven.run(seen)))
         judged = _judged(loop, poses)
         left = judged.clearance(judged.paths(previous[:, None], _FRACTIONS)).min(axis=(1, 2))
         places.append(poses)

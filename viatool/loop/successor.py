@@ -23,8 +23,6 @@ from viatool.rounding import SIGHT_ROUNDING, SLIGHTLY_MORE, SPARE
 from viatool.sets.bounds import require_ordered
 from viatool.sets.forms import Forms, PoseBoxes
 from viatool.sets.states import StateBoxes
-from viatool.taylor.correlated import LinearReach, input_model, reach_linear
-from viatool.taylor.reach import networks_of
 
 _POSE = slice(0, 3)
 _COMMAND = slice(3, None)
@@ -138,18 +136,7 @@ def _step(loop: ClosedLoop, states: Forms) -> LoopStep:
     """Enclose one chunk of sets without rests."""
     start = hull(states)
     sightings = loop.sensors.enclose(start, states)
-    seen = sightings.forms
-    inputs = input_model(seen.centre, seen.slope, seen.rest)
-    common = states.slope.shape[1]
-    arithmetic = loop.arithmetic
-    reached = LinearReach.hull(
-        [
-            reach_linear(network, inputs, common, arithmetic=arithmetic)
-            for network in networks_of(loop.policy, arithmetic)
-        ]
-    )
-    loop.watch(seen.centre, reached)
-    reached = reached.joined(sightings.cell, len(start))
+    reached = loop.commands_of_sets(sightings, states.slope.shape[1], len(start))
     rules, bounds = loop.rules, (reached.lower, reached.upper)
     require_ordered("commands", *bounds)
     centre, rest = reached.centre, reached.rest

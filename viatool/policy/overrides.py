@@ -148,9 +148,7 @@ class Overrides:
         open_ = np.ones(len(lower), dtype=bool)
         counts = np.zeros((len(lower), len(self.rules)), dtype=bool)
         for number, rule in enumerate(self.rules):
-            counts[:, number] = open_ & _all(
-                c.possibly(least, most, _FEW_ROUNDINGS) for c in rule.conditions
-            )
+            counts[:, number] = open_ & _all(c.possibly(least, most, _FEW_ROUNDINGS) for c in rule.conditions)
             open_ = open_ & ~_all(c.surely(least, most, _FEW_ROUNDINGS) for c in rule.conditions)
         return Standing(counts, open_)
 
@@ -162,9 +160,7 @@ class Overrides:
             found += ends
         return found
 
-    def _pushed(
-        self, rule: Rule, observations: Floats, lower: Floats, upper: Floats, inside: bool
-    ) -> Floats:
+    def _pushed(self, rule: Rule, observations: Floats, lower: Floats, upper: Floats, inside: bool) -> Floats:
         """Move what a rule looks at to the end of the box where it rather holds, or to the other one."""
         least, most = (self.inputs.readings(end)[0] for end in (lower, upper))
         pushed = observations.copy()

@@ -59,7 +59,7 @@ class CommandPieces:
         lower, upper = reachable.lower, reachable.upper
         if policy.is_plain:
             return cls(np.arange(count), lower, upper, count)
-        known = np.isfinite(lower).all(axis=1)
+        known = ~np.isnan(lower).any(axis=1)
         standing = policy.overrides.over(observed_lower, observed_upper)
         parts = [_unknown(np.flatnonzero(~known), policy)]
         own = known & standing.policy
@@ -74,7 +74,8 @@ class CommandPieces:
             rows = np.flatnonzero(known & standing.counts[:, number])
             sent = np.broadcast_to(rule.command, (len(rows), len(rule.command)))
             parts.append((rows, sent, sent))
-        return cls(*(np.concatenate(column) for column in zip(*parts, strict=True)), count)
+        state, lower, upper = (np.concatenate(column) for column in zip(*parts, strict=True))
+        return cls(state, lower, upper, count)
 
     def everywhere(self, holds: Booleans) -> Booleans:
         """Tell in which states something holds for every piece, (B,), of what holds for each, (P,)."""

@@ -158,12 +158,48 @@ def search_witnesses(
         if len(hard):
             rows, some, seen = rows[hard], some.select(hard), seen[hard]
             around = Box(box.lower[rows], box.upper[rows])
-            search = _Search(policy, some, seen, around, lower[rows], upper[rows])
-            within = to_float32_within(search.candidates(generator), seen, around)
+            aims = (lower[rows], upper[rows])
+            within = to_float32_within(_candidates(policy, some, seen, around, aims, generator), seen, around)
             parts.append(_of_states(confirm(policy, some, within), rows))
         if progress is not None:
             progress(min(start + _CHUNK, len(doubtful)), len(doubtful))
     return Witnesses.join(parts, observations.shape[1], lower.shape[1])
+
+
+def _candidates(
+    policy: SearchablePolicy,
+    states: JudgedStates,
+    observations: Floats,
+    box: Box,
+    commands: tuple[Floats, Floats],
+    generator: np.random.Generator,
+) -> Floats:
+    """Return promising observations (B, K, n): of extreme commands, of every choice, and where rules apply or not."""
+    driven = policy if isinstance(policy, DrivenPolicy) else None
+    if driven is not None and driven.choice is not None:
+        found = _towards_each_choice(driven.network, observations, box, generator)
+    else:
+        found = _Search(policy, states, observations, box, *commands).candidates(generator)
+    if driven is None or not driven.overrides:
+        return found
+    count, each, size = found.shape
+    lower, upper = (np.repeat(end, each, axis=0) for end in (box.lower, box.upper))
+    pushed = driven.overrides.around(found.reshape(-1, size), lower, upper)
+    return np.concatenate([found, *(points.reshape(count, each, size) for points in pushed)], axis=1)
+
+
+def _towards_each_choice(
+    network: Network, observations: Floats, box: Box, generator: np.random.Generator
+) -> Floats:
+    """Return for each of O choices observations (B, K, n) that rather select it."""
+    corners = np.where(generator.choice([False, True], size=observations.shape), box.upper, box.lower)
+    found = [observations]
+    for seed in np.eye(network.output_size):
+        wanted = np.broadcast_to(seed, (len(observations), len(seed)))
+        found += [
+            climb(margins(network), box, wanted, start, steps=_STEPS)[0] for start in (observations, corners)
+        ]
+    return np.stack(found, axis=1)
 
 
 def to_float32_within(points: Floats, nominal: Floats, box: Box) -> Floats:

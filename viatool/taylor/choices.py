@@ -16,6 +16,7 @@ from itertools import combinations
 import numpy as np
 
 from viatool.arrays import Booleans, Floats, Indices
+from viatool.errors import SelfCheckError
 from viatool.policy.assembly import Assembly, Computed, Term
 from viatool.policy.network import Network
 from viatool.taylor.approximation import Approximation
@@ -107,14 +108,16 @@ def enclose_choices(
     program's difference may stray from it, is below 0 for some j at every observation of the box.
     """
     excluded, stray = _excluded_at_once(network, box, rule, arithmetic)
-    attained = _chosen_by(program, box.centre, network.output_size)
+    attained = chosen_by(program, box.centre, network.output_size)
+    if arithmetic == "float32":
+        require_not_excluded(attained, excluded)
     for start in _starts(box):
         state, command = np.nonzero(~excluded & ~attained)
         if not state.size:
             break
         seed = np.eye(network.output_size)[command]
         points, _ = climb(margins(network), box.rows(state), seed, start[state])
-        np.logical_or.at(attained, state, _chosen_by(program, points, network.output_size))
+        np.logical_or.at(attained, state, chosen_by(program, points, network.output_size))
     possible = ~excluded
     state, command = np.nonzero(possible & ~attained)
     if parts and state.size:
@@ -178,7 +181,6 @@ def _excluded_at_once(
 ) -> tuple[Booleans, Floats]:
     """Return which commands one pass over each box excludes, (B, K), and by how much their margins may stray."""
     between, size = differences(network), network.output_size
-    first, second = _pairs(size)
     passes = propagate(between, box, rule=rule)
     hulls = [enclosure.hull for enclosure in passes]
     extrema = refine_by_pieces(between, extrema_of(box, *hulls[-1]), passes)
@@ -187,18 +189,42 @@ def _excluded_at_once(
     if arithmetic == "float32":
         deviation = runtime_deviation(between, hulls)
     lower, upper = widen(*hulls[-1], deviation)
+    first, second = _pairs(size)
+    stray = np.zeros((len(lower), size, size))
+    stray[:, first, second] = stray[:, second, first] = deviation
+    return excluded_by(lower, upper, size), np.asarray(stray.max(axis=2))
+
+
+def excluded_by(lower: Floats, upper: Floats, size: int) -> Booleans:
+    """Return which of K commands bounds (B, P) of all `differences` exclude, (B, K). **Sound:** yes, NaN does not."""
+    first, second = _pairs(size)
     above = np.full((len(lower), size, size), np.inf)  # of output k - output j
     above[:, first, second], above[:, second, first] = upper, -lower
-    stray = np.zeros_like(above)
-    stray[:, first, second] = stray[:, second, first] = deviation
-    return np.asarray((above < 0.0).any(axis=2)), np.asarray(stray.max(axis=2))
+    return np.asarray((above < 0.0).any(axis=2))
 
 
-def _chosen_by(program: Program, points: Floats, size: int) -> Booleans:
+def chosen_by(program: Program, points: Floats, size: int) -> Booleans:
     """Return what a program chooses at points (P, n), (P, K) with one True in each row."""
     chosen = np.zeros((len(points), size), dtype=bool)
     chosen[np.arange(len(points)), np.argmax(program(points), axis=1)] = True
     return chosen
+
+
+def require_not_excluded(chosen: Booleans, excluded: Booleans) -> None:
+    """Refuse a program that chooses what is excluded, (B, K) each.
+
+    Raises
+    ------
+    SelfCheckError
+        If there is a state in which it does.
+    """
+    if (chosen & excluded).any():
+        row, command = np.argwhere(chosen & excluded)[0]
+        raise SelfCheckError(
+            f"the loaded network and onnxruntime disagree: in state {row} the program chooses command {command}, "
+            "which the network's bounds exclude",
+            "report this model: it was read wrongly, and no verdict may rest on it",
+        )
 
 
 def _starts(box: Box) -> list[Floats]:

@@ -7,12 +7,12 @@ the input model, what the network subtracts cancels, as symbolic remainders do.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Literal
 
 import numpy as np
 
-from viatool.arrays import Floats, Indices
+from viatool.arrays import Booleans, Floats, Indices
 from viatool.policy.network import Network
 from viatool.rounding import ENGINE_ROUNDOFF, SLIGHTLY_MORE
 from viatool.taylor.deviation import enclose_program, runtime_deviation
@@ -105,6 +105,12 @@ class LinearReach:
             first.slope,
             np.where(np.isnan(rest), np.inf, rest),
         )
+
+    @classmethod
+    def choose(cls, holds: Booleans, found: LinearReach, other: LinearReach) -> LinearReach:
+        """Return one or the other for each set, by what holds for it, (B,)."""
+        pairs = ((getattr(found, each.name), getattr(other, each.name)) for each in fields(cls))
+        return cls(*(np.where(holds.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in pairs))
 
     def joined(self, cell: Indices, count: int) -> LinearReach:
         """Return what holds for C sets of which the B are parts, as `CorrelatedReach.joined`.

@@ -22,7 +22,8 @@ class NavigationEnvironment(gymnasium.Env[Singles, Singles]):
 
     Notes
     -----
-    Actions are v in m/s and omega in rad/s. `info` holds `cost` (1 within the danger clearance, else 0),
+    Actions are v in m/s and omega in rad/s, or the number of a command where the specification has a choice;
+    rules around a policy (`overrides`) are not applied. `info` holds `cost` (1 within the danger clearance, else 0),
     `is_success`, `collision`, `clearance` and `goal_distance` (metres).
     """
 
@@ -52,7 +53,7 @@ class NavigationEnvironment(gymnasium.Env[Singles, Singles]):
 
     def step(self, action: Singles) -> tuple[Singles, float, bool, bool, dict[str, Any]]:
         """Hold a command for one control interval."""
-        step = self.simulator.step(np.asarray(action, dtype=np.float64)[None])
+        step = self.simulator.step(self.setting.commands(action)[None])
         told = information(
             float(step.cost[0]),
             bool(step.success[0]),

@@ -9,13 +9,16 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from gymnasium.spaces import Box, Space
+from gymnasium.spaces import Box, Discrete, Space
+from numpy.typing import ArrayLike
 
+from viatool.arrays import Floats
 from viatool.channels import Extent, Quantities
 from viatool.errors import ConfigurationError
 from viatool.motion.kinematics import kinematics_of
 from viatool.policy import load_policy, load_specification
 from viatool.policy.action_channels import ActionChannel
+from viatool.policy.command_map import Chosen
 from viatool.policy.specification import ObservationChannel, PolicySpecification
 from viatool.policy.specified import specification_of
 from viatool.setting.reconcile import with_robot
@@ -83,6 +86,7 @@ class EnvironmentOptions:
     workers: int = 1
     world_map: WorldMap = field(init=False, repr=False)
     specification: PolicySpecification = field(init=False, repr=False)
+    choice: Chosen | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         world_map = self.map if isinstance(self.map, WorldMap) else load_map(Path(self.map))  # or a sample
@@ -94,6 +98,7 @@ class EnvironmentOptions:
         )
         object.__setattr__(self, "world_map", asked.world_map)
         object.__setattr__(self, "specification", asked.spec)
+        object.__setattr__(self, "choice", asked.choice)
 
     def simulator(self, robots: int) -> Simulator:
         """Return a simulator of E robots."""
@@ -123,10 +128,21 @@ class EnvironmentOptions:
         return Box((low - width).astype(np.float32), (high + width).astype(np.float32), dtype=np.float32)
 
     def action_space(self) -> Space[Any]:
-        """Return the limits of a command, (A,) float32: for a differential drive v in m/s and omega in rad/s."""
+        """Return the limits of a command, (A,) float32: for a differential drive v in m/s and omega in rad/s.
+
+        Of a specification that chooses among K commands, the numbers 0 to K - 1.
+        """
+        if self.choice is not None:
+            return Discrete(self.choice.actions)
         robot = self.world_map.robot
         low, high = (end.astype(np.float32) for end in kinematics_of(robot.kinematics).limits(robot))
         return Box(low, high, dtype=np.float32)
+
+    def commands(self, actions: ArrayLike) -> Floats:
+        """Return the commands (..., A) of actions: themselves, or of numbers (...) of a choice those of its table."""
+        if self.choice is not None:
+            return self.choice.commands[np.asarray(actions, dtype=np.int64)]
+        return np.asarray(actions, dtype=np.float64)
 
     def _scenarios(self) -> Sequence[Scenario] | None:
         if not isinstance(self.scenarios, str):

@@ -71,7 +71,7 @@ class NavigationVectorEnvironment(VectorEnv[Singles, Singles, NDArray[Any]]):
 
     def step(self, actions: Singles) -> tuple[Singles, Floats, Booleans, Booleans, dict[str, Any]]:
         """Let every robot hold a command for one control interval."""
-        step = self.simulator.step(np.asarray(actions, dtype=np.float64))
+        step = self.simulator.step(self.setting.commands(actions))
         reward, terminated, truncated = step.reward, step.terminated, step.truncated
         told = information(step.cost, step.success, step.collision, step.clearance, step.goal_distance)
         observations = step.observation.astype(np.float32)
