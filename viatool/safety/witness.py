@@ -15,7 +15,9 @@ from viatool.policy.network import Network
 from viatool.safety.judged_states import JudgedStates
 from viatool.safety.nearest import describe_nearest
 from viatool.schedule import check_time
+from viatool.setting.driven import DrivenPolicy
 from viatool.taylor.attained import climb
+from viatool.taylor.choices import margins
 from viatool.taylor.propagation import Box
 from viatool.world import Footprint, Scenario, WorldMap
 

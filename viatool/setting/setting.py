@@ -220,12 +220,11 @@ class Setting:
 
 def _refuse_unread(spec: PolicySpecification, name: str) -> None:
     """Refuse what a specification says and no verdict would take into account."""
-    for part in ("overrides", "memory"):
-        if getattr(spec, part):
-            raise PolicyError(
-                f"the specification of {name} has `{part}`, which no verdict takes into account",
-                f"leave `{part}` out, and verify the policy without it",
-            )
+    if spec.memory:
+        raise PolicyError(
+            f"the specification of {name} has `memory`, which no verdict takes into account",
+            "leave `memory` out, and verify the policy without it",
+        )
 
 
 def _premises(world_map: WorldMap, rules: Rules, wishes: Wishes) -> tuple[Premise, ...]:

@@ -20,9 +20,9 @@ def observation_columns(specification: PolicySpecification) -> list[str]:
 
 
 def action_columns(specification: PolicySpecification) -> list[str]:
-    """Return one column name for each action; `command_` stands before it where an observation has it."""
+    """Return one column name for each number that the policy gives; `command_` before it if an observation has it."""
     taken = set(observation_columns(specification))
-    names = [channel.name for channel in specification.action]
+    names = _flat(numbered(channel.name, channel.outputs) for channel in specification.action)
     return [f"command_{name}" if name in taken else name for name in names]
 
 

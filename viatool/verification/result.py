@@ -210,6 +210,7 @@ class Result(Asked):
             "observation_upper": upper,
             "lower": self.lower[rows],
             "upper": self.upper[rows],
+            **({} if self.reachable.possible is None else {"possible": self.reachable.possible[rows]}),
             "verdict": self.verdict[rows],
             "episode": self.episode[rows],
             "outcome": self.outcomes,
@@ -240,6 +241,7 @@ class Result(Asked):
             "contested_rate": self.contested_rate.to_json(),
             "task": self.task(),
             "reachable_width": self.reachable_width(),
+            **({"possible": possible} if (possible := self.possible()) else {}),
             "seconds": {stage: round(seconds, 6) for stage, seconds in self.seconds.items()},
             "versions": dict(self.versions),
             "assumptions": self.assumptions(),
@@ -287,6 +289,18 @@ class Result(Asked):
                 "unit": action.unit,
             }
             for action, width in zip(self.actions, widths.T, strict=True)
+        }
+
+    def possible(self) -> dict[str, Any]:
+        """Return how many commands of its table a policy may choose in a state where that was asked; none else."""
+        bounded = np.isfinite(self.lower).all(axis=1)
+        if self.reachable.possible is None or not bounded.any():
+            return {}
+        counts = self.reachable.possible[bounded].sum(axis=1)
+        return {
+            "commands": self.reachable.possible.shape[1],
+            "mean": float(counts.mean()),
+            "most": int(counts.max()),
         }
 
     def assumptions(self) -> dict[str, Any]:

@@ -63,6 +63,14 @@ class Width(ReportPart):
     max: float
 
 
+class PossibleCommands(ReportPart):
+    """Of a policy that chooses: the commands of its table, and how many may be chosen in a state, in the mean and at most."""
+
+    commands: Count
+    mean: float
+    most: Count
+
+
 class UnsafeState(ReportPart):
     """Where a state with a counterexample is: seconds since the start of its scenario, and x, y, theta."""
 
@@ -135,6 +143,7 @@ class StatesRecord(VerifiedRecord):
     unsafe_states: list[UnsafeState] | None = None
     horizon: HorizonRecord | None = None
     recording: list[RecordingRecord] | None = None
+    possible: PossibleCommands | None = None
 
     @model_validator(mode="after")
     def _adds_up(self) -> Self:
