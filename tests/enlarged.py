@@ -50,4 +50,4 @@ def _arrays(record: Any) -> list[NDArray[Any]]:
 
 
 def _picked(record: Arrays, rows: NDArray[np.int64]) -> Arrays:
-    return type(record)(*(array[rows] for array in _arrays(record)))
+    return type(record)(*(None if array is None else array[rows] for array in _arrays(record)))

@@ -14,6 +14,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
 import viatool
+from tests.choosing import TABLE, choosing_specification
 from tests.needs import needs_pybullet
 from viatool.errors import ConfigurationError
 from viatool.policy.specification import ObservationChannel, PolicySpecification
@@ -177,3 +178,15 @@ def test_td3_of_stable_baselines_learns_in_it_and_its_export_is_verified(tmp_pat
     result = viatool.verify(policy, lab, eps=0.01, scenarios=lab.scenarios[:1])
     assert len(result.trajectory) > 0
     assert result.safety_rate is not None
+
+
+def test_a_choice_is_a_number_and_sends_the_command_of_its_table() -> None:
+    environment = make(observation=choosing_specification())
+    assert environment.action_space == gymnasium.spaces.Discrete(len(TABLE))
+    environment.reset(seed=3)
+    observation, *_ = environment.step(np.int64(3))
+    np.testing.assert_allclose(observation[23:25], TABLE[3], atol=1e-6)
+    many = gymnasium.make_vec(ID, num_envs=2, map=LAB, observation=choosing_specification())
+    many.reset(seed=3)
+    observations, *_ = many.step(np.array([1, 4]))
+    np.testing.assert_allclose(observations[:, 23:25], [TABLE[1], TABLE[4]], atol=1e-6)

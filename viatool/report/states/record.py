@@ -64,7 +64,7 @@ class Width(ReportPart):
 
 
 class PossibleCommands(ReportPart):
-    """Of a policy that chooses: the commands of its table, and how many may be chosen in a state, in the mean and at most."""
+    """Of a policy that chooses: the commands of its table, and how many of them are possible in a state."""
 
     commands: Count
     mean: float
