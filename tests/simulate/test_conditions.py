@@ -145,7 +145,7 @@ def test_impossible_conditions_are_refused(wrong: dict[str, float], reason: str)
 
 
 def test_wheels_that_are_not_known_cannot_be_limited(hall: WorldMap) -> None:
-    mine = hall.with_robot(replace(ROBOTS["jackal"], name="homemade"))
+    mine = hall.with_robot(replace(ROBOTS["jackal"], name="homemade", track=0.0))
     for conditions in (Conditions(acceleration=1.0), Conditions(drift=0.01)):
-        with pytest.raises(ConfigurationError, match="'homemade' is not known"):
+        with pytest.raises(ConfigurationError, match="track of robot 'homemade' is not known"):
             NavigationSimulator(mine, 1, conditions=conditions)

@@ -26,8 +26,9 @@ def engine_options(command: Command) -> Command:
             click.option(
                 "--robot",
                 metavar="NAME",
-                help="turtlebot3, turtlebot3_burger, turtlebot3_waffle or jackal, instead of the map's robot: its "
-                "limits and body; footprint, clearances and LiDAR stay the map's.",
+                help="A known robot instead of the map's (turtlebot3, turtlebot3_burger, turtlebot3_waffle, "
+                "turtlebot4, jackal, husky, scout, mir100, spot or f1tenth): its limits and body; footprint, clearances "
+                "and LiDAR stay the map's.",
             ),
             click.option(
                 "--lidar",

@@ -94,7 +94,7 @@ def _base(parties: Parties) -> tuple[Robot, str]:
         )
     if spec.robot in ROBOTS:
         return _moved(spec, ROBOTS[spec.robot]), f"{parties.policy} (the map names no robot)"
-    unknown = _moved(spec, replace(world_map.robot, name=spec.robot))
+    unknown = _moved(spec, replace(world_map.robot, name=spec.robot, track=0.0))  # nobody said how wide it is
     return unknown, "default (policy and map name no robot that is known)"
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from viatool.arrays import Booleans, Floats, Indices
 from viatool.motion.arcs import drive_arc
-from viatool.simulate.models import model_of
+from viatool.simulate.models import track_of
 from viatool.simulate.simulator import Simulator
 from viatool.world import WorldMap
 
@@ -32,12 +32,12 @@ class NavigationSimulator(Simulator):
     Notes
     -----
     With an acceleration limit, each wheel's rim speed changes at that rate until it has the speed that the
-    command asks of it; the robot has to be one whose wheels are known (`viatool.simulate.models`).
+    command asks of it; it has to be known how far these are apart (`Robot.track`).
     """
 
     def __init__(self, world_map: WorldMap, robots: int, **settings: Any) -> None:
         super().__init__(world_map, robots, **settings)
-        self._track = model_of(self.robot).track if self.conditions.acceleration is not None else 0.0
+        self._track = track_of(self.robot) if self.conditions.acceleration is not None else 0.0
         self._rims = np.zeros((robots, 2))  # speeds of both wheels' rims, right and left, in m/s
         self._touching = np.zeros(robots, dtype=bool)  # bodies are not modelled
 

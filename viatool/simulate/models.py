@@ -130,6 +130,18 @@ MODELS: dict[str, RobotModel] = {
 """The body of every robot that is known by name."""
 
 
+def track_of(robot: Robot) -> float:
+    """Return the distance between the wheels of a robot, in metres.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is not known, or the robot does not drive on two wheels.
+    """
+    _require_wheels(robot)
+    return robot.known("track")
+
+
 def model_of(robot: Robot) -> RobotModel:
     """Return the body of a robot.
 
@@ -138,11 +150,7 @@ def model_of(robot: Robot) -> RobotModel:
     ConfigurationError
         If no body is known for it, or it does not drive on two wheels.
     """
-    if robot.kinematics != DIFFERENTIAL.name:
-        raise ConfigurationError(
-            f"robot '{robot.name}' moves as '{robot.kinematics}', and only bodies on two driven wheels are known",
-            "simulate with the kinematic engine, without drift and acceleration",
-        )
+    _require_wheels(robot)
     model = MODELS.get(robot.name)
     if model is None:
         raise ConfigurationError(
@@ -150,3 +158,11 @@ def model_of(robot: Robot) -> RobotModel:
             f"choose one with --robot: {', '.join(MODELS)}",
         )
     return model
+
+
+def _require_wheels(robot: Robot) -> None:
+    if robot.kinematics != DIFFERENTIAL.name:
+        raise ConfigurationError(
+            f"robot '{robot.name}' moves as '{robot.kinematics}', and only bodies on two driven wheels are known",
+            "simulate with the kinematic engine, without drift and acceleration",
+        )

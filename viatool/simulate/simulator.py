@@ -20,7 +20,7 @@ from viatool.motion.kinematics import kinematics_of
 from viatool.motion.twists import HeldTwist
 from viatool.policy.specification import ObservationChannel
 from viatool.simulate.conditions import Conditions
-from viatool.simulate.models import model_of
+from viatool.simulate.models import track_of
 from viatool.simulate.observation import Observer, navigation_channels
 from viatool.simulate.odometry import DelayLine, Odometry
 from viatool.simulate.scenarios import FixedScenarios, RandomScenarios
@@ -163,7 +163,7 @@ class Simulator(ABC):
         inputs = self.observer.quantities.inputs
         self._past = np.zeros((robots, inputs.memory, inputs.places[-1].stop))  # readings, the newest first
         drift = self.conditions.drift
-        track = model_of(self.robot).track if drift > 0.0 else 1.0
+        track = track_of(self.robot) if drift > 0.0 else 1.0
         self._odometry = Odometry(robots, drift, track, drift_seed)
         self._sent = DelayLine(robots, self.conditions.delay, self.robot.control_interval, axes)
 

@@ -190,23 +190,102 @@ class Robot:
                 )
 
 
-# turtlebot3 is the robot of the paper's task: a point with the task's own command limits. The others carry
-# the limits and outlines of their data sheets; their outlines are taken as centred on the axis of the wheels.
+# turtlebot3 is the robot of the paper's task: a point with the task's own command limits. The others carry the limits
+# and outlines of their data sheets, each with its source; unless it says otherwise an outline is taken as centred on
+# the axis of the wheels. Lengths between wheels turn what a policy commands wheels with into speeds and turns.
 ROBOTS: dict[str, Robot] = {
-    "turtlebot3": Robot(),
-    "turtlebot3_burger": Robot(
-        name="turtlebot3_burger",
-        max_linear=0.22,
-        max_angular=2.84,
-        footprint=Footprint("circle", radius=0.105),
-    ),
-    "turtlebot3_waffle": Robot(
-        name="turtlebot3_waffle",
-        max_linear=0.26,
-        max_angular=1.82,
-        footprint=Footprint.rectangle(0.281, 0.306),
-    ),
-    "jackal": Robot(
-        name="jackal", max_linear=2.0, max_angular=4.0, footprint=Footprint.rectangle(0.508, 0.430)
-    ),
+    robot.name: robot
+    for robot in (
+        Robot(track=0.287),
+        # ROBOTIS e-Manual, TurtleBot3, specifications; wheels 160 mm apart.
+        Robot(
+            name="turtlebot3_burger",
+            max_linear=0.22,
+            max_angular=2.84,
+            footprint=Footprint("circle", radius=0.105),
+            track=0.160,
+        ),
+        # The same page; wheels 287 mm apart.
+        Robot(
+            name="turtlebot3_waffle",
+            max_linear=0.26,
+            max_angular=1.82,
+            footprint=Footprint.rectangle(0.281, 0.306),
+            track=0.287,
+        ),
+        # TurtleBot 4 user manual, features: 341 x 339 mm, 1.9 rad/s, and 0.31 m/s while the safety of its base, a
+        # Create 3, is on (0.46 m/s without); the wheels of a Create 3 are 233 mm apart. A disc around the longer side.
+        Robot(
+            name="turtlebot4",
+            min_linear=-0.31,
+            max_linear=0.31,
+            max_angular=1.9,
+            footprint=Footprint("circle", radius=0.1705),
+            track=0.233,
+        ),
+        # Clearpath, Jackal data sheet, 508 x 430 mm; 2 m/s and 4 rad/s in jackal_control/config/control.yaml.
+        Robot(
+            name="jackal",
+            max_linear=2.0,
+            max_angular=4.0,
+            footprint=Footprint.rectangle(0.508, 0.430),
+            track=0.376,
+        ),
+        # Clearpath, Husky A200 data sheet, 990 x 670 mm and 1 m/s; 2 rad/s in husky_control/config/control.yaml;
+        # wheels 570.8 mm apart in husky_description.
+        Robot(
+            name="husky",
+            min_linear=-1.0,
+            max_linear=1.0,
+            max_angular=2.0,
+            footprint=Footprint.rectangle(0.990, 0.670),
+            track=0.5708,
+        ),
+        # AgileX, Scout 2.0 user manual, 930 x 699 mm, 1.5 m/s and 0.7853 rad/s; wheels 583.06 mm apart in its driver's
+        # scout_params.hpp.
+        Robot(
+            name="scout",
+            min_linear=-1.5,
+            max_linear=1.5,
+            max_angular=0.7853,
+            footprint=Footprint.rectangle(0.930, 0.699),
+            track=0.58306,
+        ),
+        # MiR100 data sheet, 890 x 580 mm, 1.5 m/s ahead and 0.3 m/s backwards; 1 rad/s and wheels 445.208 mm apart in
+        # mir_description, a robot description by others.
+        Robot(
+            name="mir100",
+            min_linear=-0.3,
+            max_linear=1.5,
+            max_angular=1.0,
+            footprint=Footprint.rectangle(0.890, 0.580),
+            track=0.445208,
+        ),
+        # Boston Dynamics, About Spot: 1100 x 500 mm, 1.6 m/s at most; that holds to the side and backwards as well.
+        # No turning speed is published: 2 rad/s is an assumption.
+        Robot(
+            name="spot",
+            kinematics="holonomic",
+            min_linear=-1.6,
+            max_linear=1.6,
+            max_lateral=1.6,
+            max_angular=2.0,
+            footprint=Footprint.rectangle(1.100, 0.500),
+        ),
+        # f1tenth_gym, default parameters: axles 158.75 + 171.45 mm apart, 0.4189 rad, -5 to 20 m/s, 580 x 310 mm. The
+        # origin is the middle of the rear axle, with as much of the body behind it as before the front axle.
+        Robot(
+            name="f1tenth",
+            kinematics="ackermann",
+            min_linear=-5.0,
+            max_linear=20.0,
+            max_steering=0.4189,
+            deceleration=9.51,
+            wheelbase=0.3302,
+            footprint=Footprint(
+                "polygon",
+                polygon=np.array([[-0.1249, -0.155], [0.4551, -0.155], [0.4551, 0.155], [-0.1249, 0.155]]),
+            ),
+        ),
+    )
 }
