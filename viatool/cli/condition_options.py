@@ -27,8 +27,8 @@ def engine_options(command: Command) -> Command:
                 "--robot",
                 metavar="NAME",
                 help="A known robot instead of the map's (turtlebot3, turtlebot3_burger, turtlebot3_waffle, "
-                "turtlebot4, jackal, husky, scout, mir100, spot or f1tenth): its limits and body; footprint, clearances "
-                "and LiDAR stay the map's.",
+                "turtlebot4, jackal, husky, scout, mir100, spot or f1tenth): its limits and body; footprint, "
+                "clearances and LiDAR stay the map's.",
             ),
             click.option(
                 "--lidar",
