@@ -89,7 +89,11 @@ def test_a_robot_that_the_user_names_clips_what_the_policy_asks_for(policy):
     setting = Setting.of(policy, LAB, 0.01, Wishes(robot="turtlebot3_burger"))
     assert setting.rules.upper.tolist() == [0.22, 2.84]
     assert setting.robot.lidar == LAB.robot.lidar
-    with pytest.raises(ConfigurationError, match="unknown robot 'spot'"):
+    with pytest.raises(ConfigurationError, match="unknown robot 'pepper'"):
+        Setting.of(policy, LAB, 0.01, Wishes(robot="pepper"))
+    with pytest.raises(
+        PolicyError, match="commands angular and linear, a robot of kinematics 'holonomic' takes"
+    ):
         Setting.of(policy, LAB, 0.01, Wishes(robot="spot"))
 
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from viatool.arrays import Floats
 from viatool.errors import PolicyError
+from viatool.motion.kinematics import KINEMATICS
 from viatool.motion.law import Kinematics
 from viatool.policy.action_channels import ActionChannel
 from viatool.policy.action_map import Limits, behind, clipped, joined, picked
@@ -264,9 +265,10 @@ _MAPS: dict[tuple[str, ...], Callable[[Parts, Robot], CommandMap]] = {
 
 def _refusal(named: frozenset[str], kinematics: Kinematics, name: str) -> PolicyError:
     """Return why actions of these kinds command no robot of a kinematics."""
+    whole = any(named == set(taken) for one in KINEMATICS.values() for taken in one.takes)
     for taken in kinematics.takes:
         missing = [kind for kind in taken if kind not in named]
-        if named < set(taken):
+        if named < set(taken) and not whole:
             return PolicyError(
                 f"no action of {name} is of kind '{missing[0]}'",
                 "name the kinds of the actions in the specification",
