@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import onnx
 import pytest
 import yaml
 from onnx import TensorProto, helper
@@ -13,6 +14,7 @@ from viatool.errors import PolicyError
 from viatool.policy import PolicySpecification, describe, load_policy, load_specification
 from viatool.proposals import PolicyFacts, propose_by_size, specification_text
 from viatool.proposals.projects import LAYOUTS, known_layout
+from viatool.samples import POLICIES
 
 POLAR = ["lidar", "goal_distance", "goal_bearing"]
 BEFORE = ["previous_linear", "previous_angular"]
@@ -164,3 +166,16 @@ def test_a_policy_with_a_specification_keeps_it() -> None:
     assert spec is not None
     assert yaml.safe_load(text)["schema_version"] == spec.schema_version
     assert "GUESSED" not in text
+
+
+def test_commands_that_the_graph_bounds_have_these_limits(tmp_path: Path) -> None:
+    foreign = onnx.load(POLICIES.find("via"))
+    del foreign.metadata_props[:]
+    path = save(foreign, tmp_path)
+    document = yaml.safe_load(specification_text(describe(path)))
+    assert [(a["kind"], a["lower"], a["upper"]) for a in document["action"]] == [
+        ("linear", 0.0, 0.5),
+        ("angular", -1.0, 1.0),
+    ]
+    assert all("scale" not in action for action in document["action"])
+    assert "budget" in [channel["kind"] for channel in document["observation"]]

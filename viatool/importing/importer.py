@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zipfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -120,7 +120,7 @@ def import_policy(request: ImportRequest, output: Path) -> Imported:
         except ViatoolError as error:  # of the file that was to be, by its name
             raise type(error)(error.message.replace(str(draft), str(output)), error.hint) from error
     inside = _inside(actor, normaliser, request)
-    proposal = _propose(actor, normaliser) if specification is None else None
+    proposal = _propose(actor, request) if specification is None else None
     return Imported(load_policy(output), inside, proposal)
 
 
@@ -226,7 +226,7 @@ def _words(box: BoxSpace) -> str:
     return ", ".join(f"[{low:g}, {high:g}]" for low, high in pairs)
 
 
-def _propose(actor: ImportedActor, normaliser: Normaliser | None) -> Proposal:
+def _propose(actor: ImportedActor, request: ImportRequest) -> Proposal:
     """Propose a specification of commands, as the file gives them."""
     limits = None
     if isinstance(actor.action, BoxSpace) and actor.action.is_bounded:
@@ -238,9 +238,13 @@ def _propose(actor: ImportedActor, normaliser: Normaliser | None) -> Proposal:
         ranges = tuple(pairs)
     chooses = None if actor.action is None else isinstance(actor.action, DiscreteSpace)
     outputs = _outputs(actor)
-    return propose_by_size(
+    proposal = propose_by_size(
         PolicyFacts(actor.observation.size, outputs, limits=limits, chooses=chooses, ranges=ranges)
     )
+    training = {"imported": request.path.name, "policy": actor.origin}
+    if request.normaliser is not None:
+        training["normaliser"] = request.normaliser.name
+    return replace(proposal, more={**(proposal.more or {}), "training": training})
 
 
 def _outputs(actor: ImportedActor) -> int:

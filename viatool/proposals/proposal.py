@@ -21,9 +21,10 @@ class PolicyFacts:
     inputs, outputs : int
         Length of the observation, and how many numbers the network gives.
     squashed : bool
-        Whether the last thing that the network does is a tanh, so that its numbers are in [-1, 1].
+        Whether the last thing that the network does is a squash, so that its numbers are in [-1, 1].
     limits : tuple of (float, float), optional
-        The least and the largest command of each output, where the file says them; outputs are commands then.
+        The least and the largest command of each output, where the file says or bounds them; outputs are commands
+        then.
     chooses : bool or None
         Whether the largest output chooses a command; None where it is not known.
     ranges : tuple of (float, float), optional
@@ -96,7 +97,9 @@ class Proposal:
     def document(self) -> dict[str, Any]:
         """Return the specification as it stands in a file."""
         head = {"schema_version": 2, "robot": "?", "control_interval": 0.1}
-        return {**head, **(self.more or {}), "observation": self.observation, "action": self.action}
+        more = dict(self.more or {})
+        training = {"training": more.pop("training")} if "training" in more else {}
+        return {**head, **more, "observation": self.observation, "action": self.action, **training}
 
     @property
     def is_complete(self) -> bool:

@@ -5,15 +5,25 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
+
 from viatool.errors import PolicyError
-from viatool.policy import Inspection
+from viatool.policy import Activation, Inspection, Network
+from viatool.policy.maps import trailing_steps
 from viatool.policy.model_file import open_model
+from viatool.policy.policy import load_actor
 from viatool.policy.specification_file import specification_from_json
 from viatool.proposals.by_size import propose_by_size
 from viatool.proposals.by_terms import kind_of_term, propose_by_terms
 from viatool.proposals.parameters import with_parameters
 from viatool.proposals.proposal import PolicyFacts, Proposal
 from viatool.proposals.terms import CONTRACT, ObservationTerm, Stated, stated_in_contract, stated_in_metadata
+
+_UNBOUNDED = 1e12
+"""Stands for what no function bounds."""
+
+_DIGITS = 7
+"""Of limits, about as many as float32 has."""
 
 
 def specification_text(found: Inspection, parameters: Path | None = None) -> str:
@@ -42,15 +52,18 @@ def propose(found: Inspection, parameters: Path | None = None) -> Proposal:
         raise found.failure or PolicyError(
             f"{found.path} cannot be read, so its sizes are not known", "fix what `viatool inspect` reports"
         )
+    model = open_model(found.path)
+    squashed, limits = _range_of_outputs(load_actor(model, found.ports.names, found.action)[0])
+    several = len(found.ports.each) > 1
     facts = PolicyFacts(
         found.ports.size,
         found.layers[-1].size,
-        squashed=found.layers[-1].kind == "Tanh",
-        ports=tuple((port.name, port.size) for port in found.ports.each) if len(found.ports.each) > 1 else (),
+        squashed=squashed,
+        limits=limits,
+        ports=tuple((port.name, port.size) for port in found.ports.each) if several else (),
         output=found.action if len(found.outputs) > 1 else None,
     )
     contract = parameters if parameters is not None and parameters.suffix == ".json" else None
-    model = open_model(found.path)
     entries = {entry.key: entry.value for entry in model.proto.metadata_props}
     stated = stated_in_contract(contract or model.path.parent / CONTRACT)
     if stated is None and contract is not None:
@@ -72,3 +85,17 @@ def _stated_by_inputs(facts: PolicyFacts) -> Stated | None:
     if not terms or any(kind_of_term(term.name) == "other" for term in terms):
         return None
     return Stated("the names of its inputs", terms)
+
+
+def _range_of_outputs(network: Network) -> tuple[bool, tuple[tuple[float, float], ...] | None]:
+    """Return whether the outputs are in [-1, 1], and else the ends of each where its last functions bound it."""
+    ends = np.array([[-_UNBOUNDED], [_UNBOUNDED]]) * np.ones(network.output_size)
+    for step in trailing_steps(network):  # none of them falls, but for scalings
+        ends = step.function(ends) if isinstance(step, Activation) else step.factor * ends + step.offset
+        ends = np.sort(ends, axis=0)
+    if not (np.abs(ends) < np.sqrt(_UNBOUNDED)).all():
+        return False, None
+    if (ends == [[-1.0], [1.0]]).all():
+        return True, None
+    lower, upper = ends.round(_DIGITS).tolist()
+    return False, tuple(zip(lower, upper, strict=True))
