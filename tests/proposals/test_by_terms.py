@@ -85,8 +85,8 @@ def test_one_scale_is_that_of_every_action(tmp_path: Path) -> None:
         ),
         ({"action_scale": "1,1,1"}, "joint_names has 2 names, but action_scale has 3 numbers"),
         ({"observation_terms_scale": "0,1,1,1,1,1"}, "observation.0.*has scale 0"),
-        ({"action_scale": "nan"}, "action.0.scale"),
-        ({"action_scale": "big"}, "action_scale is 'big', where numbers"),
+        ({"action_scale": "nan"}, "action_scale is 'nan', where finite numbers"),
+        ({"action_scale": "big"}, "action_scale is 'big', where finite numbers"),
         ({"observation_terms_clip": "a,b,c,d,e,f"}, "observation_terms_clip holds 'a', where low;high"),
         (
             {"observation_names": "base_lin_vel,base_ang_vel,projected_gravity,map,actions,sound"},
@@ -148,6 +148,10 @@ def test_a_contract_may_hold_the_lists_of_the_metadata(tmp_path: Path) -> None:
         ("{}", "'observations' is missing"),
         ('{"observations": [{"size": 3}]}', "is no term"),
         ('{"observations": [{"name": "scan", "size": "many"}]}', "is no term"),
+        ('{"observations": [{"name": "scan", "size": 26, "scale": NaN}]}', "is no term"),
+        ('{"observations": [{"name": "scan", "size": 26, "clip": ["a", 1]}]}', "is no term"),
+        ('{"observations": [{"name": "scan", "size": 26, "scale": 1' + "0" * 400 + "}]}", "is no term"),
+        ('{"observations": [{"name": "x", "size": 26}], "actions": [{"kind": "jump"}, {}]}', "action.0.kind"),
         ('{"observations": [{"name": "scan", "size": 4}]}', "scan 4 = 4, but the model takes 26"),
         ('{"observations": [{"name": "scan", "size": 26}], "actions": 3}', "'actions' is no list"),
     ],
@@ -172,6 +176,8 @@ def test_parameters_of_a_ros_package_are_taken(tmp_path: Path) -> None:
                         "control_frequency": 5.0,
                         "robot_name": "jackal",
                         "use_sim_time": True,
+                        "max_range": float("inf"),
+                        "min_vel_x": 10**400,
                         "model_path": "policy.onnx",
                     }
                 }

@@ -27,7 +27,6 @@ CHECKED_OBSERVATIONS = 256
 TOLERANCE = 1e-3
 """Of the largest output, by which onnxruntime and torch may differ; rounding stays about a hundred times below."""
 
-
 _NORMALISERS = ("vec_normalize.pkl", "vecnormalize.pkl")
 """As people name what VecNormalize.save writes."""
 

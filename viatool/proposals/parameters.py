@@ -10,6 +10,7 @@ from typing import Any
 
 from viatool.errors import PolicyError
 from viatool.proposals.proposal import Guess, Proposal
+from viatool.proposals.terms import is_number
 
 _NAMES: tuple[tuple[str, str], ...] = (
     (r"^max_(lin|linear)\w*$|^(lin|linear)\w*_max$|^max_v(el)?_x$", "linear.upper"),
@@ -76,7 +77,7 @@ def _with(proposal: Proposal, field: str, value: Any) -> Proposal | None:
     more = dict(proposal.more or {})
     if field == "robot":
         return replace(proposal, more={**more, "robot": value}) if isinstance(value, str) else None
-    if isinstance(value, bool) or not isinstance(value, int | float):
+    if not is_number(value):
         return None
     if field in ("interval", "rate"):
         if not value > 0:

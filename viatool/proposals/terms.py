@@ -9,13 +9,15 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from viatool.errors import PolicyError
 
 CONTRACT = "policy_contract.json"
+
+_LARGEST = 1e300
 
 _CHANGE = "export the policy again, or write its specification by hand, see docs/specification.md"
 
@@ -57,8 +59,8 @@ class Stated:
         Of the observation, in order.
     actions : tuple of mapping
         What is stated of each output: name, scale, offset, lower, upper.
-    joints, commands : tuple of str
-        Names of what is moved and of what is asked for.
+    joints : tuple of str
+        Names of what is moved.
     interval : float, optional
         Seconds between two actions.
     """
@@ -67,9 +69,7 @@ class Stated:
     terms: tuple[ObservationTerm, ...]
     actions: tuple[Mapping[str, Any], ...] = ()
     joints: tuple[str, ...] = ()
-    commands: tuple[str, ...] = ()
     interval: float | None = None
-    more: Mapping[str, Any] = field(default_factory=dict)
 
 
 def stated_in_metadata(entries: Mapping[str, str], path: Path) -> Stated | None:
@@ -117,8 +117,7 @@ def stated_in_metadata(entries: Mapping[str, str], path: Path) -> Stated | None:
     for index, action in enumerate(actions):
         if scale:
             action["scale"] = scale[0] if len(scale) == 1 else scale[index]
-    commands = _list(entries.get("command_names", ""))
-    return Stated(where, terms, tuple(actions), tuple(joints), tuple(commands))
+    return Stated(where, terms, tuple(actions), tuple(joints))
 
 
 def stated_in_contract(path: Path) -> Stated | None:
@@ -161,7 +160,7 @@ def stated_in_contract(path: Path) -> Stated | None:
         str(path),
         tuple(_term(part, path) for part in parts),
         tuple(actions),
-        interval=float(interval) if isinstance(interval, int | float) and interval > 0 else None,
+        interval=float(interval) if is_number(interval) and interval > 0 else None,
     )
 
 
@@ -174,8 +173,8 @@ def _term(part: Mapping[str, Any], path: Path) -> ObservationTerm:
         isinstance(name, str)
         and (size is None or (isinstance(size, int) and size > 0))
         and isinstance(history, int)
-        and isinstance(scale, int | float)
-        and (clip is None or (isinstance(clip, list) and len(clip) == 2))
+        and is_number(scale)
+        and (clip is None or (isinstance(clip, list) and len(clip) == 2 and all(map(is_number, clip))))
     )
     if not fits:
         raise PolicyError(
@@ -186,6 +185,11 @@ def _term(part: Mapping[str, Any], path: Path) -> ObservationTerm:
     return ObservationTerm(
         str(name), size, float(scale), None if clip is None else (clip[0], clip[1]), max(1, history)
     )
+
+
+def is_number(value: Any) -> bool:
+    """Tell whether a value of a file is a finite number."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= _LARGEST
 
 
 def _text(value: Any) -> str:
@@ -205,11 +209,15 @@ def _numbers(entries: Mapping[str, str], *keys: str, where: str) -> list[float]:
     if key is None:
         return []
     try:
-        return [float(part) for part in _list(entries[key])]
-    except ValueError as error:
+        numbers = [float(part) for part in _list(entries[key])]
+    except ValueError:
+        numbers = [math.nan]
+    if not all(map(is_number, numbers)):
         raise PolicyError(
-            f"{where}: {key} is '{entries[key][:100]}', where numbers between commas are expected", _CHANGE
-        ) from error
+            f"{where}: {key} is '{entries[key][:100]}', where finite numbers between commas are expected",
+            _CHANGE,
+        )
+    return numbers
 
 
 def _clip(text: str, where: str) -> tuple[float, float] | None:
