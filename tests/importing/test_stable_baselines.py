@@ -286,3 +286,27 @@ def test_inspect_points_to_import(tmp_path: Path) -> None:
     with pytest.raises(PolicyError, match="is not an ONNX model") as refusal:
         load_policy(tmp_path / "model.zip")
     assert "viatool import" in refusal.value.hint
+
+
+def test_a_class_in_disguise_is_not_taken_for_that_of_a_library(tmp_path: Path) -> None:
+    import base64
+
+    import cloudpickle
+
+    class ReLU(torch.nn.Tanh):
+        """Not what its name says."""
+
+    class FlattenExtractor(Doubled):
+        """Not what its name says."""
+
+    for kind, module in ((ReLU, "torch.nn.modules.activation"), (FlattenExtractor, "elsewhere")):
+        kind.__module__ = module
+    saved(tmp_path, "TD3")
+    for settings, message in (
+        ({"activation_fn": ReLU}, r"activation_fn is 'own class torch.nn.modules.activation.*ReLU'"),
+        ({"features_extractor_class": FlattenExtractor}, r"features_extractor_class is '.*FlattenExtractor'"),
+    ):
+        text = base64.b64encode(cloudpickle.dumps({"net_arch": [16, 12], **settings})).decode()
+        path = rewritten(tmp_path / "model.zip", policy_kwargs={":serialized:": text})
+        with pytest.raises(PolicyError, match=message):
+            import_policy(ImportRequest(path), tmp_path / "policy.onnx")

@@ -111,6 +111,12 @@ def _no_bytes() -> bytes:
     return b""
 
 
+def _class_by_value(kind: Any, name: Any, bases: Any, fields: Any, *rest: Any) -> type[Inert]:
+    """Return the stand-in of a class that the pickle itself defines; it is never one of a library."""
+    module = fields.get("__module__") if isinstance(fields, dict) else None
+    return type("Own", (Inert,), {"origin": f"own class {module or '__main__'}.{name}"})
+
+
 def _reconstructed(kind: Any, base: Any = None, state: Any = None) -> Any:
     return kind() if isinstance(kind, type) and issubclass(kind, Inert) else Inert(kind, base, state)
 
@@ -123,6 +129,7 @@ _REBUILT: dict[tuple[str, str], Any] = {
     ("_codecs", "encode"): _encoded,
     ("builtins", "bytes"): _no_bytes,
     ("__builtin__", "bytes"): _no_bytes,
+    ("cloudpickle.cloudpickle", "_make_skeleton_class"): _class_by_value,
     **{
         (f"numpy.{core}.{module}", name): stand_in
         for core in ("core", "_core")

@@ -21,6 +21,8 @@ from viatool.importing.spaces import BoxSpace, box_of, is_space, space_of
 _MAX_BYTES = 2**30
 _NO_MODEL = "give the zip that model.save() of Stable-Baselines3 wrote"
 
+_FLATTEN = "stable_baselines3.common.torch_layers.FlattenExtractor"
+
 _Weights = Mapping[str, Tensor]
 _Bend = Callable[[], nn.Module]
 
@@ -178,7 +180,7 @@ def _settings(data: Mapping[str, Any], path: Path) -> dict[str, Any]:
     if not isinstance(settings, dict):
         raise PolicyError(f"{path}: data: policy_kwargs is no dictionary", _NO_MODEL)
     extractor = origin_of(settings.get("features_extractor_class"))
-    if extractor and not extractor.endswith(".FlattenExtractor"):
+    if extractor and extractor != _FLATTEN:
         raise PolicyError(
             f"{path}: data: policy_kwargs.features_extractor_class is '{extractor}', "
             "where FlattenExtractor is expected",
