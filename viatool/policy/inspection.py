@@ -14,6 +14,7 @@ import onnx
 
 from viatool.errors import PolicyError, SelfCheckError, ViatoolError
 from viatool.policy.action_map import with_action_map
+from viatool.policy.before_choice import before_choice
 from viatool.policy.executed import executed_networks
 from viatool.policy.graph import Graph, live, read_graph
 from viatool.policy.maps import Maps, maps_of
@@ -230,9 +231,10 @@ def _look_inside(
     model: ModelFile, found: _Found, input_name: str | Sequence[str] | None, output_name: str | None
 ) -> None:
     spec = found.specification
-    graph, ports = actor_graph(
-        model, input_name or (spec.input if spec else None), output_name or (spec.output if spec else None)
-    )
+    output_name = output_name or (spec.output if spec else None)
+    if spec is not None and spec.choice is not None:
+        model, output_name = before_choice(model, output_name)
+    graph, ports = actor_graph(model, input_name or (spec.input if spec else None), output_name)
     found.ports, (found.action,) = ports, graph.outputs
     reading = read_network(graph, ports, model.folder)
     found.findings = reading.findings

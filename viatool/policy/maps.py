@@ -55,6 +55,15 @@ def maps_of(network: Network, spec: PolicySpecification | None, ports: Ports | N
         parts.append("what the robot makes of the output is not known: there is no specification")
     elif (words := _scaling_in_words(scaling_of(spec))) is not None:
         parts.append(f"by the specification: {words}")
+    if spec is not None and spec.choice is not None:
+        parts.append(
+            f"by the specification: the largest of {spec.choice.outputs} outputs, of equal ones the first, names "
+            "the command of its table"
+        )
+    if spec is not None and spec.overrides:
+        parts.append(
+            f"by the specification: the first of {len(spec.overrides)} rules that applies, if one does"
+        )
     return Maps(_before_in_words(network, ports), "; ".join(parts) or NOTHING_AFTER)
 
 

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from viatool.arrays import Floats
 from viatool.errors import PolicyError, PolicyWarning
 from viatool.policy.action_map import apply_action_map, with_action_map
+from viatool.policy.before_choice import before_choice
 from viatool.policy.command_map import CommandMap
 from viatool.policy.executed import executed_networks
 from viatool.policy.maps import Maps, maps_of
@@ -180,11 +181,10 @@ def load_policy(
         spec = load_specification(spec)
     if spec is None:
         spec = model.specification()
-    network, runtime = load_actor(
-        model,
-        input_name or (spec.input if spec else None),
-        output_name or (spec.output if spec else None),
-    )
+    output_name = output_name or (spec.output if spec else None)
+    if spec is not None and spec.choice is not None:
+        model, output_name = before_choice(model, output_name)
+    network, runtime = load_actor(model, input_name or (spec.input if spec else None), output_name)
     if spec is not None:
         check_inputs(model.path, runtime.ports, spec, named=bool(input_name))
         check_sizes(model.path, network, spec)

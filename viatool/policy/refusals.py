@@ -44,7 +44,7 @@ FAMILIES: tuple[tuple[str, str, frozenset[str]], ...] = (
     ),
     (
         "makes a discrete choice from computed values",
-        "export the continuous actions; policies with discrete actions are not verified",
+        "export the continuous actions, or the values that are compared, and give their commands as `kind: choice`",
         frozenset(
             ("ArgMax", "ArgMin", "TopK", "Hardmax", "NonZero", "Unique", "NonMaxSuppression", "OneHot")
         ),

@@ -153,6 +153,12 @@ def _recorded(setting: Setting, trajectory: Trajectory) -> Floats | None:
     """Return the commands recorded in the states before, (N, A), NaN where there was none; None without any."""
     if trajectory.actions.shape[1] != setting.spec.action_size:
         return None
+    if (
+        setting.choice is not None
+        and setting.choice.actions == _axes(setting)
+        and not np.any(trajectory.from_rest)
+    ):
+        return None  # as many values as numbers in a command: which of both was recorded, nothing tells
     before = np.full((len(trajectory), _axes(setting)), np.nan)
     follows = _follows(setting, trajectory)
     last = np.flatnonzero(follows) - 1
