@@ -221,6 +221,61 @@ def test_the_box_around_a_recorded_input_holds_every_reading_within_eps(encoding
     assert (inner[1] <= upper).all()
 
 
+@pytest.mark.parametrize(
+    ("encoding", "eps"), [(Encoding(1e-3, 10.0, None, True), 1.0), (Encoding(-1e3, -1.8, (0.3, 2000.0)), 1.0)]
+)
+def test_what_a_large_input_was_rounded_by_counts_where_it_becomes_a_small_one(encoding, eps):
+    """A reading of 1.03 stands in 10.00097 up to 1 mm; of 0.03, its reciprocal is 1000 times as steep."""
+    true = np.random.default_rng(4).uniform(1.02, 1.06, 4000) * np.sign(encoding.scale)
+    recorded = encoding.apply(true).astype(np.float32).astype(np.float64)
+    least, most = encoding.readings(recorded)
+    lower, upper = encoding.enclose(least - eps, most + eps)
+    for noisy in (true - np.sign(true) * eps, true):
+        seen = encoding.apply(noisy).astype(np.float32)
+        assert (lower <= seen).all()
+        assert (seen <= upper).all()
+
+
+def test_the_end_of_a_clip_counts_as_float32_holds_it():
+    encoding = Encoding(0.5, 0.0, (0.0, 0.1))
+    stored = np.float64(np.float32(0.1))
+    assert stored > 0.1
+    lower, upper = encoding.enclose(
+        *(end + sign * 0.01 for end, sign in zip(encoding.readings(stored), (-1, 1), strict=True))
+    )
+    assert lower < 0.1
+    assert upper == stored
+
+
+@pytest.mark.parametrize("eps", [0.0, 1e-9, 0.05])
+@pytest.mark.parametrize(
+    "encoding",
+    [
+        Encoding(0.25, 0.1), Encoding(1e-3, 0.0, (0.0, 1000.0)), Encoding(-2.0, 0.5, (-3.0, 0.25)),
+        Encoding(1.0, 0.0, (0.0, 40.0), True), Encoding(-0.1, 0.0, (-4.0, 0.0), True),
+    ],
+)  # fmt: skip
+def test_every_input_of_a_counterexample_is_that_of_a_reading_within_eps(encoding, eps):
+    generator = np.random.default_rng(5)
+    true = generator.uniform(0.02, 3.0, 500)
+    recorded = encoding.apply(true).astype(np.float32).astype(np.float64)
+    least, most = encoding.readings(recorded, within=True)
+    lower, upper = encoding.enclose(least - eps, most + eps, within=True)
+    assert (lower <= upper).all()
+    for share in (0.0, 0.37, 1.0):
+        taken = lower + share * (upper - lower)
+        if encoding.clip is not None:  # what was clipped, or is, may be anything beyond
+            inside = (taken > encoding.clip[0]) & (taken < encoding.clip[1])
+            inside &= (recorded > np.float32(encoding.clip[0])) & (recorded < np.float32(encoding.clip[1]))
+        else:
+            inside = np.ones(taken.shape, dtype=bool)
+        assert inside.sum() > 100
+        readings = [(value[inside] - encoding.offset) / encoding.scale for value in (taken, recorded)]
+        if encoding.reciprocal:
+            readings = [1.0 / value for value in readings]
+        assert (np.abs(readings[0] - readings[1]) <= eps + 1e-12 * np.abs(readings[1])).all()
+
+
 def test_eps_stays_in_the_unit_of_the_sensor():
     spec = PolicySpecification(
         schema_version=2,

@@ -49,31 +49,37 @@ class Encoding:
             found = self.scale * (1.0 / values if self.reciprocal else values) + self.offset
         return np.asarray(found if self.clip is None else np.clip(found, *self.clip))
 
-    def readings(self, inputs: Floats) -> tuple[Floats, Floats]:
+    def readings(self, inputs: Floats, *, within: bool = False) -> tuple[Floats, Floats]:
         """Return the least and the largest reading that may be encoded as each input, of any shape.
 
-        At the end of a clip every reading beyond counts; the reading itself is infinite there.
+        At the end of a clip every reading beyond counts; the reading itself is infinite there. With `within`, a number
+        that is so near to the end that rounding may have made it of what was clipped is taken for itself.
         """
         if not self:
             return inputs, inputs
         ends = [inputs, inputs]
+        if not within:  # an input is a rounded one, and was large where what it may become is small
+            rounded = _FEW_ROUNDINGS * (np.abs(inputs) + abs(self.offset))
+            ends = [inputs - rounded, inputs + rounded]
         if self.clip is not None:
-            low, high = self.clip
-            near = _FEW_ROUNDINGS * (1.0 + max(abs(low), abs(high)))
-            ends = [
-                np.where(inputs <= low + near, -np.inf, inputs),
-                np.where(inputs >= high - near, np.inf, inputs),
-            ]
+            low, high = (
+                np.float64(np.float32(end))
+                if within
+                else end + side * _FEW_ROUNDINGS * (abs(end) + abs(self.offset))
+                for end, side in zip(self.clip, (1.0, -1.0), strict=True)
+            )
+            ends = [np.where(inputs <= low, -np.inf, ends[0]), np.where(inputs >= high, np.inf, ends[1])]
         first, last = ((end - self.offset) / self.scale for end in ends)
         first, last = np.minimum(first, last), np.maximum(first, last)
         if not self.reciprocal:
             return first, last
-        return _reciprocals(first, last)
+        return _reciprocals(first, last, within=within)
 
     def enclose(self, lower: Floats, upper: Floats, *, within: bool = False) -> tuple[Floats, Floats]:
         """Bound what is encoded of readings between two ends, of any shape; infinite ends are allowed.
 
-        With `within`, everything between the bounds is some encoded reading instead, whatever the program rounds.
+        With `within`, everything between the bounds is some encoded reading instead, whatever the program rounds; where
+        rounding leaves nothing of a range, its middle alone.
 
         Raises
         ------
@@ -86,16 +92,19 @@ class Encoding:
         """
         if not self:
             return lower, upper
-        first, last = _reciprocals(lower, upper) if self.reciprocal else (lower, upper)
+        first, last = _reciprocals(lower, upper, within=within) if self.reciprocal else (lower, upper)
         ends = [self.scale * end + self.offset for end in (first, last)]
         size = [
             np.where(np.isfinite(end), np.abs(self.scale * end) + abs(self.offset), 0.0)
             for end in (first, last)
         ]
-        spare = (-_FEW_ROUNDINGS if within else _FEW_ROUNDINGS) * np.maximum(*size)
+        spare = _FEW_ROUNDINGS * np.maximum(*size)
+        if within:
+            spare = -np.minimum(spare, 0.5 * np.abs(ends[1] - ends[0]))
         least, most = np.minimum(*ends) - spare, np.maximum(*ends) + spare
         if self.clip is not None:
-            least, most = np.clip(least, *self.clip), np.clip(most, *self.clip)
+            low, high = self.clip if within else _as_stored(*self.clip)
+            least, most = np.clip(least, low, high), np.clip(most, low, high)
         if not (np.isfinite(least).all() and np.isfinite(most).all()):
             raise BoundsError(
                 "a reading may be 0 or without bounds, so that nothing bounds what the network takes of it: "
@@ -127,11 +136,21 @@ class Encoding:
 PLAIN = Encoding()
 
 
-def _reciprocals(lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
-    """Bound the reciprocals of readings: by nothing where 0, of either sign, may be among them."""
-    one_sign = (lower > 0.0) | (upper < 0.0)
+def _as_stored(low: float, high: float) -> tuple[float, float]:
+    """Return the ends of a clip, further apart where float32 holds them so."""
+    return min(low, float(np.float32(low))), max(high, float(np.float32(high)))
+
+
+def _reciprocals(lower: Floats, upper: Floats, *, within: bool) -> tuple[Floats, Floats]:
+    """Bound the reciprocals of readings: by nothing where 0, of either sign, may be among them.
+
+    With `within`, there is a reading for everything between: of those on both sides of 0 the positive ones count.
+    """
+    positive, negative = lower > 0.0, upper < 0.0
     with np.errstate(divide="ignore"):
-        return np.where(one_sign, 1.0 / upper, -np.inf), np.where(one_sign, 1.0 / lower, np.inf)
+        least, most = 1.0 / (upper + 0.0), 1.0 / lower  # 0.0 in the place of -0.0
+    least = np.where(positive | negative | (within & (upper >= 0.0)), least, -np.inf)
+    return least, np.where(positive | negative, most, np.inf)
 
 
 def _reciprocal_forms(readings: Forms) -> Forms:

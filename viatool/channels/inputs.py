@@ -91,14 +91,14 @@ class Inputs:
         columns = self.columns(name)
         return np.asarray(columns[self.age[columns] == 0])
 
-    def readings(self, inputs: Floats) -> tuple[Floats, Floats]:
+    def readings(self, inputs: Floats, *, within: bool = False) -> tuple[Floats, Floats]:
         """Return the least and the largest reading that each input (B, n) may stand for; see `Encoding.readings`."""
         if self.is_plain:
             return inputs, inputs
         least, most = inputs.copy(), inputs.copy()
         for number, channel in enumerate(self.channels):
             columns = np.flatnonzero(self.channel == number)
-            least[:, columns], most[:, columns] = channel.encoding.readings(inputs[:, columns])
+            least[:, columns], most[:, columns] = channel.encoding.readings(inputs[:, columns], within=within)
         return least, most
 
     def encode(self, readings: Floats, past: Floats | None = None) -> Floats:
@@ -158,7 +158,7 @@ class Inputs:
         Sound: yes. A reading that was clipped may have been anything beyond the end of the clip. Frames err each by
         itself, which allows for more than frames of the same reading do.
         """
-        least, most = self.readings(inputs)
+        least, most = self.readings(inputs, within=within)
         return self._enclosed(least - radii, most + radii, within)
 
     def around(self, readings: Floats, radii: Floats, *, within: bool = False) -> tuple[Floats, Floats]:
