@@ -27,6 +27,20 @@ from viatool.policy.network import (
     Precision,
     Product,
 )
+from viatool.policy.weights import (
+    Weights,
+    absolute,
+    added,
+    contiguous,
+    diagonal,
+    is_scaling,
+    is_zero,
+    overlap,
+    placed,
+    same,
+    scale_of,
+    terms,
+)
 from viatool.rounding import UNIT_ROUNDOFF
 
 Shape = tuple[int, ...]
@@ -130,8 +144,8 @@ class Term(NamedTuple):
     """``weights @ source``, with what the roundings of the weights are relative to; None for their absolute values."""
 
     source: Computed
-    weights: Floats
-    magnitudes: Floats | None = None
+    weights: Weights
+    magnitudes: Weights | None = None
 
 
 class Assembly:
@@ -190,21 +204,23 @@ class Assembly:
         for term in terms:
             known = merged.get(term.source.node)
             if known is not None:
-                roundings += int(bool(((known.weights != 0) & (term.weights != 0)).any()))
-                term = Term(term.source, known.weights + term.weights, _magnitude(known) + _magnitude(term))
+                roundings += int(overlap(known.weights, term.weights))
+                magnitudes = added(_magnitude(known), _magnitude(term))
+                term = Term(term.source, added(known.weights, term.weights), magnitudes)
             merged[term.source.node] = term
-        merged = {node: term for node, term in merged.items() if _magnitude(term).any()}
+        merged = {node: term for node, term in merged.items() if not is_zero(_magnitude(term))}
         offset = np.asarray(bias, dtype=np.float64).ravel()
-        merged_bias = _beyond(bias_magnitude, offset)
+        merged_bias = None
+        if bias_magnitude is not None and not np.array_equal(bias_magnitude.ravel(), np.abs(offset)):
+            merged_bias = np.asarray(bias_magnitude, dtype=np.float64).reshape(offset.shape)
         sources = tuple(sorted(merged))
-        weights = tuple(np.ascontiguousarray(merged[node].weights, dtype=np.float64) for node in sources)
-        magnitudes = [_beyond(merged[node].magnitudes, merged[node].weights) for node in sources]
-        alone = merged_bias is None and all(magnitude is None for magnitude in magnitudes)
-        if alone and not roundings and len(sources) == 1 and not offset.any() and _is_identity(weights[0]):
+        weights = tuple(contiguous(merged[node].weights) for node in sources)
+        alone = merged_bias is None and not any(_counts_more(merged[node]) for node in sources)
+        if alone and not roundings and len(sources) == 1 and not offset.any() and is_scaling(weights[0]):
             return Computed(sources[0], shape, precision)
         merged_weights = None
-        if any(magnitude is not None for magnitude in magnitudes):
-            merged_weights = tuple(np.ascontiguousarray(_magnitude(merged[node])) for node in sources)
+        if any(_counts_more(merged[node]) for node in sources):
+            merged_weights = tuple(contiguous(_magnitude(merged[node])) for node in sources)
         return self._append(
             Affine(sources, weights, offset, precision, roundings, merged_weights, merged_bias),
             shape,
@@ -234,10 +250,8 @@ class Assembly:
         """Add exact copies: element i takes ``x_k[index_k[i]]`` where that index is not -1, else the bias."""
         weights = []
         for source, index in terms:
-            self.reserve(index.size, source.size)
-            weight = np.zeros((index.size, source.size))
             (rows,) = np.nonzero(index >= 0)
-            weight[rows, index[rows]] = 1.0
+            weight = placed(rows, index[rows], np.ones(len(rows)), (index.size, source.size))
             weights.append(Term(source, weight))
         return self.affine(weights, bias, shape, precision)
 
@@ -260,10 +274,8 @@ class Assembly:
 
     def scaled(self, x: Computed, factor: float, offset: float = 0.0, roundings: int = 0) -> Computed:
         """Add ``factor * x + offset`` with one number each."""
-        self.reserve(x.size, x.size)
-        return self.affine(
-            [Term(x, factor * np.eye(x.size))], np.full(x.size, offset), x.shape, x.precision, roundings
-        )
+        term = Term(x, diagonal(np.full(x.size, factor)))
+        return self.affine([term], np.full(x.size, offset), x.shape, x.precision, roundings)
 
     def activation(self, x: Computed, function: ActivationFunction | str) -> Computed:
         """Add an elementwise function."""
@@ -319,11 +331,10 @@ class Assembly:
         if node.merged_weights is not None or node.merged_bias is not None:
             return None
         (source,), (weight,) = node.sources, node.weights
-        factor, offset = float(weight[0, 0]), float(node.bias[0])
-        if weight.shape[0] != weight.shape[1] or (node.bias != offset).any():
+        factors = scale_of(weight)
+        if factors is None or (factors != factors[0]).any() or (node.bias != node.bias[0]).any():
             return None
-        if not np.array_equal(weight, factor * np.eye(len(weight))):
-            return None
+        factor, offset = float(factors[0]), float(node.bias[0])
         return UniformScaling(Computed(source, x.shape, x.precision), factor, offset, node.roundings)
 
     def expect_folding(self, x: Computed, roundings: int) -> None:
@@ -333,7 +344,7 @@ class Assembly:
         each term is rounded more often than in the order of the graph.
         """
         node = self.nodes[x.node]
-        if isinstance(node, Affine) and any((np.count_nonzero(w, axis=1) > 1).any() for w in node.weights):
+        if isinstance(node, Affine) and any((terms(w) > 1).any() for w in node.weights):
             self.nodes[x.node] = replace(node, roundings=node.roundings + roundings)
 
     def reserve(self, rows: int, columns: int) -> None:
@@ -372,20 +383,13 @@ class Assembly:
         return Computed(len(self.nodes) - 1, shape, precision)
 
 
-def _magnitude(term: Term) -> Floats:
-    return np.abs(term.weights) if term.magnitudes is None else term.magnitudes
+def _magnitude(term: Term) -> Weights:
+    return absolute(term.weights) if term.magnitudes is None else term.magnitudes
 
 
-def _beyond(magnitudes: Floats | None, values: Floats) -> Floats | None:
-    """Return magnitudes where they are larger than the absolute values of what was added up, else None."""
-    if magnitudes is None or np.array_equal(magnitudes.ravel(), np.abs(values).ravel()):
-        return None
-    return np.asarray(magnitudes, dtype=np.float64).reshape(values.shape)
-
-
-def _is_identity(weight: Floats) -> bool:
-    rows, columns = weight.shape
-    return rows == columns and np.array_equal(weight, np.eye(rows))
+def _counts_more(term: Term) -> bool:
+    """Whether the magnitudes of a term are larger than the absolute values of its weights."""
+    return term.magnitudes is not None and not same(term.magnitudes, absolute(term.weights))
 
 
 def broadcast_index(x: Computed, shape: Shape) -> Indices:

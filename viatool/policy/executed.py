@@ -9,7 +9,6 @@ both; where it cannot be read, the policy is refused.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, get_args
@@ -23,6 +22,7 @@ from viatool.policy.model_file import ModelFile, Ports
 from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Network, Node, Product
 from viatool.policy.reader import read_network, unsupported
 from viatool.policy.runtime import Optimisation, Runtime, runtime_of
+from viatool.policy.weights import digest
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +157,7 @@ def _identity(node: Node, own: list[int]) -> object:
         case Affine():
             terms = zip(node.sources, node.weights, node.magnitudes, strict=True)
             wiring = tuple(
-                sorted((own[source], _plain(weight), _plain(size)) for source, weight, size in terms)
+                sorted((own[source], digest(weight), digest(size)) for source, weight, size in terms)
             )
         case Product() | Maximum() | Minimum():
             wiring = tuple(sorted((own[node.left], own[node.right])))
@@ -169,5 +169,5 @@ def _identity(node: Node, own: list[int]) -> object:
 def _plain(value: Any) -> Any:
     """Return a value that compares equal to another if both are the same, bit for bit."""
     if isinstance(value, np.ndarray):
-        return value.shape, hashlib.sha256(value.tobytes()).hexdigest()
+        return digest(value)
     return value

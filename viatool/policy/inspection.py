@@ -26,6 +26,7 @@ from viatool.policy.runtime import runtime_of
 from viatool.policy.self_check import SelfCheck, check_executed
 from viatool.policy.specification import PolicySpecification
 from viatool.policy.specification_file import load_specification
+from viatool.policy.weights import copies, terms
 
 
 @dataclass(frozen=True)
@@ -295,8 +296,8 @@ def _kind(node: Node) -> str:
 def _kind_of_affine(node: Affine) -> str:
     if not node.sources:
         return "constant"
-    ones = all(np.isin(weight, (0.0, 1.0)).all() for weight in node.weights)
-    per_row = sum(np.count_nonzero(weight, axis=1) for weight in node.weights)
+    ones = all(copies(weight).all() for weight in node.weights)
+    per_row = np.sum([terms(weight) for weight in node.weights], axis=0)
     if ones and not node.bias.any() and np.max(per_row) <= 1:
         return "copy"
     return "elementwise affine" if node.is_elementwise else "affine"
@@ -305,7 +306,7 @@ def _kind_of_affine(node: Affine) -> str:
 def _parameters(node: Node) -> int:
     match node:
         case Affine():
-            weights = sum(int(np.count_nonzero(weight)) for weight in node.weights)
+            weights = sum(int(terms(weight).sum()) for weight in node.weights)
             return weights + int(np.count_nonzero(node.bias))
         case Input() | Activation() | Product() | Maximum() | Minimum() | Cast():
             return 0

@@ -16,6 +16,7 @@ from viatool.policy.action_map import Scaling, scaling_of
 from viatool.policy.model_file import Ports
 from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Network, Node, Product
 from viatool.policy.specification import PolicySpecification
+from viatool.policy.weights import copies, scale_of, terms
 
 _LISTED = 6
 """Most numbers that are written one by one; of more, the least and the largest are."""
@@ -100,12 +101,13 @@ def _part(node: Node) -> int | None:
     """Return the first entry of the part of the observation that a node copies, None where it is no such copy."""
     if not isinstance(node, Affine) or len(node.sources) != 1 or node.bias.any() or node.roundings:
         return None
-    (weight,) = node.weights
-    first = int(np.argmax(weight[0] != 0))
-    rows, columns = weight.shape
-    if rows == columns or first + rows > columns or np.count_nonzero(weight) != rows:
+    rows, columns = node.weights[0].shape
+    taken = np.arange(columns)[None, :].astype(np.float64) @ node.weights[0].T  # which entry each row copies
+    first = int(taken[0, 0])
+    is_copy = bool((terms(node.weights[0]) == 1).all() and copies(node.weights[0]).all())
+    if rows == columns or not is_copy:
         return None
-    return first if (np.diagonal(weight, first)[:rows] == 1.0).all() else None
+    return first if np.array_equal(taken[0], first + np.arange(rows)) else None
 
 
 def leading_steps(network: Network, start: int = 0) -> list[Step]:
@@ -158,7 +160,8 @@ def _step(node: Node, functions: Sequence[str]) -> Step | None:
         case Cast():
             return ScalingStep(np.ones(node.size), np.zeros(node.size))
         case Affine():
-            return ScalingStep(np.diag(node.weights[0]).copy(), node.bias) if node.is_elementwise else None
+            factor = scale_of(node.weights[0]) if len(node.sources) == 1 else None
+            return None if factor is None else ScalingStep(factor, node.bias)
         case Input() | Product() | Maximum() | Minimum():
             return None
 

@@ -22,6 +22,7 @@ import numpy as np
 
 from viatool.arrays import Floats
 from viatool.policy.activations import ActivationFunction
+from viatool.policy.weights import Weights, absolute, scale_of
 
 Precision = Literal["float16", "bfloat16", "float32", "float64"]
 
@@ -47,8 +48,8 @@ class Affine:
     ----------
     sources : tuple of int
         Indices of the nodes that are read; empty for a constant.
-    weights : tuple of ndarray
-        One ``(size, N_k)`` float64 matrix for each source, holding the stored weights exactly.
+    weights : tuple of ndarray or Sparse
+        One ``(size, N_k)`` float64 matrix for each source, holding the stored weights exactly; see `weights`.
     bias : ndarray
         ``(size,)`` float64.
     precision : str
@@ -64,11 +65,11 @@ class Affine:
     """
 
     sources: tuple[int, ...]
-    weights: tuple[Floats, ...]
+    weights: tuple[Weights, ...]
     bias: Floats
     precision: Precision = "float32"
     roundings: int = 0
-    merged_weights: tuple[Floats, ...] | None = None
+    merged_weights: tuple[Weights, ...] | None = None
     merged_bias: Floats | None = None
 
     @property
@@ -77,20 +78,17 @@ class Affine:
         return int(self.bias.shape[0])
 
     @cached_property
-    def absolute_weights(self) -> tuple[Floats, ...]:
+    def absolute_weights(self) -> tuple[Weights, ...]:
         """Return the absolute values of the weights: how far each source can move the result."""
-        return tuple(np.abs(weight) for weight in self.weights)
+        return tuple(absolute(weight) for weight in self.weights)
 
     @cached_property
     def is_elementwise(self) -> bool:
         """Whether each element of the one source is scaled and shifted by itself."""
-        if len(self.sources) != 1:
-            return False
-        (weight,) = self.weights
-        return weight.shape[0] == weight.shape[1] and np.array_equal(weight, np.diag(np.diag(weight)))
+        return len(self.sources) == 1 and scale_of(self.weights[0]) is not None
 
     @property
-    def magnitudes(self) -> tuple[Floats, ...]:
+    def magnitudes(self) -> tuple[Weights, ...]:
         """Return what the roundings of the weighted terms are relative to, ``(size, N_k)`` for each source."""
         return self.absolute_weights if self.merged_weights is None else self.merged_weights
 

@@ -24,6 +24,8 @@ from viatool.policy.maps import normaliser
 from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Network, Node, Product
 from viatool.policy.runtime import Runtime
 from viatool.policy.specification import PolicySpecification
+from viatool.policy.weights import copies as copies_of
+from viatool.policy.weights import terms as terms_of
 from viatool.rounding import LARGEST, SMALLEST_NORMAL, UNIT_ROUNDOFF
 
 _MARGIN = 8.0
@@ -371,11 +373,11 @@ def _affine_error(
     inherited = np.zeros((len(values[0]), node.size))
     magnitude = np.broadcast_to(node.bias_magnitude, inherited.shape)
     for source, absolute, merged in zip(node.sources, node.absolute_weights, node.magnitudes, strict=True):
-        terms = terms + np.count_nonzero(merged, axis=1)
+        terms = terms + terms_of(merged)
         inherited = inherited + errors[source] @ absolute.T
         magnitude = magnitude + (np.abs(values[source]) + errors[source]) @ merged.T
     roundings = (terms + 1 + node.roundings) * unit
-    signs = [np.isin(weight, (0.0, 1.0)).all(axis=1) for weight in node.magnitudes]
+    signs = [copies_of(weight) for weight in node.magnitudes]
     copies = (terms == 1) & (node.bias == 0) & (node.roundings == 0) & np.all(signs, axis=0)
     stored = (terms == 0) & (node.roundings == 0)
     factor = np.where(copies | stored, 0.0, roundings / np.maximum(1 - roundings, 1e-3))

@@ -76,6 +76,11 @@ class Sparse:
         """Return the array (N, M)."""
         return np.asarray(self.array.toarray())
 
+    def rows(self, index: Indices) -> Floats:
+        """Return some rows as arrays, index (..., S) to (..., S, M)."""
+        some = self.array[index.ravel()].toarray()
+        return np.asarray(some.reshape(*index.shape, self.shape[1]))
+
 
 Weights = Floats | Sparse
 
@@ -109,6 +114,11 @@ def dense(weights: Weights) -> Floats:
     return weights.dense() if isinstance(weights, Sparse) else weights
 
 
+def absolute(weights: Weights) -> Weights:
+    """Return the absolute values of weights."""
+    return abs(weights) if isinstance(weights, Sparse) else np.abs(weights)
+
+
 def contiguous(weights: Weights) -> Weights:
     """Return weights as float64 numbers that stand row after row in memory."""
     return weights if isinstance(weights, Sparse) else np.ascontiguousarray(weights, dtype=np.float64)
@@ -122,8 +132,8 @@ def is_zero(weights: Weights) -> bool:
 def terms(weights: Weights) -> Indices:
     """Return how many entries of each row are not zero, (N,)."""
     if isinstance(weights, Sparse):
-        return np.diff(weights.array.indptr).astype(np.int64)
-    return np.count_nonzero(weights, axis=1)
+        return np.asarray(np.diff(weights.array.indptr), dtype=np.int64)
+    return np.asarray(np.count_nonzero(weights, axis=1), dtype=np.int64)
 
 
 def copies(weights: Weights) -> Booleans:

@@ -26,6 +26,7 @@ from viatool.policy.network import (
     Product,
 )
 from viatool.policy.specification import METADATA_KEY, PolicySpecification
+from viatool.policy.weights import dense
 
 OPSET = 17
 IR_VERSION = 8
@@ -151,7 +152,7 @@ def _write_affine(writer: _Writer, node: Affine) -> str:
     if not node.sources:  # the input makes the batch axis
         zeros = np.zeros((node.size, writer.network.input_size))
         return _gemm(writer, INPUT_NAME, zeros, node.bias, node.precision)
-    terms = [(writer.names[s], weight) for s, weight in zip(node.sources, node.weights, strict=True)]
+    terms = [(writer.names[s], dense(weight)) for s, weight in zip(node.sources, node.weights, strict=True)]
     if len(terms) == 2 and not node.bias.any() and all(_is_identity(weight) for _, weight in terms):
         return writer.call("Add", [name for name, _ in terms])
     if len(terms) == 1 and _is_diagonal(terms[0][1]):
@@ -201,7 +202,7 @@ def _is_diagonal(weight: Floats) -> bool:
 
 
 def _selects(node: Affine) -> bool:
-    joined = np.concatenate(node.weights, axis=1)
+    joined = np.concatenate([dense(weight) for weight in node.weights], axis=1)
     one_each = np.isin(joined, (0.0, 1.0)).all() and (np.count_nonzero(joined, axis=1) == 1).all()
     return bool(one_each) and not node.bias.any()
 

@@ -166,7 +166,7 @@ def _behind(network: Network) -> tuple[Assembly, Computed]:
 
 def _combined(assembly: Assembly, *terms: Term) -> Computed:
     """Add a sum of weighted values."""
-    count = len(terms[0].weights)
+    count = terms[0].weights.shape[0]
     return assembly.affine(terms, np.zeros(count), (count,), "float64")
 
 

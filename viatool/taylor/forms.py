@@ -12,10 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from viatool.arrays import Floats, Indices
+from viatool.policy.weights import Sparse, Weights
 from viatool.rounding import SLIGHTLY_MORE
 
 MOST_SYMBOLS = 2048
 """Symbols that a model takes through an affine map."""
+
+_FLOATS_AT_ONCE = 2**21
+"""Coefficients whose absolute values are added up together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,11 +40,14 @@ class Diagonal:
     radius: Floats
     size: int
 
-    def mapped(self, weight: Floats) -> Dense:
+    def mapped(self, weight: Weights) -> Dense:
         """Apply ``weight`` of shape ``(N', N)``."""
-        if self.index.shape[1] == self.size:  # every neuron, in order
+        if isinstance(weight, Sparse):
+            rows = weight.T.rows(self.index)
+        elif self.index.shape[1] == self.size:  # every neuron, in order
             return Dense(self.radius[:, :, None] * weight.T)
-        rows = np.ascontiguousarray(weight.T)[self.index]
+        else:
+            rows = np.ascontiguousarray(weight.T)[self.index]
         rows *= self.radius[:, :, None]
         return Dense(rows)
 
@@ -84,7 +91,7 @@ class Dense:
 
     coefficients: Floats
 
-    def mapped(self, weight: Floats) -> Dense:
+    def mapped(self, weight: Weights) -> Dense:
         """Apply ``weight`` of shape ``(N', N)``."""
         batch, symbols, size = self.coefficients.shape
         flat = self.coefficients.reshape(batch * symbols, size) @ weight.T
@@ -96,7 +103,12 @@ class Dense:
 
     def norms(self) -> Floats:
         """Return the L1 norm of each neuron's form, (B, N)."""
-        return np.asarray(np.abs(self.coefficients).sum(axis=1))
+        batch, symbols, size = self.coefficients.shape
+        step = max(1, _FLOATS_AT_ONCE // (batch * size))
+        parts = (slice(start, start + step) for start in range(0, symbols, step))
+        return sum(
+            (np.abs(self.coefficients[:, part]).sum(axis=1) for part in parts), np.zeros((batch, size))
+        )
 
     def rows(self, which: Indices) -> Dense:
         """Return some of the states."""

@@ -21,6 +21,7 @@ from viatool.policy.network import (
     Node,
     Product,
 )
+from viatool.policy.weights import dense
 from viatool.taylor.curve import curve_of
 from viatool.taylor.propagation import interval_image
 
@@ -84,6 +85,6 @@ def _increasing(node: Node) -> HeadNode | None:
         case Activation():
             return node if curve_of(node.function).is_increasing else None
         case Affine():
-            return node if node.is_elementwise and bool((node.weights[0] >= 0).all()) else None
+            return node if node.is_elementwise and bool((dense(node.weights[0]) >= 0).all()) else None
         case Input() | Product() | Maximum() | Minimum() | Cast():
             return None

@@ -41,7 +41,9 @@ def blocks_of_questions(network: Network, count: int) -> list[slice]:
 
 def _blocks(network: Network, count: int, floats: int, most: int) -> list[slice]:
     widest = max(node.size for node in network.nodes)
-    step = int(np.clip(floats // (widest * (network.input_size + widest // 2)), _LEAST_STATES, most))
+    each = widest * (network.input_size + min(widest // 2, MOST_SYMBOLS))
+    least = int(np.clip(2 * LARGEST_FLOATS // each, 1, _LEAST_STATES))
+    step = int(np.clip(floats // each, least, most))
     return [slice(start, min(start + step, count)) for start in range(0, count, step)]
 
 

@@ -16,6 +16,9 @@ from viatool.arrays import Floats, Hull
 from viatool.errors import EnclosureError
 from viatool.policy.activations import ActivationFunction
 from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Node, Precision, Product
+from viatool.policy.weights import copies as copies_of
+from viatool.policy.weights import positive_in
+from viatool.policy.weights import terms as terms_of
 from viatool.rounding import SLIGHTLY_MORE, SMALLEST_NORMAL, UNIT_ROUNDOFF
 from viatool.sets.bounds import require_ordered
 
@@ -45,8 +48,8 @@ def affine_rounding(node: Affine, unit: float) -> tuple[Floats, Floats]:
     terms = np.zeros(node.size)
     copies = np.ones(node.size, dtype=bool)
     for weight in node.magnitudes:
-        terms += np.count_nonzero(weight, axis=1)
-        copies &= np.isin(weight, (0.0, 1.0)).all(axis=1)
+        terms += terms_of(weight)
+        copies &= copies_of(weight)
     has_bias = node.bias_magnitude != 0
     exact = (node.roundings == 0) & ((copies & (terms <= 1) & ~has_bias) | (terms == 0))
     rounded = np.where(exact, 0.0, terms + has_bias + 1 + node.roundings)
@@ -144,7 +147,7 @@ def _floor_of_sum(node: Affine, unit: float, floors: Sequence[Floats]) -> Floats
         return np.full(node.size, -np.inf)
     positive = node.bias >= 0
     for source, weight in zip(node.sources, node.weights, strict=True):
-        positive &= ((weight == 0) | ((weight > 0) & (floors[source] >= 0))).all(axis=1)
+        positive &= positive_in(weight, floors[source] >= 0)
     return np.where(positive, node.bias * (1 - gamma(3 + node.roundings, unit)), -np.inf)
 
 

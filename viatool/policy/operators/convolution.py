@@ -12,6 +12,7 @@ from viatool.arrays import Floats, Indices
 from viatool.policy.assembly import Computed, Counted, Refusal, Term
 from viatool.policy.operators.reduction import tournament
 from viatool.policy.operators.registry import Call, Value, counted, reads
+from viatool.policy.weights import Weights, placed
 
 Shape = tuple[int, ...]
 
@@ -100,19 +101,16 @@ def read_conv(call: Call) -> Sequence[Value]:
         raise Refusal(f"has a kernel {list(kernel.values.shape)} in {groups} groups for {channels} channels")
     positions, lengths = windows(call, spatial, kernel.values.shape[2:])
     places, area = math.prod(lengths), math.prod(spatial)
-    call.assembly.reserve(outputs * places, x.size)
+    call.assembly.reserve(outputs * places, inputs * len(positions))
+    parts, read = np.nonzero(positions >= 0)  # which part of the kernel meets the input at which place
+    first_channel = np.arange(outputs) // (outputs // groups) * inputs
+    rows = np.arange(outputs)[:, None, None] * places + read  # (M, C, R)
+    columns = (first_channel[:, None] + np.arange(inputs))[:, :, None] * area + positions[parts, read]
+    rows = np.broadcast_to(rows, columns.shape).ravel()
 
-    def unrolled(taps: Floats) -> Floats:
-        matrix = np.zeros((outputs, places, channels, area))
-        per_group = outputs // groups
-        taps = taps.reshape(outputs, inputs, -1)  # (M, C, K)
-        for part, row in enumerate(positions):
-            (read,) = np.nonzero(row >= 0)
-            for group in range(groups):
-                own = slice(group * per_group, (group + 1) * per_group)
-                from_channels = slice(group * inputs, (group + 1) * inputs)
-                matrix[own, read, from_channels, row[read]] += taps[own, :, part]  # (R, M, C)
-        return matrix.reshape(outputs * places, x.size)
+    def unrolled(taps: Floats) -> Weights:
+        values = taps.reshape(outputs, inputs, -1)[:, :, parts]  # (M, C, R)
+        return placed(rows, columns.ravel(), values.ravel(), (outputs * places, x.size))
 
     term = Term(x, unrolled(kernel.values), unrolled(kernel.magnitudes) if kernel.roundings else None)
     none = np.zeros(outputs)

@@ -23,6 +23,7 @@ from viatool.policy.activations import activation
 from viatool.policy.assembly import Assembly, Computed, Term, UniformScaling, broadcast_index
 from viatool.policy.network import Affine, Cast, Maximum, Precision
 from viatool.policy.operators.reduction import softmax_of
+from viatool.policy.weights import copies, dense, is_scaling, scale_of
 from viatool.rounding import LARGEST, SMALLEST_NORMAL, UNIT_ROUNDOFF
 
 _NEAR = 5.0
@@ -87,15 +88,10 @@ def _tanh(assembly: Assembly, numerator: Computed, divisor: Computed) -> Compute
         return None
     if len(above.sources) != 2 or above.sources != below.sources or above.bias.any() or below.bias.any():
         return None
-    unit = np.eye(numerator.size)
-    if (
-        above.roundings
-        or below.roundings
-        or not all(np.array_equal(weight, unit) for weight in below.weights)
-    ):
+    if above.roundings or below.roundings or not all(is_scaling(weight) for weight in below.weights):
         return None
     for plus, minus in ((0, 1), (1, 0)):
-        if np.array_equal(above.weights[plus], unit) and np.array_equal(above.weights[minus], -unit):
+        if is_scaling(above.weights[plus]) and is_scaling(above.weights[minus], -1.0):
             rising, falling = (
                 assembly.function_of(Computed(above.sources[k], numerator.shape, numerator.precision), "Exp")
                 for k in (plus, minus)
@@ -163,13 +159,13 @@ def _groups_of_sum(
     terms, added = _behind_casts(assembly, Computed(node.sources[0], exponent.shape, total.precision))
     argument = assembly.function_of(terms, "Exp")
     weight = node.weights[0]
-    if argument is None or argument.node != exponent.node or not np.isin(weight, (0.0, 1.0)).all():
+    if argument is None or argument.node != exponent.node or not copies(weight).all():
         return None
     try:
         row = broadcast_index(total, exponent.shape)
     except ValueError:
         return None
-    inside = weight[row] != 0  # (N, N): what is summed for each element
+    inside = dense(weight)[row] != 0  # (N, N): what is summed for each element
     sets, member = np.unique(inside, axis=0, return_inverse=True)
     counts = sets.sum(axis=1)
     own = sets[member.ravel(), np.arange(len(inside))]
@@ -231,24 +227,23 @@ def _largest_from_zero(assembly: Assembly, exponent: Computed, groups: Indices) 
         return math.inf
     if node.merged_weights is not None or node.merged_bias is not None:
         return math.inf
-    (weight,) = node.weights
-    if weight.shape != (node.size, node.size) or not np.array_equal(weight, np.diag(np.diag(weight))):
+    factors = scale_of(node.weights[0])
+    if factors is None:
         return math.inf
-    if not (np.diag(weight) > 0).all() or node.roundings * UNIT_ROUNDOFF[node.precision] > _SLIGHTLY:
+    if not (factors > 0).all() or node.roundings * UNIT_ROUNDOFF[node.precision] > _SLIGHTLY:
         return math.inf
     before = _largest_from_zero(assembly, replace(exponent, node=node.sources[0]), groups)
-    return float(np.diag(weight).max() * before + np.abs(node.bias).max()) * (1 + 2 * _SLIGHTLY)
+    return float(factors.max() * before + np.abs(node.bias).max()) * (1 + 2 * _SLIGHTLY)
 
 
 def _are_below_largest(assembly: Assembly, exponent: Computed, groups: Indices) -> bool:
     node = assembly.nodes[exponent.node]
     if not isinstance(node, Affine) or len(node.sources) != 2 or node.bias.any() or node.roundings:
         return False
-    unit = np.eye(node.size)
     for own, other in ((0, 1), (1, 0)):
-        if not np.array_equal(node.weights[own], unit):
+        if not is_scaling(node.weights[own]):
             continue
-        picked = _copied(-node.weights[other])
+        picked = _copied(-dense(node.weights[other]))
         if picked is None:
             return False
         return all(
@@ -271,7 +266,7 @@ def _largest_of(assembly: Assembly, index: int, element: int, source: int) -> se
         sides = [_largest_of(assembly, side, element, source) for side in (node.left, node.right)]
         return sides[0] | sides[1] if all(sides) else set()
     if isinstance(node, Affine) and len(node.sources) == 1 and not node.bias.any() and not node.roundings:
-        picked = _copied(node.weights[0])
+        picked = _copied(dense(node.weights[0]))
         return (
             set() if picked is None else _largest_of(assembly, node.sources[0], int(picked[element]), source)
         )

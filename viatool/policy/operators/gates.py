@@ -15,6 +15,7 @@ from viatool.policy.activations import ActivationFunction, activation
 from viatool.policy.assembly import Assembly, Computed
 from viatool.policy.network import Activation, Affine, Product
 from viatool.policy.operators.variance import normalised
+from viatool.policy.weights import is_scaling, scale_of
 
 
 def gated(assembly: Assembly, left: Computed, right: Computed) -> Computed | None:
@@ -97,11 +98,10 @@ def _tanh_argument(assembly: Assembly, x: Computed, bent: Computed) -> Activatio
     if inner.bias.any() or inner.roundings:
         return None
     own = inner.sources.index(x.node)
-    unit = np.eye(inner.size)
-    other, weight = inner.sources[1 - own], inner.weights[1 - own]
-    cubic = float(weight[0, 0])
-    if not np.array_equal(inner.weights[own], unit) or not np.array_equal(weight, cubic * unit):
+    other, factors = inner.sources[1 - own], scale_of(inner.weights[1 - own])
+    if not is_scaling(inner.weights[own]) or factors is None or (factors != factors[0]).any():
         return None
+    cubic = float(factors[0])
     cubed = Computed(other, x.shape, x.precision)
     scale = assembly.scaling_of(cubed)
     if scale is not None and scale.offset == 0 and not scale.roundings:

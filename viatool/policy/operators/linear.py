@@ -17,6 +17,7 @@ from viatool.policy.operators.gates import gated, quotient, reciprocal
 from viatool.policy.operators.registry import Call, Comparison, Result, Value, counted, finite, reads
 from viatool.policy.operators.variance import difference_of_means, normalised
 from viatool.policy.tensors import Constant, as_precision, dtype_name
+from viatool.policy.weights import Weights, placed
 
 Shape = tuple[int, ...]
 
@@ -68,13 +69,10 @@ def weighted_sum(
     return call.assembly.affine(terms, bias, shape, precision, roundings, bias_magnitude=magnitude)
 
 
-def scattered(call: Call, x: Computed, shape: Shape, factors: Floats) -> Floats:
+def scattered(call: Call, x: Computed, shape: Shape, factors: Floats) -> Weights:
     """Return the matrix ``(size, x.size)`` that broadcasts x and multiplies each element by its factor."""
     index = broadcast_index(x, shape)
-    call.assembly.reserve(index.size, x.size)
-    weight = np.zeros((index.size, x.size))
-    weight[np.arange(index.size), index] = factors
-    return weight
+    return placed(np.arange(index.size), index, factors, (index.size, x.size))
 
 
 @reads("Add", 6, 7, 13, 14, treatment="exact")
@@ -133,7 +131,7 @@ def scaled_by(call: Call, x: Computed, factors: Counted) -> Computed:
     call.assembly.reserve(math.prod(shape), x.size)
     call.assembly.expect_folding(x, 1 + factors.roundings)
 
-    def spread(numbers: Floats) -> Floats:
+    def spread(numbers: Floats) -> Weights:
         return scattered(call, x, shape, np.broadcast_to(numbers, shape).ravel())
 
     term = Term(x, spread(factors.values), spread(factors.magnitudes) if factors.roundings else None)

@@ -108,6 +108,8 @@ def _weight_term(call: Call, left: Value, right: Value, factor: float, shape: Sh
     source = x.reshaped(_padded(x.shape, len(shape)))
 
     def mapped(numbers: Floats) -> Floats:
+        if x is left and source.size == source.shape[-1] and numbers.ndim == 2:
+            return np.ascontiguousarray(numbers.T)  # one row times a matrix
         return call.assembly.matrix(
             source, lambda basis: basis @ numbers if x is left else numbers @ basis, shape
         )

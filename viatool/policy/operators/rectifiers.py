@@ -11,6 +11,7 @@ from viatool.policy.activations import activation
 from viatool.policy.assembly import Assembly, Computed, Counted, Term
 from viatool.policy.network import Affine
 from viatool.policy.operators.gates import is_product
+from viatool.policy.weights import is_scaling, scale_of
 
 _LARGEST_ELU = 2.0
 """Written out, exp(x) - 1 errs by its last places where it is small, times alpha: no more than Elu's own error."""
@@ -75,8 +76,7 @@ def _multiples(assembly: Assembly, value: Computed, x: Computed) -> Floats | Non
         return None
     if node.merged_weights is not None or node.merged_bias is not None or node.size != x.size:
         return None
-    slopes = np.diag(node.weights[0])
-    return slopes if np.array_equal(node.weights[0], np.diag(slopes)) else None
+    return scale_of(node.weights[0])
 
 
 def _elu(assembly: Assembly, x: Computed, bound: float, above: Branch, below: Branch) -> Computed | None:
@@ -128,7 +128,7 @@ def _soft_shrink(
     sign = assembly.function_of(jump.source, "Sign")
     if sign is None or sign.node != argument.node:
         return None
-    if not np.array_equal(own, np.eye(node.size)) or not np.array_equal(weight, -np.eye(node.size)):
+    if not is_scaling(own) or not is_scaling(weight, -1.0):
         return None
     return assembly.activation(argument, activation("SoftShrink", lambd=bound))
 

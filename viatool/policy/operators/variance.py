@@ -16,6 +16,7 @@ from viatool.arrays import Floats
 from viatool.policy.activations import activation
 from viatool.policy.assembly import Assembly, Computed, Shape, Term, broadcast_index
 from viatool.policy.network import Activation, Affine, Cast
+from viatool.policy.weights import Weights, absolute, dense, is_scaling, is_zero, same
 
 _SQUARE = activation("Pow", exponent=2.0)
 
@@ -95,9 +96,8 @@ def _before_casts(assembly: Assembly, index: int) -> int:
     return index
 
 
-def _is_sign(weight: Floats) -> bool:
-    rows, columns = weight.shape
-    return rows == columns and np.array_equal(np.abs(weight), np.eye(rows))
+def _is_sign(weight: Weights) -> bool:
+    return is_scaling(absolute(weight))
 
 
 def difference_of_means(assembly: Assembly, left: Computed, right: Computed) -> Computed | None:
@@ -117,8 +117,8 @@ def difference_of_means(assembly: Assembly, left: Computed, right: Computed) -> 
     mean = _mean_at(assembly, squared.source)
     if mean is None or not (square.function == squared.function == _SQUARE):
         return None
-    weights = mean.weights[0]
-    if mean.sources[0] != square.source or not np.array_equal(weights, squares.weights[0]):
+    weights = dense(mean.weights[0])
+    if mean.sources[0] != square.source or not same(weights, squares.weights[0]):
         return None
     size = weights.shape[1]
     x = Computed(square.source, (size,), left.precision)
@@ -133,7 +133,8 @@ def _mean_at(assembly: Assembly, index: int) -> Affine | None:
     node = assembly.nodes[index]
     if not isinstance(node, Affine) or len(node.sources) != 1 or node.bias.any() or node.bias_magnitude.any():
         return None
-    weight, inside = node.weights[0], node.weights[0] != 0
+    weight = dense(node.weights[0])
+    inside = weight != 0
     counts = inside.sum(axis=1, keepdims=True)
     if node.merged_weights is not None or node.roundings != 1 or not counts.all():
         return None
@@ -174,8 +175,8 @@ def _least_own_weight(assembly: Assembly, x: Computed, factor: Computed, shape: 
     for source, numbers in zip(node.sources, node.weights, strict=True):
         square = assembly.nodes[source]
         if isinstance(square, Activation) and square.function == _SQUARE and square.source == x.node:
-            weight = numbers
-        elif numbers.any():
+            weight = dense(numbers)
+        elif not is_zero(numbers):
             return 0.0
     if weight is None or (weight < 0).any():
         return 0.0
