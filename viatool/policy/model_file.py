@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import os
+import re
 import stat
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -29,6 +30,8 @@ _IMPORT_HINT = "make an ONNX policy of a Stable-Baselines3 or TorchScript model 
 _ZIP = b"PK\x03\x04"
 _NAMES = frozenset(("name", "op_type", "domain", "input", "output", "overload", "ref_attr_name"))
 _LONGEST_NAME = 1024
+_MEAN = re.compile(r"(^|[^a-z])(mean|means|mu|loc|deterministic)([^a-z]|$)", re.IGNORECASE)
+"""Names of outputs that exporters give to the mean of a Gaussian head."""
 _LARGEST_INPUT = 2**16
 """Most numbers of an observation."""
 
@@ -265,9 +268,12 @@ def _only_output(graph: Graph) -> str:
     depending = [name for name in graph.outputs if live(graph, name).inputs]
     if len(depending) == 1:
         return depending[0]
+    means = [name for name in depending if _MEAN.search(name)]
+    name = means[0] if len(means) == 1 else "NAME"
+    guess = f"'{name}' sounds like the mean of a Gaussian head; " if len(means) == 1 else ""
     raise PolicyError(
         f"the model has {len(depending)} outputs that depend on its inputs: {', '.join(depending)}",
-        "choose the action with --graph-output NAME, or with `output: NAME` in the specification",
+        f"{guess}choose the action with --graph-output {name}, or with `output: {name}` in the specification",
     )
 
 

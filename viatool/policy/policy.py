@@ -223,7 +223,7 @@ def load_actor(
 
 
 def check_inputs(path: Path, ports: Ports, spec: PolicySpecification, *, named: bool = False) -> None:
-    """Refuse a specification whose channels do not tell which of several inputs takes what.
+    """Refuse a specification whose channels do not tell which of several inputs takes what, or that has memory.
 
     Parameters
     ----------
@@ -239,8 +239,17 @@ def check_inputs(path: Path, ports: Ports, spec: PolicySpecification, *, named: 
     Raises
     ------
     PolicyError
-        If the inputs have no order, or one of them ends within a channel; names each input with its size.
+        If the inputs have no order, or one of them ends within a channel, naming each input with its size; if what
+        an output gives is taken by an input in the next step.
     """
+    if spec.memory:
+        kept = ", ".join(f"'{source}' takes what '{made}' gave" for source, made in spec.memory.items())
+        raise PolicyError(
+            f"{path}: the specification has `memory` ({kept} in the step before), and memory over time is neither "
+            "driven nor verified",
+            "leave `memory` out and describe its input by a channel of kind `other`: bounds then hold for each state "
+            "of the memory that is given, and no run is driven",
+        )
     if len(ports.each) == 1:
         return
     takes = f"{path} takes several inputs ({ports.words})"
@@ -286,5 +295,15 @@ def check_sizes(path: Path, network: Network, spec: PolicySpecification) -> None
             raise PolicyError(
                 f"{path} has {found} {what}, its specification describes {expected}: {total}, "
                 f"but the model {'takes' if what == 'observations' else 'gives'} {found}",
-                "correct the channels of the specification, or give the policy that belongs to it",
+                _remedy(what, found, expected),
             )
+
+
+def _remedy(what: str, found: int, expected: int) -> str:
+    """Return what to do about sizes that differ."""
+    if what == "actions" and found == 2 * expected:
+        return (
+            "export the mean alone if the output holds it and a deviation for each action, as a Gaussian head gives; "
+            "else correct the actions of the specification"
+        )
+    return "correct the channels of the specification, or give the policy that belongs to it"
