@@ -555,6 +555,78 @@ def _global_pool(call: Application) -> Array:
     return np.asarray(np.sum(x, axis=axes, keepdims=True)) / math.prod(x.shape[2:])
 
 
+# --- recurrent layers ------------------------------------------------------------------------------------
+
+
+@_computes("GRU", "LSTM", "RNN")
+def _recurrent(call: Application) -> tuple[Array, ...]:
+    """Step through sequences (T, B, I): all states, then the last ones of each direction."""
+    x, weight, recurrent = (call.array(index) for index in range(3))
+    gates = {"RNN": 1, "GRU": 3, "LSTM": 4}[call.node.op_type]
+    directions, hidden = weight.shape[0], recurrent.shape[2]
+    direction = call.attributes.get("direction", b"forward")
+    zero = 0 * weight.ravel()[0]
+    every, last = [], []
+    for k in range(directions):
+        backwards = direction == b"reverse" or k == 1
+        w, r = (array[k].reshape(gates, hidden, -1) for array in (weight, recurrent))
+        b = call.array(3)[k] if call.has(3) else np.full(2 * gates * hidden, zero)
+        peepholes = call.array(7)[k] if call.has(7) else np.full(3 * hidden, zero)
+        state = [
+            call.array(5 + place)[k] if call.has(5 + place) else np.full((x.shape[1], hidden), zero)
+            for place in range(1 + (gates == 4))
+        ]
+        step = {1: _step_of_rnn, 3: _step_of_gru, 4: _step_of_lstm}[gates]
+        states = []
+        for row in x[::-1] if backwards else x:
+            parts = (row, w, r, b.reshape(2, gates, hidden), peepholes.reshape(3, hidden))
+            state = step(call, k, parts, state)
+            states.append(state[0])
+        every.append(np.array(states[::-1] if backwards else states))
+        last.append(state)
+    ends = (np.array([state[place] for state in last]) for place in range(len(last[0])))
+    return (np.stack(every, axis=1), *ends)
+
+
+def _bend(call: Application, direction: int, number: int, argument: Array) -> Array:
+    default = {"RNN": ["Tanh"], "GRU": ["Sigmoid", "Tanh"], "LSTM": ["Sigmoid", "Tanh", "Tanh"]}[
+        call.node.op_type
+    ]
+    given = call.attributes.get("activations")
+    names = [name.decode() for name in given] if given else default * (direction + 1)
+    function = ELEMENTWISE[names[direction * len(default) + number]]
+    return call.arithmetic.map(lambda value: function(call.arithmetic.functions, value), argument)
+
+
+def _step_of_rnn(call: Application, k: int, parts: Any, state: Sequence[Array]) -> list[Array]:
+    x, w, r, b, _ = parts
+    return [_bend(call, k, 0, x @ w[0].T + b[0, 0] + state[0] @ r[0].T + b[1, 0])]
+
+
+def _step_of_gru(call: Application, k: int, parts: Any, state: Sequence[Array]) -> list[Array]:
+    x, w, r, b, _ = parts
+    (h,) = state
+    update, reset = (
+        _bend(call, k, 0, x @ w[gate].T + b[0, gate] + h @ r[gate].T + b[1, gate]) for gate in (0, 1)
+    )
+    if call.attributes.get("linear_before_reset", 0):
+        kept = reset * (h @ r[2].T + b[1, 2])
+    else:
+        kept = (reset * h) @ r[2].T + b[1, 2]
+    return [(1 - update) * _bend(call, k, 1, x @ w[2].T + b[0, 2] + kept) + update * h]
+
+
+def _step_of_lstm(call: Application, k: int, parts: Any, state: Sequence[Array]) -> list[Array]:
+    x, w, r, b, peepholes = parts
+    h, c = state
+    let_in, out, forget, new = (x @ w[g].T + b[0, g] + h @ r[g].T + b[1, g] for g in range(4))
+    opened = _bend(call, k, 0, let_in + peepholes[0] * c)
+    coupled = call.attributes.get("input_forget", 0)
+    kept = 1 - opened if coupled else _bend(call, k, 0, forget + peepholes[2] * c)
+    c = kept * c + opened * _bend(call, k, 1, new)
+    return [_bend(call, k, 0, out + peepholes[1] * c) * _bend(call, k, 2, c), c]
+
+
 # --- moving ----------------------------------------------------------------------------------------------
 
 _MOVED: dict[tuple[bytes, int, str], list[Array]] = {}

@@ -367,6 +367,31 @@ def _global_pool(g: Builder, x: Value, operator: str) -> Value:
 # --- moving ----------------------------------------------------------------------------------------------
 
 
+@_writes("GRU", "LSTM", "RNN")
+def _recurrent(g: Builder, x: Value, operator: str) -> Value:
+    """Read what is there as a sequence of two to four steps."""
+    gates, hidden, steps = {"RNN": 1, "GRU": 3, "LSTM": 4}[operator], g.between(1, 3), g.between(2, 4)
+    features = max(1, min(3, x.size // steps))
+    sequence = g.reshaped(linear(g, x, steps * features), 1, steps, features)
+    sequence = g.call("Transpose", sequence, perm=[1, 0, 2])
+    direction = g.pick(["forward", "reverse", "bidirectional"])
+    ways = 2 if direction == "bidirectional" else 1
+    weights = [
+        constant(g, g.numbers(ways, gates * hidden, size) / math.sqrt(size)) for size in (features, hidden)
+    ]
+    bias = constant(g, g.numbers(ways, 2 * gates * hidden)) if g.chance(0.7) else None
+    attributes: dict[str, object] = {"hidden_size": hidden, "direction": direction}
+    if operator == "GRU":
+        attributes["linear_before_reset"] = g.between(0, 1)
+    count = 3 if operator == "LSTM" else 2
+    results = g.call(operator, sequence, *weights, bias, count=count, **attributes)
+    if g.chance(0.3):  # every state (T, D, B, H), else one of the last ones (D, B, H)
+        turned = g.call("Transpose", results[0], perm=[2, 0, 1, 3])
+    else:
+        turned = g.call("Transpose", results[g.between(1, count - 1)], perm=[1, 0, 2])
+    return g.reshaped(turned, 1, turned.size)
+
+
 @_writes("Concat")
 def _concat(g: Builder, x: Value, operator: str) -> Value:
     axis = g.axis(x)
