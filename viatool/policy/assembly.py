@@ -205,21 +205,22 @@ class Assembly:
             known = merged.get(term.source.node)
             if known is not None:
                 roundings += int(overlap(known.weights, term.weights))
-                magnitudes = added(_magnitude(known), _magnitude(term))
-                term = Term(term.source, added(known.weights, term.weights), magnitudes)
+                size = added(_magnitude(known), _magnitude(term))
+                term = Term(term.source, added(known.weights, term.weights), size)
             merged[term.source.node] = term
         merged = {node: term for node, term in merged.items() if not is_zero(_magnitude(term))}
         offset = np.asarray(bias, dtype=np.float64).ravel()
         merged_bias = None
-        if bias_magnitude is not None and not np.array_equal(bias_magnitude.ravel(), np.abs(offset)):
-            merged_bias = np.asarray(bias_magnitude, dtype=np.float64).reshape(offset.shape)
+        if bias_magnitude is not None and _beyond(bias_magnitude.ravel(), offset) is not None:
+            merged_bias = np.asarray(bias_magnitude, dtype=np.float64).ravel()
         sources = tuple(sorted(merged))
         weights = tuple(contiguous(merged[node].weights) for node in sources)
-        alone = merged_bias is None and not any(_counts_more(merged[node]) for node in sources)
+        magnitudes = [_beyond(merged[node].magnitudes, merged[node].weights) for node in sources]
+        alone = merged_bias is None and all(magnitude is None for magnitude in magnitudes)
         if alone and not roundings and len(sources) == 1 and not offset.any() and is_scaling(weights[0]):
             return Computed(sources[0], shape, precision)
         merged_weights = None
-        if any(_counts_more(merged[node]) for node in sources):
+        if any(magnitude is not None for magnitude in magnitudes):
             merged_weights = tuple(contiguous(_magnitude(merged[node])) for node in sources)
         return self._append(
             Affine(sources, weights, offset, precision, roundings, merged_weights, merged_bias),
@@ -387,9 +388,11 @@ def _magnitude(term: Term) -> Weights:
     return absolute(term.weights) if term.magnitudes is None else term.magnitudes
 
 
-def _counts_more(term: Term) -> bool:
-    """Whether the magnitudes of a term are larger than the absolute values of its weights."""
-    return term.magnitudes is not None and not same(term.magnitudes, absolute(term.weights))
+def _beyond(magnitudes: Weights | None, values: Weights) -> Weights | None:
+    """Return magnitudes where they are larger than the absolute values of what was added up, else None."""
+    if magnitudes is None or same(magnitudes, absolute(values)):
+        return None
+    return magnitudes
 
 
 def broadcast_index(x: Computed, shape: Shape) -> Indices:
