@@ -17,7 +17,7 @@ from viatool.channels import (
     see_precisely,
 )
 from viatool.channels.encoding import Encoding
-from viatool.errors import BoundsError, PolicyError
+from viatool.errors import EnclosureError, PolicyError
 from viatool.policy import ObservationChannel, PolicySpecification
 from viatool.sets.forms import Forms, PoseBoxes
 from viatool.sets.states import StateBoxes
@@ -294,7 +294,7 @@ def test_eps_stays_in_the_unit_of_the_sensor():
 
 
 def test_the_reciprocal_of_nothing_is_refused():
-    with pytest.raises(BoundsError, match="clip"):
+    with pytest.raises(EnclosureError, match="clip"):
         Encoding(reciprocal=True).enclose(np.array([-0.01]), np.array([0.3]))
 
 
@@ -334,13 +334,36 @@ def test_a_full_circle_of_version_2_has_no_ray_twice():
     assert angles[-1] < np.pi - 0.01
 
 
+@pytest.mark.parametrize("view", [6.29, 270.0, 360.0])
+def test_degrees_are_not_taken_for_a_full_circle(view):
+    one = {
+        "name": "scan",
+        "kind": "lidar",
+        "lidar": {"field_of_view": view, "rays": 40, "maximum_range": 3.5},
+    }
+    text = {"observation": [one], "action": [{"name": "v", "lower": 0, "upper": 1, "kind": "linear"}]}
+    with pytest.raises(ValidationError, match=r"field_of_view is .* in radians"):
+        PolicySpecification.model_validate({**text, "schema_version": 2})
+
+
+@pytest.mark.parametrize("kind", ["goal_distance", "pose_x"])
+def test_a_reading_without_bounds_is_refused_by_its_channel(kind):
+    observed = Quantities.of([channel("heading"), channel(kind, reciprocal=True)], ROBOT)
+    with pytest.raises(EnclosureError, match=f"channel '{kind}_1_1' of kind '{kind}': a reading may be 0"):
+        observed.inputs.box(np.array([[0.1, 5.0]]), np.array([0.0, 0.3]))
+
+
 @pytest.mark.parametrize(
     ("lidar", "message"),
     [
         ({"start": 0.0, "step": 0.1, "rays": 80}, "more than a full turn"),
         ({"start": 0.0, "step": 0.0, "rays": 3}, "rays 0 and 1 overlap"),
         ({"angles": (0.0, 1.0, 6.283185307)}, "rays 0 and 2 overlap"),
-        ({"angles": (0.0, 90.0, 180.0)}, "outside of any scan"),
+        ({"angles": (0.0, 90.0, 180.0)}, "span 180 rad, .* in radians, not in degrees"),
+        ({"angles": (-10.0, -5.0, 0.0)}, "span 10 rad, .* in radians, not in degrees"),
+        ({"angles": (9.0, 10.0)}, "points at 10 rad, outside of any scan"),
+        ({"start": -30.0, "step": 1.0, "rays": 3}, "points at -30 rad, outside of any scan"),
+        ({"field_of_view": 270.0, "rays": 40}, "field_of_view is 270.0 rad, .* in radians"),
         ({"start": 0.0, "rays": 3}, "belong together"),
         ({"rays": 3}, "give one of"),
         ({"field_of_view": 3.0, "start": 0.0, "step": 0.1, "rays": 3}, "give one of"),

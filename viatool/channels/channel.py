@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, FiniteFloat, model_validator
 
 from viatool.channels.encoding import PLAIN, Encoding
-from viatool.errors import ConfigurationError
+from viatool.errors import ConfigurationError, EnclosureError
 from viatool.world import Lidar
 from viatool.world.fields import Strict
 
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 NonNegative = Annotated[FiniteFloat, Field(ge=0)]
+_UP_TO_A_TURN: dict[str, Any] = {"exclusiveMinimum": 0, "maximum": 2 * np.pi + 1e-9}
 Order = Literal["counter_clockwise", "clockwise"]
 Reduce = Literal["minimum", "mean", "first"]
 
@@ -46,7 +49,7 @@ class LidarSpecification(Strict):
         What a ray reads that meets nothing within ``maximum_range``: that range, or a number.
     """
 
-    field_of_view: Annotated[FiniteFloat, Field(gt=0, le=2 * np.pi + 1e-9)] | None = None
+    field_of_view: Annotated[FiniteFloat, Field(json_schema_extra=_UP_TO_A_TURN)] | None = None
     start: FiniteFloat | None = None
     step: FiniteFloat | None = None
     angles: Annotated[tuple[FiniteFloat, ...], Field(min_length=1)] | None = None
@@ -90,7 +93,7 @@ class LidarSpecification(Strict):
             if self.field_of_view is None:
                 sensor.require_apart()
         except ConfigurationError as error:
-            raise ValueError(error.message) from None
+            raise ValueError(f"{error.message}: {error.hint}") from None
         return self
 
     def lidar(self, noise: float = 0.0) -> Lidar:
@@ -180,6 +183,14 @@ class Channel(Strict):
         """Return what the robot's software makes of a reading before the network takes it."""
         plain = (self.scale, self.offset, self.clip, self.reciprocal) == (1.0, 0.0, None, False)
         return PLAIN if plain else Encoding(self.scale, self.offset, self.clip, self.reciprocal)
+
+    @contextmanager
+    def named_in_errors(self) -> Iterator[None]:
+        """Say of which channel there is no enclosure."""
+        try:
+            yield
+        except EnclosureError as error:
+            raise EnclosureError(f"{self}: {error.message}", error.hint) from None
 
     @model_validator(mode="after")
     def _encodes(self) -> Channel:

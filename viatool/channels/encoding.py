@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from viatool.arrays import Floats, Reals
-from viatool.errors import BoundsError
+from viatool.errors import EnclosureError
 from viatool.sets.forms import Forms
 
 _FEW_ROUNDINGS = 2.0**-21
@@ -83,7 +83,7 @@ class Encoding:
 
         Raises
         ------
-        BoundsError
+        EnclosureError
             If a reading may be 0 of which the reciprocal is not clipped.
 
         Notes
@@ -106,9 +106,9 @@ class Encoding:
             low, high = self.clip if within else _as_stored(*self.clip)
             least, most = np.clip(least, low, high), np.clip(most, low, high)
         if not (np.isfinite(least).all() and np.isfinite(most).all()):
-            raise BoundsError(
-                "a reading may be 0 or without bounds, so that nothing bounds what the network takes of it: "
-                "give the channel a `clip`"
+            raise EnclosureError(
+                "a reading may be 0 or without bounds, so that nothing bounds what the network takes of it",
+                "give the channel the `clip` with which the robot's software keeps it finite",
             )
         return least, most
 
@@ -157,9 +157,9 @@ def _reciprocal_forms(readings: Forms) -> Forms:
     """Enclose reciprocals by the chord's slope where all readings have one sign, and by nothing elsewhere."""
     lower, upper = readings.lower, readings.upper
     if not ((lower > 0.0) | (upper < 0.0)).all():
-        raise BoundsError(
-            "a reading may be 0 somewhere in a set of states, and its reciprocal anything: "
-            "give the sensor a `minimum_range`, or verify recorded states"
+        raise EnclosureError(
+            "a reading may be 0 somewhere in a set of states, and its reciprocal anything",
+            "give a LiDAR a `minimum_range` above its eps, or verify recorded states with a `clip`",
         )
     slope = -1.0 / (lower * upper)
     # 1/x - slope x is convex (concave for x < 0): its extremes are at the ends and at the tangent point

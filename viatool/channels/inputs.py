@@ -171,7 +171,8 @@ class Inputs:
         for number, channel in enumerate(self.channels):
             if channel.encoding:
                 columns = np.flatnonzero(self.channel == number)
-                ends = channel.encoding.enclose(lower[:, columns], upper[:, columns], within=within)
+                with channel.named_in_errors():
+                    ends = channel.encoding.enclose(lower[:, columns], upper[:, columns], within=within)
                 lower[:, columns], upper[:, columns] = ends
         return lower, upper
 

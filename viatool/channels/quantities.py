@@ -170,7 +170,8 @@ class Quantities:
             seen = quantity.enclose(view)
             if radii is not None:
                 seen = Forms(seen.centre, seen.slope, seen.rest + radii[place])
-            parts.append(quantity.channel.encoding.forms(seen))
+            with quantity.channel.named_in_errors():
+                parts.append(quantity.channel.encoding.forms(seen))
         return Forms(
             np.concatenate([part.centre for part in parts], axis=1),
             np.concatenate([part.slope for part in parts], axis=2),
@@ -182,7 +183,8 @@ class Quantities:
         ends = []
         for quantity in self.each:
             lower, upper = (np.full(quantity.channel.size, end) for end in quantity.bounds(extent))
-            ends.append(quantity.channel.encoding.enclose(lower, upper))
+            with quantity.channel.named_in_errors():
+                ends.append(quantity.channel.encoding.enclose(lower, upper))
         lower, upper = (np.concatenate(side)[self.inputs.reading] for side in zip(*ends, strict=True))
         return lower, upper
 

@@ -157,7 +157,7 @@ class PolicySpecification(Strict):
             ]
             newer += ["input"] if isinstance(self.input, list) else []
             if newer:
-                raise ValueError(f"{', '.join(newer)}: this needs `schema_version: 2`")
+                raise ValueError(f"{', '.join(dict.fromkeys(newer))}: this needs `schema_version: 2`")
         own = [channel.name for channel in self.observation if channel.frames]
         if own and self.frames:
             raise ValueError(f"frames are given for everything and for {', '.join(own)}: give one of them")
@@ -348,7 +348,7 @@ def _once_around(channel: Any) -> Any:
         not isinstance(view, float | int)
         or not isinstance(rays, int)
         or rays < 1
-        or view < 2.0 * np.pi - _FULL
+        or abs(view - 2.0 * np.pi) > _FULL
     ):
         return channel
     rest = {key: value for key, value in lidar.items() if key != "field_of_view"}

@@ -11,12 +11,12 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from viatool.channels import Frames, LidarSpecification
 from viatool.errors import PolicyError
-from viatool.policy.action_channels import ActionChannel, ActionMap, Override
+from viatool.policy.action_channels import ActionChannel, ActionMap, Bound, Override
 from viatool.policy.specification import ObservationChannel, PolicySpecification
 
 _SPEC_HINT = (
@@ -79,20 +79,28 @@ def _findings(error: ValidationError, path: Path | None = None, root: Any = None
 
 def _said(finding: ErrorDetails) -> str:
     """Return what is wrong; of a key that does not exist, the nearest that does."""
-    if finding["type"] != "extra_forbidden":
+    if finding["type"] in ("value_error", "missing"):
         return finding["msg"].removeprefix("Value error, ")
-    models = (
-        PolicySpecification,
-        ObservationChannel,
-        ActionChannel,
-        ActionMap,
-        LidarSpecification,
-        Frames,
-        Override,
-    )
-    keys = sorted({key for model in models for key in model.model_fields})
-    key = str(finding["loc"][-1])
-    return f"there is no key '{key}', nearest is '{get_close_matches(key, keys, n=1, cutoff=0.0)[0]}'"
+    if finding["type"] != "extra_forbidden":
+        return f"{finding['msg']}, not {finding['input']!r}"
+    key, keys = str(finding["loc"][-1]), list(_model_at(finding["loc"]).model_fields)
+    nearest = get_close_matches(key, keys, n=1, cutoff=0.0)[0]
+    return f"there is no key '{key}', nearest is '{nearest}'; known here: {', '.join(keys)}"
+
+
+def _model_at(location: tuple[int | str, ...]) -> type[BaseModel]:
+    """Return the model in which a key stands."""
+    models: dict[int | str, type[BaseModel]] = {
+        "observation": ObservationChannel,
+        "action": ActionChannel,
+        "action_map": ActionMap,
+        "lidar": LidarSpecification,
+        "frames": Frames,
+        "overrides": Override,
+        "when": Bound,
+    }
+    around = [models[part] for part in location[:-1] if part in models]
+    return around[-1] if around else PolicySpecification
 
 
 def _line(node: Any, location: tuple[int | str, ...]) -> int:

@@ -84,16 +84,18 @@ class Lidar:
     def require_apart(self) -> Lidar:
         """Return the sensor itself; ConfigurationError if rays look the same way, or beyond a full turn."""
         angles = self.angles()
-        if self.listed is None and np.ptp(angles) > 2.0 * np.pi + _TWICE:
+        if not np.ptp(angles) <= 2.0 * np.pi + _TWICE:
+            apart = "" if self.step is None else f", {self.step:g} rad apart"
             raise ConfigurationError(
-                f"{self.rays} rays from {self.start:g} rad on, {self.step:g} rad apart, span "
-                f"{np.ptp(angles):g} rad, more than a full turn",
-                "correct the step, or the number of rays",
+                f"{self.rays} rays from {angles[0]:g} rad on{apart}, span {np.ptp(angles):g} rad, "
+                "more than a full turn of 6.28319 rad",
+                "give angles in radians, not in degrees, and as many as are cast",
             )
-        if not (np.abs(angles) <= 4.0 * np.pi).all():
-            worst = float(angles[np.abs(angles).argmax()])
+        ends = angles if self.listed is not None else angles[:1]
+        if not (np.abs(ends) <= 2.0 * np.pi + _TWICE).all():
+            worst = float(ends[np.abs(ends).argmax()])
             raise ConfigurationError(
-                f"a ray points at {worst:g} rad, outside of any scan",
+                f"a ray points at {worst:g} rad, outside of any scan, which is within 6.28319",
                 "give angles in radians, not in degrees",
             )
         bearing, ray = self.around
