@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tests.motion.drives import DRIVES, left_over, read
-from viatool import verify
+from viatool import load_map, verify
 from viatool.places import Resolution, SearchBudget, certify
 from viatool.places.findings import CERTIFIED, SETTLED
+from viatool.report.states.run import StatesRun
 from viatool.setting.setting import Setting
 from viatool.simulate import NavigationSimulator, roll_out
+from viatool.simulate.gym import NavigationEnvironment
+from viatool.simulate.gym.options import task_specification
 from viatool.simulate.places import Places
 from viatool.taylor import reach
+from viatool.world import ROBOTS, Footprint
 
 EPS = 0.05
 each = pytest.mark.parametrize("drive", DRIVES.values(), ids=DRIVES)
@@ -101,3 +107,45 @@ def test_it_is_driven_and_what_was_recorded_is_verified(drive, tmp_path):
 
 def _ends(drive):
     return [low for _, low, _ in drive.actions], [high for *_, high in drive.actions]
+
+
+@each
+def test_it_is_driven_as_an_environment(drive, tmp_path):
+    """Of wheels and cars the actions are the policy's own; of the others they are the command."""
+    world = drive.world(tmp_path)
+    environment = NavigationEnvironment(
+        map=world, scenarios="fixed", noise=0.0, observation=drive.policy(tmp_path).spec
+    )
+    environment.reset(seed=0)
+    size = environment.action_space.shape[0]
+    assert size == len(drive.actions)
+    before = environment.simulator.poses.copy()
+    action = np.clip(environment.action_space.sample(), -0.3, 0.3)
+    environment.step(action)
+    raw = action[None].astype(float)
+    if [kind for kind, *_ in drive.actions] == ["lateral", "linear", "angular"]:
+        raw = raw[:, [2, 0, 1]]
+    np.testing.assert_allclose(
+        environment.simulator.poses[0, :2], drive.path(before, raw)[0, -1, :2], atol=2e-4
+    )
+
+
+@each
+def test_its_page_shows_every_part_of_the_command(drive, tmp_path):
+    world, policy = drive.world(tmp_path), drive.policy(tmp_path)
+    result = verify(policy, world, eps=EPS, places=Places(count=20), criterion="swept")
+    text = StatesRun(result).page([])
+    for action in result.actions:
+        assert action.name in text
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_known_robots_are_driven_by_a_policy_of_their_kind(name):
+    world = load_map("maps/lab.yaml").with_robot(replace(ROBOTS[name], footprint=Footprint()))
+    spec = task_specification(world.robot)
+    setting = Setting.of_specification(spec, world, 0.01)
+    assert setting.rules.kinematics.name == ROBOTS[name].kinematics
+    simulator = NavigationSimulator(setting.world_map, 1, scenarios=world.scenarios[:1], noise=0.0)
+    simulator.reset()
+    simulator.step(setting.command_map(np.array([[0.1] * len(spec.action)])))
+    assert simulator.poses[0, 0] != world.scenarios[0].start[0]

@@ -167,7 +167,10 @@ class Robot:
     def speeds(self) -> str:
         """Return its limits in words, for reports."""
         aside = f", to either side up to {self.max_lateral:g} m/s" if self.max_lateral else ""
-        return f"v {self.min_linear:g} to {self.max_linear:g} m/s, |omega| up to {self.max_angular:g} rad/s{aside}"
+        turn = f"|omega| up to {self.max_angular:g} rad/s"
+        if self.wheelbase:
+            turn = f"steering up to {self.max_steering:g} rad"
+        return f"v {self.min_linear:g} to {self.max_linear:g} m/s, {turn}{aside}"
 
     def __post_init__(self) -> None:
         limits = {name: getattr(self, name) for name in ("min_linear", "max_linear", *_NOT_NEGATIVE)}

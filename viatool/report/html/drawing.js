@@ -75,10 +75,11 @@ const Drawing = (() => {
     else Scene.drawFan(States.poseOf(row), data.fans, States.observationOf(row));
   }
 
-  // Lower, middle and upper value of both commands.
+  // Lower, middle and upper value of each part of a command: nine of v and omega.
   function nine({ lower, upper }) {
     const at = (axis, share) => lower[axis] + share * (upper[axis] - lower[axis]);
-    return [0, 0.5, 1].flatMap((v) => [0, 0.5, 1].map((omega) => [at(0, v), at(1, omega)]));
+    const longer = (begun, _, axis) => begun.flatMap((command) => [0, 0.5, 1].map((share) => [...command, at(axis, share)]));
+    return lower.reduce(longer, [[]]);
   }
 
   function drawSituation(row) {

@@ -60,7 +60,7 @@ _MARKERS = ("circle", "square", "x")  # of the verdicts: told apart without colo
 
 def commands_figure(result: Result) -> figure:
     """Return the plane of commands: the reachable box, the nine samples, and what else is known."""
-    linear, angular = result.actions
+    linear, angular = result.actions[:2]
     plot = framed("commands", f"v [{linear.unit}]", f"ω [{angular.unit}]", height=300)
     plot.x_range, plot.y_range = Range1d(0.0, 0.5), Range1d(-1.0, 1.0)
     limits = plot.quad("left", "right", "bottom", "top", source=source("limits", "left right bottom top"))

@@ -1,21 +1,22 @@
 // Where commands bring the robot: the formulas of viatool/simulate/motion.py and viatool/safety/motion.py.
-// Poses are [x, y, theta] in metres and radians; commands [v, omega] in m/s and rad/s.
+// Poses are [x, y, theta] in metres and radians; commands [v, omega] or [v, omega, speed to the left] in m/s and rad/s.
 "use strict";
 
 const Geometry = {
   // The exact arc of a command that is held for some seconds.
-  advance([x, y, theta], [v, omega], seconds) {
+  advance([x, y, theta], [v, omega, side = 0], seconds) {
     const half = 0.5 * omega * seconds;
     const ratio = Math.abs(half) < 1e-4 ? 1 - (half * half) / 6 : Math.sin(half) / half;
-    const chord = v * seconds * ratio;
+    const [chord, aside] = [v * seconds * ratio, side * seconds * ratio];
     const heading = theta + half;
-    return [x + chord * Math.cos(heading), y + chord * Math.sin(heading), heading + half];
+    const [c, s] = [Math.cos(heading), Math.sin(heading)];
+    return [x + chord * c - aside * s, y + chord * s + aside * c, heading + half];
   },
 
   // For how long the constant command would take over the whole path; braking makes it longer.
-  seconds([v, omega], rules) {
+  seconds([v, omega, side = 0], rules) {
     if (rules.deceleration === null) return rules.interval;
-    return rules.interval + (0.5 * (Math.abs(v) + rules.rim * Math.abs(omega))) / rules.deceleration;
+    return rules.interval + (0.5 * (Math.hypot(v, side) + rules.rim * Math.abs(omega))) / rules.deceleration;
   },
 
   path(pose, command, rules, steps = 12) {

@@ -7,13 +7,14 @@ const States = (() => {
   const arrays = unpackAll(data.states);
   const witnesses = unpackAll(data.witnesses);
   const rules = data.rules;
+  const axes = rules.lower.length;
   const entries = data.states.observation.lower.length;
   const witnessOf = new Map(Array.from(witnesses.row, (row, place) => [row, place]));
 
   // The reachable box as the robot carries it out; null for a state that geometry settled without bounds.
   function boxOf(row) {
     const clip = (value, axis) => Math.min(Math.max(value, rules.lower[axis]), rules.upper[axis]);
-    const [lower, upper] = [rowOf(arrays.lower, 2, row), rowOf(arrays.upper, 2, row)];
+    const [lower, upper] = [rowOf(arrays.lower, axes, row), rowOf(arrays.upper, axes, row)];
     return lower.concat(upper).every(Number.isFinite) ? { lower: lower.map(clip), upper: upper.map(clip) } : null;
   }
 
@@ -22,7 +23,7 @@ const States = (() => {
     if (place === undefined) return null;
     return {
       observation: rowOf(witnesses.observation, entries, place),
-      command: rowOf(witnesses.action, 2, place),
+      command: rowOf(witnesses.action, axes, place),
       seconds: witnesses.seconds[place],
       pose: rowOf(witnesses.pose, 3, place),
       clearance: witnesses.clearance[place],
@@ -33,8 +34,8 @@ const States = (() => {
 
   // The commands on their way to the motors in a state, the oldest first.
   function heldOf(row) {
-    const numbers = rules.waits.length ? rowOf(arrays.under_way, 2 * rules.waits.length, row) : [];
-    return rules.waits.map((_, index) => numbers.slice(2 * index, 2 * index + 2));
+    const numbers = rules.waits.length ? rowOf(arrays.under_way, axes * rules.waits.length, row) : [];
+    return rules.waits.map((_, index) => numbers.slice(axes * index, axes * (index + 1)));
   }
 
   // Where the robot is until the new command begins to act: its pose, and its way during the dead time.
@@ -62,6 +63,6 @@ const States = (() => {
     verdictOf: (row) => data.verdicts[arrays.verdict[row]],
     episodeOf: (row) => data.episodes[arrays.episode[row]],
     timeOf: (row) => (data.connected ? arrays.time[row] : arrays.number[row]),
-    widthOf: (row, axis) => arrays.upper[2 * row + axis] - arrays.lower[2 * row + axis],
+    widthOf: (row, axis) => arrays.upper[axes * row + axis] - arrays.lower[axes * row + axis],
   };
 })();

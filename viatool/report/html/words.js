@@ -28,8 +28,9 @@ const Words = (() => {
       facts.push([name, box ? `${range}, width ${number(States.widthOf(row, axis), 3)}` : range]);
     });
     if (found) {
-      const [v, omega] = found.command;
-      facts.push(["counterexample", `onnxruntime commands v ${number(v, 6)}, ω ${number(omega, 6)}; ${found.clearance.toFixed(6)} m are left after ${found.seconds.toFixed(3)} s`]);
+      const [v, omega, side] = found.command;
+      const aside = side === undefined ? "" : `, to the left ${number(side, 6)}`;
+      facts.push(["counterexample", `onnxruntime commands v ${number(v, 6)}, ω ${number(omega, 6)}${aside}; ${found.clearance.toFixed(6)} m are left after ${found.seconds.toFixed(3)} s`]);
     }
     return facts;
   }

@@ -154,8 +154,8 @@ class SimulationDocument(Cased, Annotated, Located, Tabled):
         robot, clearance = self.record.robot, self.record.clearance
         return {
             **self.terms,
-            "commands": f"v {robot.min_linear:g} to {robot.max_linear:g} m/s, "
-            f"|omega| up to {robot.max_angular:g} rad/s",
+            "commands": robot.speeds
+            or f"v {robot.min_linear:g} to {robot.max_linear:g} m/s, |omega| up to {robot.max_angular:g} rad/s",
             "clearance": f"collision {clearance.collision:g} m, danger {clearance.danger:g} m",
             "conditions": describe_value(self.record.conditions),
         }

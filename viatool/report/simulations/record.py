@@ -52,12 +52,13 @@ class ClearanceRecord(ReportPart):
 
 
 class RobotRecord(ReportPart):
-    """The robot that drove, in m/s and rad/s."""
+    """The robot that drove, in m/s and rad/s; what it does in words."""
 
     name: str
     min_linear: float
     max_linear: float
     max_angular: float
+    speeds: str = ""
 
 
 class CommandCount(CountedRecord):

@@ -56,6 +56,7 @@ def _content(simulation: Simulation) -> dict[str, Any]:
             "min_linear": robot.min_linear,
             "max_linear": robot.max_linear,
             "max_angular": robot.max_angular,
+            "speeds": robot.speeds,
         },
         "conditions": asdict(simulation.conditions),
         "seed": simulation.seed,

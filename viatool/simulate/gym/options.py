@@ -18,7 +18,7 @@ from viatool.errors import ConfigurationError
 from viatool.motion.kinematics import kinematics_of
 from viatool.policy import load_policy, load_specification
 from viatool.policy.action_channels import ActionChannel
-from viatool.policy.command_map import Chosen
+from viatool.policy.command_map import Chosen, CommandMap, Picked
 from viatool.policy.specification import ObservationChannel, PolicySpecification
 from viatool.policy.specified import specification_of
 from viatool.setting.reconcile import with_robot
@@ -87,6 +87,7 @@ class EnvironmentOptions:
     world_map: WorldMap = field(init=False, repr=False)
     specification: PolicySpecification = field(init=False, repr=False)
     choice: Chosen | None = field(init=False, repr=False)
+    command_map: CommandMap = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         world_map = self.map if isinstance(self.map, WorldMap) else load_map(Path(self.map))  # or a sample
@@ -99,6 +100,7 @@ class EnvironmentOptions:
         object.__setattr__(self, "world_map", asked.world_map)
         object.__setattr__(self, "specification", asked.spec)
         object.__setattr__(self, "choice", asked.choice)
+        object.__setattr__(self, "command_map", asked.command_map)
 
     def simulator(self, robots: int) -> Simulator:
         """Return a simulator of E robots."""
@@ -130,19 +132,24 @@ class EnvironmentOptions:
     def action_space(self) -> Space[Any]:
         """Return the limits of a command, (A,) float32: for a differential drive v in m/s and omega in rad/s.
 
-        Of a specification that chooses among K commands, the numbers 0 to K - 1.
+        Of a specification that chooses among K commands, the numbers 0 to K - 1; of wheels and cars the limits of the
+        actions from which a command is computed, in the order of the specification.
         """
         if self.choice is not None:
             return Discrete(self.choice.actions)
+        if not isinstance(self.command_map, Picked):
+            limits = np.array([(action.lower, action.upper) for action in self.specification.action])
+            return Box(*limits.T.astype(np.float32), dtype=np.float32)
         robot = self.world_map.robot
         low, high = (end.astype(np.float32) for end in kinematics_of(robot.kinematics).limits(robot))
         return Box(low, high, dtype=np.float32)
 
     def commands(self, actions: ArrayLike) -> Floats:
-        """Return the commands (..., A) of actions: themselves, or of numbers (...) of a choice those of its table."""
+        """Return the commands (..., A) of actions: themselves, those of their table, or what is computed of them."""
         if self.choice is not None:
             return self.choice.commands[np.asarray(actions, dtype=np.int64)]
-        return np.asarray(actions, dtype=np.float64)
+        numbers = np.asarray(actions, dtype=np.float64)
+        return numbers if isinstance(self.command_map, Picked) else self.command_map(numbers)
 
     def _scenarios(self) -> Sequence[Scenario] | None:
         if not isinstance(self.scenarios, str):
@@ -175,18 +182,7 @@ def task_specification(robot: Robot) -> PolicySpecification:
             *navigation_channels(robot.lidar),
             ObservationChannel(name="budget", kind="budget", value=_BUDGET),
         ],
-        action=[
-            ActionChannel(
-                name="v", unit="m/s", lower=robot.min_linear, upper=robot.max_linear, kind="linear"
-            ),
-            ActionChannel(
-                name="omega",
-                unit="rad/s",
-                lower=-robot.max_angular,
-                upper=robot.max_angular,
-                kind="angular",
-            ),
-        ],
+        action=_actions(robot),
         robot=robot.name,
         control_interval=robot.control_interval,
     )
@@ -203,3 +199,18 @@ def information(
         "clearance": clearance,
         "goal_distance": goal_distance,
     }
+
+
+def _actions(robot: Robot) -> list[ActionChannel]:
+    """Return what commands a robot, in the usual way, with its limits."""
+    ranges = {
+        "linear": ("v", "m/s", robot.min_linear, robot.max_linear),
+        "angular": ("omega", "rad/s", -robot.max_angular, robot.max_angular),
+        "lateral": ("side", "m/s", -robot.max_lateral, robot.max_lateral),
+        "steering": ("steering", "rad", -robot.max_steering, robot.max_steering),
+    }
+    usual = kinematics_of(robot.kinematics).takes[0]
+    return [
+        ActionChannel.model_validate({"name": name, "unit": unit, "lower": low, "upper": high, "kind": kind})
+        for kind, (name, unit, low, high) in ((kind, ranges[kind]) for kind in usual)
+    ]

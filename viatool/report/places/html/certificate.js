@@ -57,7 +57,8 @@
   }
 
   const poseText = ([x, y, theta]) => `(${x.toFixed(3)}, ${y.toFixed(3)}, ${theta.toFixed(3)} rad)`;
-  const commandText = ([v, omega]) => `${v.toFixed(3)} m/s, ${omega.toFixed(3)} rad/s`;
+  const asideText = (side) => (side === undefined ? "" : `, ${side.toFixed(3)} m/s to the left`);
+  const commandText = ([v, omega, side]) => `${v.toFixed(3)} m/s, ${omega.toFixed(3)} rad/s${asideText(side)}`;
   const nearText = ({ clearance, seconds }) => `${clearance.toFixed(4)} m after ${seconds.toFixed(2)} s`;
 
   function listWitnesses(rows) {

@@ -61,8 +61,8 @@ const Places = (() => {
     const vector = (name, width) => Arrays.rowOf(witnesses[name], width, row);
     return {
       pose: vector("pose", 3),
-      previous: vector("previous", 2),
-      command: vector("action", 2),
+      previous: vector("previous", data.rules.lower.length),
+      command: vector("action", data.rules.lower.length),
       closest: vector("closest", 3),
       seconds: witnesses.seconds[row],
       clearance: witnesses.clearance[row],
