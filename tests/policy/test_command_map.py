@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 from tests.channels.square import lidar, square
 from viatool import verify
-from viatool.errors import PolicyError
+from viatool.errors import ConfigurationError, PolicyError
 from viatool.motion.kinematics import kinematics_of
 from viatool.policy import (
     ActionChannel,
@@ -21,9 +22,11 @@ from viatool.policy import (
     load_policy,
     write_onnx,
 )
-from viatool.policy.command_map import command_map
+from viatool.policy.activations import activation
+from viatool.policy.command_map import CommandMap, command_map
 from viatool.setting.setting import Setting
 from viatool.taylor import reach
+from viatool.taylor.curve import curve_of
 from viatool.world import Robot
 
 V = ActionChannel(name="v", unit="m/s", lower=0.0, upper=0.5, kind="linear")
@@ -107,3 +110,83 @@ def test_each_action_of_version_2_is_scaled_and_clipped(tmp_path: Path) -> None:
         assert ((near >= sets.lower) & (near <= sets.upper)).all()
     assert policy.maps.after.endswith("clipped to [0, 0.5], [-1, 1]")
     assert "(0.25, -2) * output + (0.25, 0)" in policy.maps.after
+
+
+CAR = Robot(kinematics="ackermann", min_linear=0.0, max_linear=0.4, max_steering=0.3, wheelbase=0.3)
+STEERED = [
+    ActionChannel(name="bend", lower=-0.5, upper=0.5, kind="steering"),
+    ActionChannel(name="v", lower=0.0, upper=1.0, kind="linear"),
+]
+
+
+def car_map(actions: list[ActionChannel], robot: Robot) -> CommandMap:
+    spec = PolicySpecification(observation=[lidar("lidar", 3.0, 4)], action=actions)
+    return command_map(spec, kinematics_of(robot.kinematics), robot)
+
+
+def test_a_car_turns_by_the_speed_and_the_angle_that_it_reaches() -> None:
+    """A speed beyond the robot's is clipped before the turn is computed of it, and so is the angle."""
+    commands = car_map(STEERED, CAR)(np.array([[0.5, 1.0], [-0.2, 0.1], [0.1, -3.0]]))
+    expected = [[0.4, 0.4 * np.tan(0.3) / 0.3], [0.1, -0.1 * np.tan(0.2) / 0.3], [0.0, 0.0]]
+    np.testing.assert_allclose(commands, expected, rtol=1e-12, atol=1e-15)
+
+
+def test_rims_are_clipped_one_by_one() -> None:
+    rims = [
+        ActionChannel(name=side, lower=-0.2, upper=0.5, kind=f"{side}_wheel") for side in ("right", "left")
+    ]
+    commands = car_map(rims, Robot(track=0.25))(np.array([[0.9, 0.1], [-1.0, 0.5]]))
+    np.testing.assert_allclose(commands, [[0.3, 1.6], [0.15, -2.8]], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("robot", "told"),
+    [
+        (replace(CAR, wheelbase=0.0), "wheelbase of 0 m"),
+        (replace(CAR, max_steering=1.6), "steers up to 1.6 rad"),
+        (replace(CAR, max_steering_rate=3.2), "turns by at most 3.2 rad/s, which is not followed"),
+    ],
+)
+def test_cars_that_are_not_known_or_not_followed_are_refused(robot: Robot, told: str) -> None:
+    with pytest.raises(ConfigurationError, match=told) as raised:
+        kinematics_of("ackermann").limits(robot)
+    assert raised.value.hint
+
+
+def test_wheels_of_a_robot_whose_width_nobody_said_are_refused() -> None:
+    rims = [
+        ActionChannel(name=side, lower=-0.2, upper=0.5, kind=f"{side}_wheel") for side in ("right", "left")
+    ]
+    with pytest.raises(ConfigurationError, match="track of robot 'turtlebot3' is not known"):
+        car_map(rims, Robot())
+
+
+def test_what_speed_and_angle_have_in_common_is_kept(tmp_path: Path) -> None:
+    """Two outputs that cancel in the turn: a box around each of them by itself would not tell."""
+    rows = np.array([[0.1, 0.0, 0.0, 0.0], [0.1, 0.0, 0.0, 0.0]])
+    rims = [
+        ActionChannel(name=side, lower=-1.0, upper=1.0, kind=f"{side}_wheel") for side in ("right", "left")
+    ]
+    policy = policy_of(tmp_path / "rims.onnx", rims, rows)
+    sets = reach(policy.commanding(car_map(rims, Robot(track=0.1))), np.full((1, 4), 2.0), 0.5)
+    assert sets.upper[0, 0] - sets.lower[0, 0] == pytest.approx(0.1, rel=1e-4)
+    assert np.abs([sets.lower[0, 1], sets.upper[0, 1]]).max() < 1e-4, "both rims turn alike"
+
+
+def test_a_tangent_is_enclosed_up_to_its_limits() -> None:
+    curve = curve_of(activation("ClippedTan", min=-0.9, max=1.4))
+    generator = np.random.default_rng(4)
+    lower = generator.uniform(-1.5, 1.6, 400)
+    upper = lower + generator.choice([0.0, 1e-3, 0.3, 2.0], 400)
+    for derivative in range(3):
+        found = curve.range(lower, upper, derivative)
+        for share in np.linspace(0.0, 1.0, 9):
+            x = np.clip(lower + share * (upper - lower), lower, upper)
+            inside = (x > -0.9) & (x < 1.4)
+            tangent = np.tan(np.clip(x, -0.9, 1.4))
+            expected = [tangent, inside * (1 + tangent**2), inside * 2 * tangent * (1 + tangent**2)][
+                derivative
+            ]
+            slack = 1e-12 * (1.0 + np.abs(expected))
+            assert (found.lower <= expected + slack).all()
+            assert (expected - slack <= found.upper).all()

@@ -40,7 +40,13 @@ class AckermannDrive(HeldTwist):
         return (("linear", "steering"),)
 
     def limits(self, robot: Limited) -> tuple[Floats, Floats]:
-        """See `Kinematics.limits`; ConfigurationError if the robot has no wheelbase or steers too far."""
+        """See `Kinematics.limits`; ConfigurationError if the robot has no wheelbase, or steers too far or slowly."""
+        if robot.max_steering_rate:
+            raise ConfigurationError(
+                f"the car's steering turns by at most {robot.max_steering_rate:g} rad/s, which is not followed: its "
+                "wheels would stand between the angle before and the one that is commanded",
+                "leave `max_steering_rate` out; verdicts are then of a car whose wheels are steered at once",
+            )
         if not (robot.wheelbase > 0.0 and robot.max_steering <= STEEPEST):
             raise ConfigurationError(
                 f"a car has a wheelbase of {robot.wheelbase:g} m and steers up to {robot.max_steering:g} rad, expected "

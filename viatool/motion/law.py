@@ -58,6 +58,10 @@ class Limited(Protocol):
     def max_steering(self) -> float:
         """Largest angle of the steered wheels to either side, in rad."""
 
+    @property
+    def max_steering_rate(self) -> float:
+        """How fast they turn, in rad/s; 0 for at once."""
+
 
 @dataclass(frozen=True)
 class Axis:

@@ -79,6 +79,9 @@ class RobotFile(Strict):
     max_steering: NotNegative | None = Field(
         default=None, description="largest angle of the front wheels of a car to either side, in rad"
     )
+    max_steering_rate: NotNegative | None = Field(
+        default=None, description="how fast they turn, in rad/s; refused unless it is 0: steered at once"
+    )
 
 
 def _kind_of_robot(value: Any) -> str:

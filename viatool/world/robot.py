@@ -17,6 +17,7 @@ FootprintKind = Literal["point", "circle", "polygon"]
 
 _NOT_NEGATIVE = (
     "max_angular", "deceleration", "control_interval", "max_lateral", "track", "wheelbase", "max_steering",
+    "max_steering_rate",
 )  # fmt: skip
 
 _TOUCHING = 1e-9
@@ -126,6 +127,8 @@ class Robot:
         Distance between the axles of a car, in metres; 0 where it is not known. Its origin is the rear one's middle.
     max_steering : float
         Angle of the front wheels of a car to either side, in rad.
+    max_steering_rate : float
+        How fast they turn, in rad/s; 0 for wheels that are steered at once, which alone can be followed.
 
     Raises
     ------
@@ -146,6 +149,7 @@ class Robot:
     track: float = 0.0
     wheelbase: float = 0.0
     max_steering: float = 0.0
+    max_steering_rate: float = 0.0
 
     def known(self, name: str) -> float:
         """Return a length of its body.
