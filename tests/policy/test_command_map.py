@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import mpmath
 import numpy as np
 import pytest
 
@@ -27,6 +28,7 @@ from viatool.policy.command_map import CommandMap, command_map
 from viatool.setting.setting import Setting
 from viatool.taylor import reach
 from viatool.taylor.curve import curve_of
+from viatool.taylor.interval import ENCLOSED_FUNCTIONS, Interval
 from viatool.world import Robot
 
 V = ActionChannel(name="v", unit="m/s", lower=0.0, upper=0.5, kind="linear")
@@ -190,3 +192,35 @@ def test_a_tangent_is_enclosed_up_to_its_limits() -> None:
             slack = 1e-12 * (1.0 + np.abs(expected))
             assert (found.lower <= expected + slack).all()
             assert (expected - slack <= found.upper).all()
+
+
+RIMS = [ActionChannel(name=side, lower=-0.2, upper=0.5, kind=f"{side}_wheel") for side in ("right", "left")]
+
+
+@pytest.mark.parametrize(
+    ("actions", "robot"), [(STEERED, CAR), (RIMS, Robot(track=0.25))], ids=["car", "wheels"]
+)
+def test_outputs_beyond_what_the_robot_does_are_clipped_in_the_network_too(
+    actions: list[ActionChannel], robot: Robot, tmp_path: Path
+) -> None:
+    """Version 1 clips nothing by itself: the map does, and bounds are of what is left."""
+    rows = np.array([[0.3, 0.1, -0.3, 0.0], [0.2, -0.2, 0.3, 0.1]])
+    policy, commands = policy_of(tmp_path / "wild.onnx", actions, rows), car_map(actions, robot)
+    commanding, generator = policy.commanding(commands), np.random.default_rng(5)
+    seen = generator.uniform(0.0, 4.0, (100, 4)).astype(np.float32).astype(np.float64)
+    np.testing.assert_allclose(commanding(seen), commands(policy(seen)), rtol=1e-12, atol=1e-15)
+    sets = reach(commanding, seen, 0.2)
+    for _ in range(20):
+        found = commands(policy.run(seen + 0.1999 * generator.choice([-1.0, 0.4, 1.0], seen.shape)))
+        assert ((found >= sets.lower) & (found <= sets.upper)).all()
+
+
+def test_the_interval_of_a_tangent_holds_it_and_ends_before_a_pole() -> None:
+    tan, points = ENCLOSED_FUNCTIONS["tan"], np.random.default_rng(6).uniform(-1.55, 1.55, 500)
+    found = tan(Interval(points, points))
+    exact = [mpmath.tan(mpmath.mpf(float(point))) for point in points]
+    ends = zip(found.lower.tolist(), exact, found.upper.tolist(), strict=True)
+    assert all(mpmath.mpf(low) < value < mpmath.mpf(high) for low, value, high in ends)
+    across = tan(Interval(np.array([1.5, -1.6]), np.array([1.7, 0.0])))
+    assert np.isneginf(across.lower).all()
+    assert np.isposinf(across.upper).all()

@@ -134,7 +134,7 @@ def test_a_batch_can_be_reset_by_hand_and_is_seeded() -> None:
 def test_wrong_settings_are_refused() -> None:
     for wrong, reason in (
         ({"engine": "gazebo"}, "unknown engine"),
-        ({"robot": "spot"}, "unknown robot"),
+        ({"robot": "pepper"}, "unknown robot"),
         ({"scenarios": "all"}, "unknown scenarios"),
     ):
         with pytest.raises(ConfigurationError, match=reason):
