@@ -112,7 +112,7 @@ def test_a_film_shows_the_robot_move(run: Run, tmp_path: Path, name: str) -> Non
     ("arguments", "told"),
     [
         (("--engine", "gazebo"), "unknown engine 'gazebo'"),
-        (("--robot", "spot"), "unknown robot 'spot'"),
+        (("--robot", "pepper"), "unknown robot 'pepper'"),
         (("--lidar", "rays"), "no ray tests"),
         (("--record", "film.avi"), "film.avi"),
         (("--render",), "no display"),

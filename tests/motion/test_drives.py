@@ -149,3 +149,30 @@ def test_known_robots_are_driven_by_a_policy_of_their_kind(name):
     simulator.reset()
     simulator.step(setting.command_map(np.array([[0.1] * len(spec.action)])))
     assert simulator.poses[0, 0] != world.scenarios[0].start[0]
+
+
+def test_cells_are_certified_whatever_was_commanded_to_the_side_before(tmp_path):
+    """With a dead time the command before goes on: along the axis that no cell is cut along it may be any."""
+    drive = DRIVES["holonomic"]
+    world, policy = drive.world(tmp_path), drive.policy(tmp_path)
+    certificate = certify(
+        policy, world, 0, eps=EPS, criterion="swept", delay=0.2,
+        resolution=Resolution(side=0.4, halvings=0), budget=SearchBudget(cells=4_000),
+    )  # fmt: skip
+    held = np.isin(certificate.findings.status, (SETTLED, CERTIFIED))
+    assert held.sum() > 100
+    nodes = certificate.findings.nodes.select(held)
+    cells = certificate.lattice.cells(nodes)
+    assert (cells.previous_lower[:, 2] == -0.6).all()
+    assert (cells.previous_upper[:, 2] == 0.6).all()
+    lower, upper = certificate.lattice.bounds(nodes)
+    generator = np.random.default_rng(7)
+    for _ in range(8):
+        states = lower + generator.random(lower.shape) * (upper - lower)
+        aside = generator.choice([-0.6, 0.6], len(states))
+        states, aside = (part[left_over(states) > world.clearance.collision] for part in (states, aside))
+        before = np.column_stack([aside, states[:, 3], states[:, 4]])
+        waiting = drive.path(states[:, :3], before, 0.2)
+        raw = policy.run(np.float32(read(states[:, :3])))
+        assert left_over(waiting).min() > world.clearance.collision
+        assert left_over(drive.path(waiting[:, -1], raw)).min() > world.clearance.collision

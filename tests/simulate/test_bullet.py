@@ -225,8 +225,8 @@ def test_obstacles_of_a_scenario_come_and_go(worlds: BulletWorld) -> None:
 def test_what_cannot_be_simulated_is_refused(lab: WorldMap) -> None:
     with pytest.raises(ConfigurationError, match="unknown engine 'gazebo'"):
         make_simulator("gazebo", lab, 1)
-    with pytest.raises(ConfigurationError, match="unknown robot 'spot'"):
-        with_robot(lab, "spot")
+    with pytest.raises(ConfigurationError, match="unknown robot 'pepper'"):
+        with_robot(lab, "pepper")
     with pytest.raises(ConfigurationError, match="unknown LiDAR"):
         make_simulator("bullet", lab, 1, lidar="sonar")
     with pytest.raises(ConfigurationError, match="no ray tests"):
