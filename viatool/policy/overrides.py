@@ -52,22 +52,26 @@ class Condition:
     def surely(self, least: Floats, most: Floats, margin: float = 0.0) -> Booleans:
         """Tell where one of the readings, between two ends (B, n), is there wherever it is between them, (B,)."""
         least, most = least[:, self.columns], most[:, self.columns]
-        there = (least > self.above + self._spare(self.above, margin)) & (
-            most < self.below - self._spare(self.below, margin)
-        )
+        there = np.ones(least.shape, dtype=bool)
+        if np.isfinite(self.above):
+            there &= least > self.above + self._spare(self.above, margin)
+        if np.isfinite(self.below):
+            there &= most < self.below - self._spare(self.below, margin)
         return np.asarray(there.any(axis=1))
 
     def possibly(self, least: Floats, most: Floats, margin: float = 0.0) -> Booleans:
         """Tell where one of the readings, between two ends (B, n), may be there, (B,); one that is NaN may."""
         least, most = least[:, self.columns], most[:, self.columns]
-        elsewhere = (most <= self.above - self._spare(self.above, margin)) | (
-            least >= self.below + self._spare(self.below, margin)
-        )
+        elsewhere = np.zeros(least.shape, dtype=bool)
+        if np.isfinite(self.above):
+            elsewhere |= most <= self.above - self._spare(self.above, margin)
+        if np.isfinite(self.below):
+            elsewhere |= least >= self.below + self._spare(self.below, margin)
         return np.asarray(~elsewhere.all(axis=1))
 
     @staticmethod
     def _spare(threshold: float, margin: float) -> float:
-        return margin * (1.0 + abs(threshold)) if np.isfinite(threshold) else 0.0
+        return margin * (1.0 + abs(threshold))
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,6 +140,8 @@ class Overrides:
 
     def apply(self, observations: Floats, commands: Floats) -> Floats:
         """Return what is sent after observations (B, n) of which the policy commands (B, A)."""
+        if not self.rules:
+            return commands
         commands = commands.copy()
         least, most = self.inputs.readings(observations)
         for rule in reversed(self.rules):

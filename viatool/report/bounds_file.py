@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,14 +28,21 @@ def check_bounds_file(path: Path) -> None:
 def write_bounds(
     path: Path, observations: NDArray[np.float64], eps: ArrayLike, reachable: ReachableSet
 ) -> None:
-    """Write B observations (B, n), their radii, and the bounds (B, A) of their actions.
+    """Write B observations (B, n), their radii, and the bounds (B, A) of their actions; of a choice what is possible.
 
     Notes
     -----
     Numbers in a csv are written with 17 significant digits, so that they are read back as the same float64.
     """
     radii = np.broadcast_to(np.asarray(eps, dtype=np.float64), observations.shape)
-    arrays = {"observation": observations, "eps": radii, "lower": reachable.lower, "upper": reachable.upper}
+    arrays: dict[str, NDArray[Any]] = {
+        "observation": observations,
+        "eps": radii,
+        "lower": reachable.lower,
+        "upper": reachable.upper,
+    }
+    if reachable.possible is not None:
+        arrays["possible"] = reachable.possible
     with replacing(path) as draft:
         if path.suffix.lower() == ".npz":
             np.savez_compressed(draft, allow_pickle=False, **arrays)

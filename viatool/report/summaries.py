@@ -113,12 +113,7 @@ ROUNDING_WORTH_A_WORD = 0.25
 
 def print_bounds(policy: Policy, reachable: ReachableSet, console: Console) -> None:
     """Print the reachable set of each observation, or of the first ones, and the widths over all."""
-    actions = policy.spec.action if policy.spec is not None else None
-    names = (
-        [f"{a.name} [{a.unit}]" for a in actions]
-        if actions
-        else [f"action {i}" for i in range(policy.output_size)]
-    )
+    names = _output_names(policy)
     table = Table(box=box.SIMPLE_HEAD, show_edge=False)
     table.add_column("observation", justify="right")
     for name in names:
@@ -126,7 +121,10 @@ def print_bounds(policy: Policy, reachable: ReachableSet, console: Console) -> N
     for row, (lower, upper) in enumerate(
         zip(reachable.lower[:ROWS_SHOWN], reachable.upper[:ROWS_SHOWN], strict=True)
     ):
-        table.add_row(str(row), *(f"{low:.6f} to {high:.6f}" for low, high in zip(lower, upper, strict=True)))
+        ends = [f"{low:.6f} to {high:.6f}" for low, high in zip(lower, upper, strict=True)]
+        if reachable.possible is not None:
+            ends = [_said(end, can) for end, can in zip(ends, reachable.possible[row].tolist(), strict=True)]
+        table.add_row(str(row), *ends)
     console.print(table)
     if len(reachable.lower) > ROWS_SHOWN:
         console.print(
@@ -149,6 +147,19 @@ def print_bounds(policy: Policy, reachable: ReachableSet, console: Console) -> N
         console.print(
             f"{share:.0%} of these widths is what the program may round{remedy} (--arithmetic real leaves it out)"
         )
+
+
+def _output_names(policy: Policy) -> list[str]:
+    """Return what the outputs are called: actions, or the values of a choice's commands."""
+    if policy.spec is None:
+        return [f"action {i}" for i in range(policy.output_size)]
+    if policy.spec.choice is not None:
+        return [f"{policy.spec.choice.name} {i}" for i in range(policy.output_size)]
+    return [f"{action.name} [{action.unit}]" for action in policy.spec.action]
+
+
+def _said(ends: str, possible: bool) -> str:
+    return f"{ends}, {'possible' if possible else 'excluded'}"
 
 
 def print_symbolic(actions: Sequence[SymbolicAction], console: Console) -> None:

@@ -52,6 +52,4 @@ class DrivenPolicy:
 
     def _sent(self, observations: ArrayLike, outputs: Floats) -> Floats:
         commands = outputs if self.choice is None else self.choice(outputs)
-        if not self.overrides:
-            return commands
         return self.overrides.apply(np.asarray(observations, dtype=np.float64), commands)

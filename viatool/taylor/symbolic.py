@@ -147,6 +147,8 @@ def entry_names(policy: HasNetwork) -> list[str]:
 def _action_names(policy: HasNetwork) -> list[tuple[str, str]]:
     if policy.spec is None:
         return [(f"action {i}", "") for i in range(policy.network.output_size)]
+    if policy.spec.choice is not None:
+        return [(f"{policy.spec.choice.name} {i}", "") for i in range(policy.network.output_size)]
     return [(action.name, action.unit) for action in policy.spec.action]
 
 
