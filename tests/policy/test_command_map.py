@@ -80,6 +80,7 @@ def test_commands_of_the_network_are_those_of_the_program(tmp_path: Path) -> Non
     [
         (["linear", "other"], "no action of p is of kind 'angular'"),
         (["linear", "lateral", "angular"], "p commands angular, lateral and linear, a robot of kinematics"),
+        (["linear_acceleration", "angular"], "p commands linear_acceleration, which no kinematics follows"),
         (
             ["steering", "linear"],
             "p commands linear and steering, a robot of kinematics 'differential' takes",
