@@ -64,16 +64,18 @@ class Interpretation:
     def others(self, around: Surroundings) -> Iterator[Interpretation]:
         """Yield the readings with one more change."""
         taken = {change.family for change in self.changes}
+        told = as_version_2(self.spec)
         for family, read in FAMILIES.items():
             if family not in taken:
-                for words, spec in read(self.spec, around):
+                for words, spec in read(told, around):
                     yield Interpretation(spec, (*self.changes, Change(family, words)))
 
     @property
     def meaning(self) -> str:
         """Return what is the same for two readings that mean the same, however they came about."""
-        observed = [_meaning_of(channel) for channel in self.spec.observation]
-        commanded = [action.model_dump(mode="json", exclude_none=True) for action in self.spec.action]
+        told = as_version_2(self.spec)
+        observed = [_meaning_of(channel) for channel in told.observation]
+        commanded = [action.model_dump(mode="json", exclude_none=True) for action in told.action]
         for action in commanded:
             action |= {key: round(action[key], _DIGITS) for key in ("scale", "offset")}
         return json.dumps([observed, commanded], sort_keys=True)

@@ -1,0 +1,145 @@
+"""The search for a reading that does better: one change after the other, from the most promising readings on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+from viatool.doctor.evidence import Evidence, Paired
+from viatool.doctor.interpretation import Interpretation, Surroundings
+from viatool.policy import PolicySpecification
+from viatool.schedule import Piece, Progress, Scheduler, Span
+
+_DEPTH = 3
+"""Most changes of a reading."""
+_BEAM = 4
+"""Readings from which the search goes on."""
+_CHANCE = 0.01
+"""How improbable, with all readings that were tried, a difference among equals has to be to be called clear."""
+_SAME = 0.05
+"""How probable a difference among equals has to be for two readings to count as equally good."""
+
+Examine = Callable[[PolicySpecification], Evidence]
+
+
+@dataclass(frozen=True, eq=False)
+class Examined:
+    """A reading and what was found of it."""
+
+    interpretation: Interpretation
+    evidence: Evidence
+
+    @property
+    def order(self) -> tuple[float, int]:
+        """Return what ranks it: its merit, then how few changes it has."""
+        return self.evidence.merit, -len(self.interpretation.changes)
+
+
+@dataclass(frozen=True, eq=False)
+class Ranking:
+    """All readings that were tried.
+
+    Parameters
+    ----------
+    examined : tuple of Examined
+        The best first.
+    specified : Examined
+        The policy's own specification; one of them.
+    """
+
+    examined: tuple[Examined, ...]
+    specified: Examined
+
+    @property
+    def best(self) -> Examined:
+        """Return the one with the fewest changes among those that do as well as the best."""
+        return max(self.equals, key=lambda one: (-len(one.interpretation.changes), one.evidence.merit))
+
+    @property
+    def equals(self) -> list[Examined]:
+        """Return those that do as well as the best, as far as can be told."""
+        top = self.examined[0].evidence
+        return [one for one in self.examined if not _is_better(top, one.evidence, _SAME)]
+
+    @property
+    def is_clear(self) -> bool:
+        """Tell whether another reading than the specified one is better, not by chance."""
+        return _is_better(self.best.evidence, self.specified.evidence, _CHANCE / len(self.examined))
+
+    @property
+    def against_specified(self) -> Paired:
+        """Return how the best does against the specified one."""
+        return self.best.evidence.against(self.specified.evidence)
+
+
+def rank(
+    spec: PolicySpecification,
+    examine: Examine,
+    around: Surroundings,
+    scheduler: Scheduler,
+    progress: Progress,
+) -> Ranking:
+    """Examine a specification and other readings of it.
+
+    Parameters
+    ----------
+    spec : PolicySpecification
+        The policy's own.
+    examine : callable
+        Picklable: gives the evidence of a specification.
+    around : Surroundings
+        Of the policy.
+    scheduler : Scheduler
+        Who does the work.
+    progress : Progress
+        Told how many readings have been examined.
+
+    Returns
+    -------
+    Ranking
+        Of the specification, of every reading with one change, and of such with more changes as long as none is good.
+    """
+    base = Interpretation(spec)
+    seen = {base.meaning}
+    examined = list(_examined([base], examine, scheduler, progress))
+    frontier = [base]
+    for depth in range(_DEPTH):
+        before = max(one.evidence.merit for one in examined)
+        fresh = list(_fresh(frontier, around, seen))
+        examined += _examined(fresh, examine, scheduler, progress, len(examined))
+        examined.sort(key=lambda one: one.order, reverse=True)
+        best = examined[0].evidence
+        if best.is_good or (depth and best.merit <= before):
+            break
+        frontier = [one.interpretation for one in examined if len(one.interpretation.changes) == depth + 1]
+        frontier = frontier[:_BEAM]
+    return Ranking(tuple(examined), next(one for one in examined if not one.interpretation.changes))
+
+
+def _is_better(one: Evidence, other: Evidence, chance: float) -> bool:
+    return one.surpasses(other) and one.against(other).chance < chance
+
+
+def _fresh(
+    frontier: Iterable[Interpretation], around: Surroundings, seen: set[str]
+) -> Iterator[Interpretation]:
+    """Yield what one more change makes of readings, as far as it means something new."""
+    for known in frontier:
+        for other in known.others(around):
+            if other.meaning not in seen:
+                seen.add(other.meaning)
+                yield other
+
+
+def _examined(
+    interpretations: Sequence[Interpretation],
+    examine: Examine,
+    scheduler: Scheduler,
+    progress: Progress,
+    before: int = 0,
+) -> Iterator[Examined]:
+    """Yield the evidence of readings as it comes in."""
+    pieces = [Piece(Span(i, i + 1), one.name, one.spec) for i, one in enumerate(interpretations)]
+    for done, (piece, evidence) in enumerate(scheduler.run(examine, pieces), 1):
+        progress("readings", before + done, before + len(pieces))
+        yield Examined(interpretations[piece.span.first], evidence)
