@@ -161,7 +161,7 @@ AROUND = Layout(
     [{**V, "scale": 0.25, "offset": 0.25}, {**OMEGA}],
     [*range(30, 40), *range(10)],
 )
-"""Ranges once around from straight ahead and lengths as shares of 7 m, a bearing in half turns, all actions in [-1, 1]."""
+"""Ranges once around from straight ahead and lengths as shares of 7 m, a bearing in half turns, actions in [-1, 1]."""
 
 AHEAD = Layout(
     "ahead",
@@ -170,9 +170,7 @@ AHEAD = Layout(
         _number("goal_distance"),
         _number("previous_angular"),
         _number("previous_linear"),
-        _lidar(
-            2.0 / 7.0, -1.0, start=math.pi / 2, step=math.pi / 179, order="clockwise", rays=180, bins=20
-        ),
+        _lidar(2.0 / 7.0, -1.0, start=math.pi / 2, step=math.pi / 179, order="clockwise", rays=180, bins=20),
     ],
     [{**OMEGA, "scale": 1.0}, {**V, "scale": 0.5}],
     list(range(20))[::-1],
@@ -208,7 +206,10 @@ def plants(layout: Layout) -> Iterator[tuple[str, PolicySpecification]]:
     yield "mirrored bearing", _changed(layout, side, scale=-scale)
     if side == "goal_bearing":
         yield "degrees", _changed(layout, side, scale=180.0 / math.pi)
-    yield "flipped turn", _acting(layout, lambda a: {**a, "scale": -a.get("scale", 1.0)} if a["kind"] == "angular" else a)
+    yield (
+        "flipped turn",
+        _acting(layout, lambda a: {**a, "scale": -a.get("scale", 1.0)} if a["kind"] == "angular" else a),
+    )
     yield "actions swapped", specification(layout.observation, layout.action[::-1])
     yield "actions not scaled", _acting(layout, lambda a: {**a, "scale": 1.0, "offset": 0.0})
 

@@ -2,4 +2,10 @@
 
 from __future__ import annotations
 
-from viatool.doctor import commands, scales, scans  # noqa: F401  # registered by being imported
+from viatool.doctor import commands, scales, scans  # noqa: F401  # they register their readings
+from viatool.doctor.course import scenarios_of
+from viatool.doctor.diagnosis import Diagnosis, diagnose
+from viatool.doctor.evidence import Compared, Driven, Paired
+from viatool.doctor.search import Examined, Ranking
+
+__all__ = ["Compared", "Diagnosis", "Driven", "Examined", "Paired", "Ranking", "diagnose", "scenarios_of"]

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from viatool.doctor.interpretation import Surroundings, Variants, reads, with_action
 from viatool.policy import ActionChannel, PolicySpecification
+
+Scaled = Callable[[ActionChannel], tuple[float, float]]
+"""Gives the scale and the offset of an action."""
 
 _TURNS = ("angular", "angular_acceleration", "steering")
 
@@ -49,7 +54,7 @@ def actions_normalised(spec: PolicySpecification, around: Surroundings) -> Varia
         ("outputs as shares of the limits", shares),
     ):
 
-        def changed(action: ActionChannel, scaled=scaled) -> ActionChannel:
+        def changed(action: ActionChannel, scaled: Scaled = scaled) -> ActionChannel:
             scale, offset = scaled(action)
             side = -1.0 if action.scale < 0.0 else 1.0
             return action.model_copy(update={"scale": side * scale, "offset": offset}) if scale else action

@@ -7,11 +7,44 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from viatool.doctor.evidence import Driven
+from viatool.errors import ConfigurationError
 from viatool.policy import Policy, PolicySpecification
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
 from viatool.simulate import Drive, drive
 from viatool.world import Scenario, WorldMap
+
+_TURNS = (0.0, 2.0, -2.0, 1.0, -1.0, 3.0)
+"""Radians by which starts are turned where a map draws no scenarios, so that there are more of them."""
+
+
+def scenarios_of(world_map: WorldMap, count: int, seed: int) -> tuple[Scenario, ...]:
+    """Return the fixed scenarios of a map, and as many drawn ones as are missing of `count`.
+
+    A map that draws none gives its fixed ones with starts that are turned.
+
+    Raises
+    ------
+    ConfigurationError
+        If there are neither.
+    """
+    fixed = world_map.scenarios
+    if world_map.generator is not None:
+        return (*fixed, *world_map.generator.draw(max(count - len(fixed), 0), seed))
+    if not fixed:
+        raise ConfigurationError(
+            f"map '{world_map.path}' has no scenarios",
+            "add 'scenarios' or a 'generator' to the map, or give --trajectory",
+        )
+    turned = [_turned(scenario, turn) for turn in _TURNS for scenario in fixed]
+    return tuple(turned[: max(count, len(fixed))])
+
+
+def _turned(scenario: Scenario, turn: float) -> Scenario:
+    """Return a scenario that starts with another heading."""
+    x, y, theta = scenario.start
+    name = f"{scenario.name}, turned {turn:g} rad" if turn else scenario.name
+    return replace(scenario, name=name, start=(x, y, theta + turn))
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +50,11 @@ class Evidence(Protocol):
         ...
 
     @property
+    def is_known(self) -> bool:
+        """Tell whether anything could be found."""
+        ...
+
+    @property
     def is_good(self) -> bool:
         """Tell whether a specification that does so well may well be right."""
         ...
@@ -77,6 +82,7 @@ class Driven:
 
     outcomes: NDArray[np.str_]
     closed: Floats
+    is_known: ClassVar[bool] = True
 
     @property
     def reached(self) -> Booleans:
@@ -132,14 +138,19 @@ class Compared:
         return float(np.nanquantile(self.differences, share))
 
     @property
+    def is_known(self) -> bool:
+        """Tell whether anything could be compared: a reading may need rays that were not recorded."""
+        return bool(np.isfinite(self.differences).any())
+
+    @property
     def merit(self) -> float:
         """Return how small the mean difference is."""
-        return -float(np.nanmean(self.differences))
+        return -float(np.nanmean(self.differences)) if self.is_known else -np.inf
 
     @property
     def is_good(self) -> bool:
         """Tell whether the commands of nearly all states are explained."""
-        return self.quantile(0.9) <= 2.0 * _ALIKE
+        return self.is_known and self.quantile(0.9) <= 2.0 * _ALIKE
 
     def against(self, other: Evidence) -> Paired:
         """Return in how many states one of both is clearly nearer to the recorded command."""

@@ -84,9 +84,7 @@ def previous_command_normalised(spec: PolicySpecification, around: Surroundings)
         yield f"previous command {words}", _with(spec, kinds, mapped)
 
 
-def _normalised(
-    spec: PolicySpecification, kinds: Kinds, what: str, limits: Mapping[str, float]
-) -> Variants:
+def _normalised(spec: PolicySpecification, kinds: Kinds, what: str, limits: Mapping[str, float]) -> Variants:
     """Yield lengths in metres, as shares of a limit, and from -1 to 1."""
     if not _has(spec, kinds):
         return
@@ -118,7 +116,11 @@ def _has(spec: PolicySpecification, kinds: Kinds) -> bool:
 
 
 def _with(
-    spec: PolicySpecification, kinds: Kinds, encoded: Callable[[ObservationChannel], Map], *, clip: bool = False
+    spec: PolicySpecification,
+    kinds: Kinds,
+    encoded: Callable[[ObservationChannel], Map],
+    *,
+    clip: bool = False,
 ) -> PolicySpecification:
     """Return a specification that encodes the channels of some kinds otherwise; their clip goes, unless it is kept."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 
 from viatool.channels import LidarSpecification
 from viatool.doctor.interpretation import Surroundings, Variants, reads, with_observation
@@ -30,10 +31,8 @@ def scan_turned(spec: PolicySpecification, around: Surroundings) -> Variants:
     if _lidars(spec):
         for degrees, angle in _QUARTERS.items():
             side = "right" if degrees < 0 else "left"
-            words = (
-                "scan begins opposite" if degrees == 180 else f"scan begins a quarter turn further {side}"
-            )
-            yield words, _with_scan(spec, lambda lidar, angle=angle: _rotated(lidar, angle))
+            words = "scan begins opposite" if degrees == 180 else f"scan begins a quarter turn further {side}"
+            yield words, _with_scan(spec, partial(_rotated, angle=angle))
 
 
 def _lidars(spec: PolicySpecification) -> list[LidarSpecification]:

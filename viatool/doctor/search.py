@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from viatool.doctor.evidence import Evidence, Paired
 from viatool.doctor.interpretation import Interpretation, Surroundings
+from viatool.errors import EmptyEvaluationError
 from viatool.policy import PolicySpecification
 from viatool.schedule import Piece, Progress, Scheduler, Span
 
@@ -98,10 +99,20 @@ def rank(
     -------
     Ranking
         Of the specification, of every reading with one change, and of such with more changes as long as none is good.
+
+    Raises
+    ------
+    EmptyEvaluationError
+        If there is no evidence of the specification itself.
     """
     base = Interpretation(spec)
     seen = {base.meaning}
     examined = list(_examined([base], examine, scheduler, progress))
+    if not examined:
+        raise EmptyEvaluationError(
+            "nothing of the recording can be compared with the policy",
+            "record commands beside the observations",
+        )
     frontier = [base]
     for depth in range(_DEPTH):
         before = max(one.evidence.merit for one in examined)
@@ -138,8 +149,9 @@ def _examined(
     progress: Progress,
     before: int = 0,
 ) -> Iterator[Examined]:
-    """Yield the evidence of readings as it comes in."""
+    """Yield the evidence of readings as it comes in, where there is any."""
     pieces = [Piece(Span(i, i + 1), one.name, one.spec) for i, one in enumerate(interpretations)]
     for done, (piece, evidence) in enumerate(scheduler.run(examine, pieces), 1):
         progress("readings", before + done, before + len(pieces))
-        yield Examined(interpretations[piece.span.first], evidence)
+        if evidence.is_known:
+            yield Examined(interpretations[piece.span.first], evidence)

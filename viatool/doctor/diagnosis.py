@@ -1,0 +1,178 @@
+"""The job of ``viatool doctor``: to tell whether a specification is right."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+from viatool.channels import Extent
+from viatool.doctor.course import Course
+from viatool.doctor.edits import Edit, edits
+from viatool.doctor.interpretation import Surroundings
+from viatool.doctor.recorded import BagFile, Table, commanded
+from viatool.doctor.search import Examine, Examined, Ranking, rank
+from viatool.errors import TrajectoryError
+from viatool.policy import Policy
+from viatool.policy.specified import specification_of
+from viatool.schedule import Progress, ignore, open_scheduler
+from viatool.setting.asked import Asked
+from viatool.setting.premises import Premise
+from viatool.setting.received import as_received
+from viatool.setting.setting import Setting
+from viatool.setting.wishes import Wishes
+from viatool.simulate import Drive
+from viatool.trajectory import BagSettings, Trajectory, is_bag, load_trajectory
+from viatool.world import Scenario, WorldMap
+
+StrPath = str | os.PathLike[str]
+Verdict = Literal["specified", "another", "undecided", "none"]
+"""The specification does as well as any reading, and well; another one is clearly better; another one seems better; no
+reading does well."""
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis(Asked):
+    """What was found of a specification.
+
+    Parameters
+    ----------
+    policy : Policy
+        With the specification that was examined.
+    setting : Setting
+        Where.
+    ranking : Ranking
+        Of all readings that were tried.
+    source : str
+        What they were tried on, in words.
+    seed : int
+        Of scenarios and noise.
+    seconds : float
+        Wall time.
+    drives : tuple of Drive
+        Those of the specification and of the best reading, to be drawn; none of a recording.
+    """
+
+    policy: Policy
+    setting: Setting
+    ranking: Ranking
+    source: str
+    seed: int
+    seconds: float
+    drives: tuple[Drive, ...] = ()
+
+    @property
+    def premises(self) -> tuple[Premise, ...]:
+        """Return what took effect, and who said so."""
+        return self.setting.driving_premises
+
+    @property
+    def verdict(self) -> Verdict:
+        """Return what was found."""
+        ranking = self.ranking
+        if ranking.is_clear:
+            return "another"
+        if ranking.best is not ranking.specified:
+            return "undecided"
+        return "specified" if ranking.specified.evidence.is_good else "none"
+
+    @property
+    def edits(self) -> tuple[Edit, ...]:
+        """Return what to change in the specification so that it says what the best reading does."""
+        return self.edits_of(self.ranking.best)
+
+    def edits_of(self, one: Examined) -> tuple[Edit, ...]:
+        """Return what to change in the specification so that it says what a reading does."""
+        return edits(self.setting.spec, one.interpretation.spec)
+
+
+def diagnose(
+    policy: Policy,
+    world_map: WorldMap,
+    scenarios: Sequence[Scenario] = (),
+    *,
+    trajectory: Trajectory | StrPath | None = None,
+    bag: BagSettings | None = None,
+    wishes: Wishes | None = None,
+    noise: float | None = None,
+    horizon: int | None = None,
+    seed: int = 0,
+    workers: int | Literal["auto"] = 1,
+    progress: Progress = ignore,
+) -> Diagnosis:
+    """Try other readings of a policy's specification.
+
+    Parameters
+    ----------
+    policy : Policy
+        With a specification.
+    world_map : WorldMap
+        Where it drives, or drove.
+    scenarios : sequence of Scenario
+        What it is driven through under each reading.
+    trajectory : Trajectory or path, optional
+        Recorded observations and commands that are compared instead.
+    bag : BagSettings, optional
+        Goal, topics and frame where that is a bag.
+    wishes : Wishes, optional
+        What counts instead of what policy and map say; where their LiDARs differ the policy's counts unless it is said.
+    noise : float, optional
+        Of the LiDAR, in metres; None is the map's.
+    horizon : int, optional
+        Most steps of an episode; None is the task's.
+    seed : int
+        Of the noise.
+    workers : int or "auto"
+        Processes that share the readings; they change nothing but the time.
+    progress : Progress
+        Told how many readings have been examined.
+
+    Raises
+    ------
+    PolicyError
+        If the policy has no specification, or observes what cannot be simulated.
+    ConfigurationError
+        If policy and map contradict each other.
+    TrajectoryError
+        If a recording does not fit the policy, or has no commands.
+    EmptyEvaluationError
+        If there is nothing to compare.
+    """
+    started = time.perf_counter()
+    wishes = wishes or Wishes()
+    wishes = replace(wishes, prefer={"lidar": "policy", **wishes.prefer})
+    course = Course(policy, world_map, tuple(scenarios), wishes, noise, seed, horizon)
+    setting = course.setting(specification_of(policy))
+    around = Surroundings(setting.robot, Extent(*setting.world_map.bounds))
+    examine: Examine = course
+    source = f"{len(course.scenarios):,} scenarios, seed {seed}"
+    if trajectory is not None:
+        examine, source = _recorded(policy, setting, trajectory, bag)
+    ranking = rank(setting.spec, examine, around, open_scheduler(workers), progress)
+    shown = dict.fromkeys([ranking.specified, ranking.best]) if trajectory is None else {}
+    drives = tuple(course.drive(one.interpretation.spec) for one in shown)
+    return Diagnosis(policy, setting, ranking, source, seed, time.perf_counter() - started, drives)
+
+
+def _recorded(
+    policy: Policy, setting: Setting, trajectory: Trajectory | StrPath, bag: BagSettings | None
+) -> tuple[Examine, str]:
+    """Return what compares a recording with the policy under a specification, and what it is in words."""
+    told = f"read from {trajectory}" if isinstance(trajectory, (str, os.PathLike)) else "given as arrays"
+    if isinstance(trajectory, (str, os.PathLike)):
+        if is_bag(Path(trajectory)):
+            scans = BagFile.of(policy, setting.spec, Path(trajectory), bag or BagSettings())
+            return scans, f"{len(scans.time):,} scans {told}"
+        trajectory = load_trajectory(trajectory, setting.spec)
+    states = as_received(setting, trajectory)
+    commands = commanded(states.actions, setting.spec)
+    if commands.shape[1] != len(setting.spec.axes):
+        raise TrajectoryError(
+            f"the trajectory has {commands.shape[1]} numbers for each command, the policy gives "
+            f"{len(setting.spec.axes)} ({', '.join(axis.name for axis in setting.spec.axes)})",
+            "record what was commanded beside what was observed, or leave --trajectory out and drive",
+        )
+    return Table(policy, setting.spec, states.observations, commands), f"{len(states):,} states {told}"
