@@ -27,6 +27,7 @@ COMMANDS = (
     "bounds",
     "simulate",
     "inspect",
+    "doctor",
     "map",
     "reproduce",
     "completion",

@@ -46,48 +46,57 @@ class PosesType(click.ParamType):  # type: ignore[type-arg]  # generic only in n
 
 
 def state_options(command: Command) -> Command:
-    """Add the options of recorded states."""
-    for option in reversed(
-        (
-            click.option(
-                "--trajectory",
-                type=READABLE,
-                metavar="FILE",
-                help="Recorded states instead of simulated ones: npz, csv, or a ROS 1 or 2 bag (.bag, .mcap, .db3, "
-                "or the folder of a ROS 2 bag).",
-            ),
-            click.option(
-                "--poses",
-                "places",
-                type=PosesType(),
-                help="Verify poses all over the free space instead of driven states: a grid (0.5 m, 8 headings "
-                "each) or N random ones, with the goals of the map's scenarios, or --goal.",
-            ),
-            click.option(
-                "--goal",
-                "goals",
-                type=PointType(),
-                multiple=True,
-                help="Where the robot was heading in a bag, or heads from --poses (repeatable); m in the map frame.",
-            ),
-            click.option("--scan-topic", metavar="NAME", help="Topic of the LaserScan in a bag."),
-            click.option("--odom-topic", metavar="NAME", help="Topic of the Odometry in a bag."),
-            click.option(
-                "--cmd-topic",
-                metavar="NAME",
-                help="Topic of the commands in a bag: Twist, TwistStamped, or Odometry for the measured velocity.",
-            ),
-            click.option(
-                "--frame",
-                metavar="NAME",
-                default="map",
-                show_default=True,
-                help="Frame of a bag that is the map's; 'odom' asserts that the odometry has not drifted.",
-            ),
-        )
-    ):
+    """Add the options of recorded states and of poses."""
+    where = _goal_option(
+        "Where the robot was heading in a bag, or heads from --poses (repeatable); m in the map frame."
+    )
+    for option in reversed((_trajectory_option, _poses_option, where, *_bag_options)):
         command = option(command)
     return command
+
+
+def recording_options(command: Command) -> Command:
+    """Add the options of recorded states."""
+    where = _goal_option("Where the robot was heading in a bag; m in the map frame.")
+    for option in reversed((_trajectory_option, where, *_bag_options)):
+        command = option(command)
+    return command
+
+
+def _goal_option(told: str) -> Callable[[Command], Command]:
+    return click.option("--goal", "goals", type=PointType(), multiple=True, help=told)
+
+
+_trajectory_option = click.option(
+    "--trajectory",
+    type=READABLE,
+    metavar="FILE",
+    help="Recorded states instead of simulated ones: npz, csv, or a ROS 1 or 2 bag (.bag, .mcap, .db3, "
+    "or the folder of a ROS 2 bag).",
+)
+_poses_option = click.option(
+    "--poses",
+    "places",
+    type=PosesType(),
+    help="Verify poses all over the free space instead of driven states: a grid (0.5 m, 8 headings "
+    "each) or N random ones, with the goals of the map's scenarios, or --goal.",
+)
+_bag_options = (
+    click.option("--scan-topic", metavar="NAME", help="Topic of the LaserScan in a bag."),
+    click.option("--odom-topic", metavar="NAME", help="Topic of the Odometry in a bag."),
+    click.option(
+        "--cmd-topic",
+        metavar="NAME",
+        help="Topic of the commands in a bag: Twist, TwistStamped, or Odometry for the measured velocity.",
+    ),
+    click.option(
+        "--frame",
+        metavar="NAME",
+        default="map",
+        show_default=True,
+        help="Frame of a bag that is the map's; 'odom' asserts that the odometry has not drifted.",
+    ),
+)
 
 
 def sampled_places(given: Mapping[str, Any]) -> Places | None:
@@ -127,8 +136,9 @@ def bag_settings(given: Mapping[str, Any]) -> BagSettings | None:
     if given["trajectory"] is None or not is_bag(given["trajectory"]):
         if topics != Topics() or given["frame"] != "map":
             raise click.UsageError("topics and --frame are for a bag that is given with --trajectory")
-        if given["goals"] and given["places"] is None:
-            raise click.UsageError("--goal is for a bag that is given with --trajectory, or for --poses")
+        if given["goals"] and given.get("places") is None:
+            other = ", or for --poses" if "places" in given else ""
+            raise click.UsageError(f"--goal is for a bag that is given with --trajectory{other}")
         return None
     if len(given["goals"]) > 1:
         raise click.UsageError("a bag has one --goal, but several were given")

@@ -143,6 +143,11 @@ class Compared:
         return bool(np.isfinite(self.differences).any())
 
     @property
+    def explained(self) -> int:
+        """Return in how many states the policy gives the recorded command, up to what timing and noise make of it."""
+        return int((self.differences <= _ALIKE).sum())
+
+    @property
     def merit(self) -> float:
         """Return how small the mean difference is."""
         return -float(np.nanmean(self.differences)) if self.is_known else -np.inf

@@ -28,7 +28,7 @@ def goal_mirrored(spec: PolicySpecification, around: Surroundings) -> Variants:
         def mirrored(channel: ObservationChannel) -> Map:
             return -channel.scale, channel.offset
 
-        yield "bearing of the goal mirrored", _with(spec, _SIDEWAYS, mirrored, clip=True)
+        yield "bearing mirrored", _with(spec, _SIDEWAYS, mirrored, clip=True)
 
 
 @reads("unit of angles")
@@ -55,7 +55,7 @@ def ranges_normalised(spec: PolicySpecification, around: Surroundings) -> Varian
 def lengths_normalised(spec: PolicySpecification, around: Surroundings) -> Variants:
     """Yield lengths in metres, and normalised by the maximum range and by the diagonal of the map."""
     limits = {"the maximum range": _maximum_range(spec, around), "the map's diagonal": around.extent.diagonal}
-    yield from _normalised(spec, _LENGTHS, "lengths to the goal", limits)
+    yield from _normalised(spec, _LENGTHS, "goal lengths", limits)
 
 
 @reads("scale of the previous command")
@@ -102,7 +102,7 @@ def _normalised(spec: PolicySpecification, kinds: Kinds, what: str, limits: Mapp
             return (2.0 / limit, -1.0) if channel.kind in _UNSIGNED else shares(channel, limit)
 
         yield f"{what} divided by {name}", _with(spec, kinds, shares)
-        yield f"{what} scaled from [0, {name}] to [-1, 1]", _with(spec, kinds, from_minus_one)
+        yield f"{what} by {name} to [-1, 1]", _with(spec, kinds, from_minus_one)
 
 
 def _maximum_range(spec: PolicySpecification, around: Surroundings) -> float:

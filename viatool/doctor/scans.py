@@ -22,7 +22,7 @@ def rays_the_other_way(spec: PolicySpecification, around: Surroundings) -> Varia
     if _lidars(spec):
         yield "rays in reversed order", _with_scan(spec, _mirrored)
         if any(lidar.start is not None for lidar in _lidars(spec)):
-            yield "rays the other way round from the same first ray", _with_scan(spec, _turned_over)
+            yield "rays the other way from the same start", _with_scan(spec, _turned_over)
 
 
 @reads("start of the scan")
@@ -31,7 +31,9 @@ def scan_turned(spec: PolicySpecification, around: Surroundings) -> Variants:
     if _lidars(spec):
         for degrees, angle in _QUARTERS.items():
             side = "right" if degrees < 0 else "left"
-            words = "scan begins opposite" if degrees == 180 else f"scan begins a quarter turn further {side}"
+            words = (
+                "scan begins on the other side" if degrees == 180 else f"scan a quarter turn further {side}"
+            )
             yield words, _with_scan(spec, partial(_rotated, angle=angle))
 
 

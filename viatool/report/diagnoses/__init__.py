@@ -1,0 +1,1 @@
+"""Reports on whether a specification is right: `viatool doctor`."""
