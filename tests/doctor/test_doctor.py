@@ -1,0 +1,238 @@
+"""Wrong readings of a policy that drives well are found, and named; right ones are left alone."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from tests.bags import drive_messages, write_bag
+from tests.doctor.layouts import AHEAD, AROUND, LAYOUTS, PLAIN, Layout, plants
+from viatool.channels import Quantities, View
+from viatool.cli import main
+from viatool.doctor import Diagnosis, diagnose, scenarios_of
+from viatool.doctor.interpretation import Interpretation
+from viatool.errors import ConfigurationError, EmptyEvaluationError, PolicyError, TrajectoryError
+from viatool.policy import Policy, PolicySpecification, load_policy, load_specification
+from viatool.setting.setting import Setting
+from viatool.setting.wishes import Wishes
+from viatool.simulate import drive
+from viatool.trajectory import BagSettings, Trajectory, write_trajectory
+from viatool.world import Scenes, WorldMap, load_map
+
+LAB = load_map("maps/lab.yaml")
+SCENARIOS = scenarios_of(LAB, 24, 0)
+PLANTED = {(layout.name, what): spec for layout in LAYOUTS for what, spec in plants(layout)}
+
+
+@pytest.fixture(scope="module")
+def policies(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Policy]:
+    folder = tmp_path_factory.mktemp("layouts")
+    return {layout.name: load_policy(layout.write(folder)) for layout in LAYOUTS}
+
+
+def means(diagnosis: Diagnosis, layout: Layout) -> bool:
+    """Whether the best reading is the right one."""
+    found = diagnosis.ranking.best.interpretation
+    return found.meaning == Interpretation(layout.spec).meaning
+
+
+def wrong(policies: dict[str, Policy], layout: Layout, what: str) -> Policy:
+    return replace(policies[layout.name], spec=PLANTED[layout.name, what])
+
+
+@pytest.mark.parametrize(
+    ("layout", "what"),
+    [
+        (AROUND, "ray start +0.25"),
+        (AHEAD, "ray order"),
+        (AHEAD, "mirrored bearing"),
+        (AROUND, "degrees"),
+        (AHEAD, "ranges in metres"),
+        (PLAIN, "flipped turn"),
+    ],
+    ids=lambda part: getattr(part, "name", part),
+)
+def test_a_wrong_reading_is_found_and_named(policies: dict[str, Policy], layout: Layout, what: str) -> None:
+    diagnosis = diagnose(wrong(policies, layout, what), LAB, SCENARIOS)
+    assert diagnosis.verdict == "another"
+    assert means(diagnosis, layout)
+    assert diagnosis.edits
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "what"), PLANTED, ids=lambda part: str(part))
+def test_every_wrong_reading_of_every_layout_is_found(
+    policies: dict[str, Policy], name: str, what: str
+) -> None:
+    layout = next(one for one in LAYOUTS if one.name == name)
+    spec = PLANTED[name, what]
+    diagnosis = diagnose(replace(policies[name], spec=spec), LAB, scenarios_of(LAB, 60, 1))
+    if what == "actions not scaled" or Interpretation(spec).meaning == Interpretation(layout.spec).meaning:
+        assert diagnosis.verdict == "specified"  # commands are clipped either way, so it drives as well
+    else:
+        assert diagnosis.verdict == "another"
+        assert means(diagnosis, layout)
+
+
+def test_a_right_specification_is_kept(policies: dict[str, Policy]) -> None:
+    diagnosis = diagnose(policies["plain"], LAB, SCENARIOS)
+    assert diagnosis.verdict == "specified"
+    assert not diagnosis.edits
+
+
+def recording(policy: Policy, spec: PolicySpecification) -> Trajectory:
+    """What a robot observes by a specification while the policy drives it rightly."""
+    setting = Setting.of(policy, LAB, 0.0, Wishes(prefer={"lidar": "policy"}), SCENARIOS[:6])
+    driven = drive(policy, setting, noise=0.0).trajectory
+    scenes = Scenes.of(LAB, SCENARIOS[:6])
+    goals = np.array([scenario.goal for scenario in SCENARIOS[:6]])[driven.episode]
+    begins = np.diff(driven.episode, prepend=-1) != 0
+    spots = {action.kind: number for number, action in enumerate(policy.spec.action)}
+    commands = driven.actions[:, [spots["linear"], spots["angular"]]]
+    previous = np.where(begins[:, None], 0.0, np.roll(commands, 1, axis=0))
+    view = View(scenes, driven.poses, driven.episode, goals, previous)
+    return replace(driven, observations=Quantities.of(spec.observation, LAB.robot).measure(view))
+
+
+@pytest.mark.parametrize(
+    ("layout", "what"),
+    [
+        (AROUND, "ray start +0.25"),
+        (AHEAD, "ray order"),
+        (AHEAD, "mirrored bearing"),
+        (AROUND, "degrees"),
+        (AHEAD, "ranges in metres"),
+        (PLAIN, "ranges normalised twice"),
+    ],
+    ids=lambda part: getattr(part, "name", part),
+)
+def test_a_recording_tells_without_a_simulator(
+    policies: dict[str, Policy], layout: Layout, what: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    policy = wrong(policies, layout, what)
+    states = recording(policies[layout.name], policy.spec)
+    monkeypatch.setattr("viatool.doctor.course.drive", None)
+    diagnosis = diagnose(policy, LAB, trajectory=states)
+    assert diagnosis.verdict == "another"
+    assert means(diagnosis, layout)
+    assert diagnosis.ranking.best.evidence.merit > -1e-4
+
+
+@pytest.mark.parametrize(
+    ("layout", "what"),
+    [(PLAIN, "flipped turn"), (AHEAD, "actions swapped"), (AROUND, "actions not scaled")],
+    ids=lambda part: getattr(part, "name", part),
+)
+def test_recorded_commands_tell_of_the_actions(
+    policies: dict[str, Policy], layout: Layout, what: str
+) -> None:
+    policy = wrong(policies, layout, what)
+    states = recording(policies[layout.name], layout.spec)
+    names = [action.name for action in layout.spec.action]
+    order = [names.index(action.name) for action in policy.spec.action]
+    diagnosis = diagnose(policy, LAB, trajectory=replace(states, actions=states.actions[:, order]))
+    assert diagnosis.verdict == "another"
+    assert means(diagnosis, layout)
+
+
+def test_a_bag_is_read_again_under_every_reading(policies: dict[str, Policy], tmp_path: Path) -> None:
+    messages, _ = drive_messages(policies["plain"], LAB)
+    bag = write_bag(tmp_path / "run", messages, "mcap")
+    settings = BagSettings(goal=LAB.scenarios[0].goal)
+    right = diagnose(policies["plain"], LAB, trajectory=bag, bag=settings)
+    assert right.verdict == "specified"
+    turned = diagnose(wrong(policies, PLAIN, "ray order"), LAB, trajectory=bag, bag=settings)
+    assert turned.verdict == "another"
+    assert means(turned, PLAIN)
+
+
+def test_rays_that_were_not_recorded_tell_nothing(policies: dict[str, Policy]) -> None:
+    states = recording(policies["plain"], PLAIN.spec)
+    diagnosis = diagnose(policies["plain"], LAB, trajectory=states)
+    names = [one.interpretation.name for one in diagnosis.ranking.examined]
+    assert diagnosis.verdict == "specified"
+    assert "rays in reversed order" in names
+    assert not [name for name in names if name.startswith("scan")]
+
+
+def test_two_mistakes_are_found_together(policies: dict[str, Policy]) -> None:
+    mirrored = PLANTED["plain", "mirrored bearing"].channel("goal_sine")
+    observation = [
+        mirrored if channel.name == "goal_sine" else channel
+        for channel in PLANTED["plain", "ranges normalised twice"].observation
+    ]
+    spec = PLAIN.spec.model_copy(update={"observation": observation})
+    states = recording(policies["plain"], spec)
+    diagnosis = diagnose(replace(policies["plain"], spec=spec), LAB, trajectory=states)
+    assert diagnosis.verdict == "another"
+    assert means(diagnosis, PLAIN)
+    assert len(diagnosis.ranking.best.interpretation.changes) == 2
+
+
+def test_workers_change_nothing(policies: dict[str, Policy]) -> None:
+    policy = wrong(policies, PLAIN, "ray order")
+    states = recording(policies["plain"], policy.spec)
+    ranked = [diagnose(policy, LAB, trajectory=states, workers=workers).ranking for workers in (1, 2)]
+    alone, shared = (
+        [(one.interpretation.name, one.evidence.merit) for one in ranking.examined] for ranking in ranked
+    )
+    assert alone == shared
+
+
+def test_a_map_without_a_generator_turns_its_starts(lab_without_generator: WorldMap) -> None:
+    found = scenarios_of(lab_without_generator, 25, 0)
+    assert len(found) == 25
+    assert len({scenario.name for scenario in found}) == 25
+    assert [scenario.name for scenario in found[:10]] == [scenario.name for scenario in LAB.scenarios]
+    assert found[10].start[:2] == LAB.scenarios[0].start[:2]
+    with pytest.raises(ConfigurationError, match="has no scenarios"):
+        scenarios_of(replace(lab_without_generator, scenarios=()), 25, 0)
+
+
+@pytest.fixture
+def lab_without_generator() -> WorldMap:
+    return replace(LAB, generator=None)
+
+
+def test_what_cannot_be_compared_is_refused(policies: dict[str, Policy]) -> None:
+    policy = policies["plain"]
+    states = recording(policy, PLAIN.spec)
+    with pytest.raises(TrajectoryError, match="0 numbers for each command"):
+        diagnose(policy, LAB, trajectory=replace(states, actions=np.zeros((len(states), 0))))
+    with pytest.raises(TrajectoryError, match="25 observation entries"):
+        diagnose(policies["around"], LAB, trajectory=states)
+    with pytest.raises(EmptyEvaluationError):
+        diagnose(policy, LAB, trajectory=states.select(np.zeros(len(states), bool)))
+    with pytest.raises(PolicyError, match="no specification"):
+        diagnose(replace(policy, spec=None), LAB, SCENARIOS)
+
+
+def test_the_command_reports_and_passes(policies: dict[str, Policy], tmp_path: Path) -> None:
+    policy = policies["plain"]
+    (tmp_path / "wrong.yaml").write_text(PLANTED["plain", "mirrored bearing"].to_yaml(), encoding="utf-8")
+    write_trajectory(tmp_path / "run.npz", recording(policy, PLANTED["plain", "mirrored bearing"]))
+    arguments = ["doctor", str(policy.path), "--map", "maps/lab.yaml", "--spec", str(tmp_path / "wrong.yaml")]
+    recorded = ["--trajectory", str(tmp_path / "run.npz"), "--write-spec", str(tmp_path / "right.yaml")]
+    outputs = [f"json:{tmp_path}/report.json", f"png:{tmp_path}/report.png", f"csv:{tmp_path}/report.csv"]
+    done = CliRunner().invoke(main, [*arguments, *recorded, *(part for o in outputs for part in ("-o", o))])
+    assert done.exit_code == 0, done.output
+    assert "warning: another reading is clearly better: bearing mirrored" in done.stderr
+    assert "observation.goal_sine.scale: 1 instead of -1" in done.stderr
+    report = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
+    assert (report["method"], report["verdict"]) == ("recorded", "another")
+    assert report["readings"][report["best"]]["edits"] == [
+        {"key": "observation.goal_sine.scale", "now": "1", "was": "-1"}
+    ]
+    assert (tmp_path / "report.png").read_bytes().startswith(b"\x89PNG")
+    assert len((tmp_path / "report.csv").read_text(encoding="utf-8").splitlines()) > 10
+    right = load_specification(tmp_path / "right.yaml")
+    assert Interpretation(right).meaning == Interpretation(PLAIN.spec).meaning
+    again = ["--spec", str(tmp_path / "right.yaml"), "--scenarios", "2", "--horizon", "5", "-q"]
+    done = CliRunner().invoke(main, [*arguments[:4], *again, "-o", f"figure:{tmp_path}/drive.svg"])
+    assert done.exit_code == 0, done.output
+    assert (tmp_path / "drive.svg").exists()
