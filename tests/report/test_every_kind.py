@@ -24,6 +24,7 @@ from tests.hall import MAP, write_policy
 from tests.report.toy_kind import TOY, ToyDocument
 from viatool import load_map, load_policy
 from viatool.cli import main
+from viatool.doctor import diagnose
 from viatool.errors import ConfigurationError
 from viatool.places import Resolution, certify
 from viatool.report import (
@@ -41,6 +42,7 @@ from viatool.report import (
     print_comparison,
     print_report,
 )
+from viatool.report.diagnoses.run import DiagnosisRun
 from viatool.report.kinds import live_of
 from viatool.report.outputs import content_of
 from viatool.report.places.run import PlacesRun
@@ -60,12 +62,16 @@ SCHEMAS = {
     StatesRun: "report.schema.json",
     PlacesRun: "certificate.schema.json",
     SimulationRun: "simulation.schema.json",
+    DiagnosisRun: "diagnosis.schema.json",
 }
 LIVE = tuple(SCHEMAS)
+JUDGED = (StatesRun, PlacesRun, SimulationRun)
+"""Kinds of run of which each part passes or fails."""
 SERVED = {
     StatesRun: "json states csv witnesses figure html markdown junit sarif github",
     PlacesRun: "json cells csv witnesses figure html markdown junit sarif github",
     SimulationRun: "json trajectory csv figure markdown junit sarif github",
+    DiagnosisRun: "json csv figure markdown github",
 }
 
 
@@ -88,11 +94,13 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Runs:
         policy, world_map, world_map.scenarios[0], eps=0.01, resolution=Resolution(0.5, 0), seed=1
     )
     simulation = simulate(policy, Setting.of(policy, world_map, 0.0))
+    diagnosis = diagnose(policy, world_map, world_map.scenarios)
     return Runs(
         {
             StatesRun: told(StatesRun(result)),
             PlacesRun: told(PlacesRun(certificate)),
             SimulationRun: told(SimulationRun(simulation)),
+            DiagnosisRun: told(DiagnosisRun(diagnosis)),
         }
     )
 
@@ -144,7 +152,7 @@ def test_the_json_keeps_to_its_published_schema(runs: Runs, kind: type[Document]
     assert content["premises"] == [vars(premise) for premise in PREMISES]
 
 
-@pytest.mark.parametrize("kind", LIVE)
+@pytest.mark.parametrize("kind", JUDGED)
 def test_sarif_keeps_to_the_standard(runs: Runs, kind: type[Document]) -> None:
     log = json.loads(written(runs.of[kind], "sarif", FAILED))
     SarifLog.model_validate(log)
@@ -157,7 +165,7 @@ def test_sarif_keeps_to_the_standard(runs: Runs, kind: type[Document]) -> None:
     assert run["properties"]["premises"] == [vars(premise) for premise in PREMISES]
 
 
-@pytest.mark.parametrize("kind", LIVE)
+@pytest.mark.parametrize("kind", JUDGED)
 def test_junit_is_what_dashboards_read(runs: Runs, kind: type[Document]) -> None:
     root = ElementTree.fromstring(written(runs.of[kind], "junit", FAILED))
     (suite,) = root
@@ -179,7 +187,7 @@ def test_junit_is_what_dashboards_read(runs: Runs, kind: type[Document]) -> None
 @pytest.mark.parametrize("kind", LIVE)
 def test_hostile_names_stay_text(runs: Runs, kind: type[Document]) -> None:
     document = runs.of[kind]
-    for name in ("csv", "markdown", "github", "junit"):
+    for name in {"csv", "markdown", "github", "junit"} & set(formats_of(kind)):
         text = written(document, name, FAILED).decode()
         assert not re.search("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f]", text)
         if name == "github":
@@ -241,7 +249,7 @@ def command(*arguments: object) -> Done:
     return CliRunner().invoke(main, [str(argument) for argument in arguments])
 
 
-@pytest.mark.parametrize("kind", LIVE)
+@pytest.mark.parametrize("kind", JUDGED)
 def test_gate_compare_and_report_take_every_kind(
     stored: dict[type[Document], Path], kind: type[Document], tmp_path: Path
 ) -> None:
@@ -268,6 +276,16 @@ def test_a_format_that_needs_more_than_the_json_names_the_command(
     assert done.exit_code == 2
     assert "'junit' needs more than the JSON" in done.output
     assert f"run viatool {kind.COMMAND} again with --output junit:PATH" in done.output
+
+
+def test_a_diagnosis_is_gated_by_how_the_policy_does_as_specified(stored: dict[type[Document], Path]) -> None:
+    path = stored[DiagnosisRun]
+    content = load_document(path).content
+    own = content["readings"][content["specified"]]["driven"]["success"]
+    assert command("gate", path, "--fail-under", str(own["rate"]), "--baseline", path, "-q").exit_code == 0
+    done = command("gate", path, "--max-unsafe", "0")
+    assert (done.exit_code, "--max-unsafe is not about a diagnosis" in done.output) == (2, True)
+    assert command("compare", path, path).exit_code == 0
 
 
 def test_a_simulation_is_told_whole_by_its_json(stored: dict[type[Document], Path]) -> None:

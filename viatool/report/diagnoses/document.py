@@ -13,6 +13,8 @@ from viatool.report.sections import Annotation, Facts, Headline, Section, Share,
 COLUMNS = ("reading", "changes", "part", "total", "better", "worse", "chance", "as_good", "edits")
 _SHOWN = 12
 """Most readings in a table for people."""
+_RARE = 1e-6
+"""Below which a probability is not written out."""
 
 
 class DiagnosisDocument(Annotated, Tabled):
@@ -131,16 +133,17 @@ class DiagnosisDocument(Annotated, Tabled):
 
     @property
     def _head(self) -> tuple[str, ...]:
-        against = ("better", "worse", "by chance")
+        against = ("better/worse", "chance")
         if self.record.method == "driven":
-            return "reading", "reach the goal", "95 %", "collide", "time out", *against
+            return "reading", "goals", "95 %", "collide", "time out", *against
         return "reading", "explained", "median", "90 %", *against
 
     def _row(self, reading: ReadingRecord) -> tuple[str, ...]:
         name = f"{reading.name} *" if reading is self.best else reading.name
-        against = (str(reading.better), str(reading.worse), significant(reading.chance, 2))
+        chance = significant(reading.chance, 2) if reading.chance >= _RARE else f"< {_RARE:g}"
+        against = (f"{reading.better}/{reading.worse}", chance)
         if reading is self.specified:
-            against = ("", "", "")
+            against = ("", "")
         if reading.driven is not None:
             low, high = (f"{100.0 * end:.0f}" for end in reading.driven.success.interval)
             others = (reading.driven.collision, reading.driven.timeout)
