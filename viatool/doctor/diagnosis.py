@@ -13,7 +13,7 @@ from viatool.channels import Extent
 from viatool.doctor.course import Course
 from viatool.doctor.edits import Edit, edits
 from viatool.doctor.interpretation import Surroundings
-from viatool.doctor.recorded import BagFile, Table, commanded
+from viatool.doctor.recorded import BagFile, Commander, Table
 from viatool.doctor.search import Examine, Examined, Ranking, rank
 from viatool.errors import TrajectoryError
 from viatool.policy import Policy
@@ -161,18 +161,21 @@ def _recorded(
     policy: Policy, setting: Setting, trajectory: Trajectory | StrPath, bag: BagSettings | None
 ) -> tuple[Examine, str]:
     """Return what compares a recording with the policy under a specification, and what it is in words."""
-    told = f"read from {trajectory}" if isinstance(trajectory, (str, os.PathLike)) else "given as arrays"
+    commander = Commander(policy, setting.rules.kinematics, setting.robot)
+    told = "given as arrays"
     if isinstance(trajectory, (str, os.PathLike)):
-        if is_bag(Path(trajectory)):
-            scans = BagFile.of(policy, setting.spec, Path(trajectory), bag or BagSettings())
+        told, path = f"read from {os.fspath(trajectory)}", Path(trajectory)
+        if is_bag(path):
+            scans = BagFile.of(commander, setting.spec, path, bag or BagSettings())
             return scans, f"{len(scans.time):,} scans {told}"
-        trajectory = load_trajectory(trajectory, setting.spec)
+        trajectory = load_trajectory(path, setting.spec)
     states = as_received(setting, trajectory)
-    commands = commanded(states.actions, setting.spec)
-    if commands.shape[1] != len(setting.spec.axes):
+    commands = commander.of_actions(setting.spec, states.actions)
+    axes = commander.axes
+    if commands.shape[1] != len(axes):
         raise TrajectoryError(
-            f"the trajectory has {commands.shape[1]} numbers for each command, the policy gives "
-            f"{len(setting.spec.axes)} ({', '.join(axis.name for axis in setting.spec.axes)})",
+            f"the trajectory has {commands.shape[1]} numbers for each command, the robot takes {len(axes)} "
+            f"({', '.join(axis.name for axis in axes)})",
             "record what was commanded beside what was observed, or leave --trajectory out and drive",
         )
-    return Table(policy, setting.spec, states.observations, commands), f"{len(states):,} states {told}"
+    return Table(commander, setting.spec, states.observations, commands), f"{len(states):,} states {told}"

@@ -11,12 +11,71 @@ from viatool.arrays import Floats, Indices
 from viatool.channels import LidarSpecification
 from viatool.doctor.evidence import Compared
 from viatool.errors import EmptyEvaluationError, TrajectoryError
+from viatool.motion.law import Axis, Kinematics
 from viatool.policy import Policy, PolicySpecification
+from viatool.policy.command_map import command_map
 from viatool.policy.specification import ObservationChannel
+from viatool.policy.specified import name_of
 from viatool.trajectory import BagSettings, Trajectory, load_trajectory
+from viatool.world import Robot
 
 _LATE = 2.5
 """Control intervals within which a command answers a scan of a bag."""
+_ALIKE = 1e-6
+"""Seconds within which two times are those of the same scan."""
+
+
+@dataclass(frozen=True, eq=False)
+class Commander:
+    """Says what a policy commands its robot under a specification.
+
+    Parameters
+    ----------
+    policy : Policy
+        Whose program is asked.
+    kinematics : Kinematics
+        Of the robot; A axes.
+    robot : Robot
+        Its limits, and its wheels.
+    """
+
+    policy: Policy
+    kinematics: Kinematics
+    robot: Robot
+
+    def of_actions(self, spec: PolicySpecification, actions: Floats) -> Floats:
+        """Return the commands (N, A) of recorded actions (N, O), or of commands as they are."""
+        made = command_map(spec, self.kinematics, self.robot, name_of(self.policy))
+        return made(actions) if actions.shape[1] == made.actions else actions
+
+    def compare(self, spec: PolicySpecification, inputs: Floats, commands: Floats) -> Compared:
+        """Compare what the policy commands under a specification with what was commanded.
+
+        Parameters
+        ----------
+        spec : PolicySpecification
+            By which the policy's outputs are commands.
+        inputs : ndarray
+            (N, n) what its network takes; NaN where that is not known.
+        commands : ndarray
+            (N, A) what was commanded; NaN where nothing was.
+        """
+        known = np.isfinite(inputs).all(axis=1) & np.isfinite(commands).all(axis=1)
+        each = np.full(commands.shape, np.nan)
+        if known.any():
+            found = self.of_actions(spec, replace(self.policy, spec=spec).run(inputs[known]))
+            each[known] = np.abs(self._carried_out(found) - self._carried_out(commands[known]))
+        lower, upper = self.kinematics.limits(self.robot)
+        ranges = np.where(upper > lower, upper - lower, 1.0)
+        return Compared((each / ranges).max(axis=1), tuple(axis.name for axis in self.axes), each)
+
+    @property
+    def axes(self) -> tuple[Axis, ...]:
+        """Return the entries of a command."""
+        return self.kinematics.axes
+
+    def _carried_out(self, commands: Floats) -> Floats:
+        return self.kinematics.clip(commands, self.robot)
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,25 +84,24 @@ class Table:
 
     Parameters
     ----------
-    policy : Policy
-        Whose program is asked.
+    commander : Commander
+        Of the policy.
     spec : PolicySpecification
         By which the observations were recorded: they are what it says.
     observations : ndarray
         (N, n).
     commands : ndarray
-        (N, A) what was commanded, in the order and units of its actions or of the axes of its choice.
+        (N, A) what the robot was commanded.
     """
 
-    policy: Policy
+    commander: Commander
     spec: PolicySpecification
     observations: Floats
     commands: Floats
 
     def __call__(self, spec: PolicySpecification) -> Compared:
         """Return how far the recorded commands are from the policy's if another specification is right."""
-        inputs = read_again(self.spec, spec, self.observations)
-        return compare(self.policy, self.spec, spec, inputs, self.commands)
+        return self.commander.compare(spec, read_again(self.spec, spec, self.observations), self.commands)
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,10 +110,8 @@ class BagFile:
 
     Parameters
     ----------
-    policy : Policy
-        Whose program is asked.
-    spec : PolicySpecification
-        The policy's own; the axes of its commands were recorded.
+    commander : Commander
+        Of the policy.
     path : Path
         Of the bag.
     settings : BagSettings
@@ -64,37 +120,38 @@ class BagFile:
         (N,) seconds of the scans that are asked about.
     """
 
-    policy: Policy
-    spec: PolicySpecification
+    commander: Commander
     path: Path
     settings: BagSettings
     time: Floats
 
     @classmethod
-    def of(cls, policy: Policy, spec: PolicySpecification, path: Path, settings: BagSettings) -> BagFile:
+    def of(
+        cls, commander: Commander, spec: PolicySpecification, path: Path, settings: BagSettings
+    ) -> BagFile:
         """Return a bag with the scans of which the policy's own specification makes an observation."""
-        whole = cls(policy, spec, path, settings, np.zeros(0))
+        whole = cls(commander, path, settings, np.zeros(0))
         return replace(whole, time=whole._read(spec)[0].time)
 
     def __call__(self, spec: PolicySpecification) -> Compared:
         """Return how far the recorded commands are from the policy's if a specification is right."""
-        size, axes = len(self.time), len(self.spec.axes)
-        inputs, commands = np.full((size, spec.observation_size), np.nan), np.full((size, axes), np.nan)
+        inputs = np.full((len(self.time), spec.observation_size), np.nan)
+        commands = np.full((len(self.time), len(self.commander.axes)), np.nan)
         try:
             read, answers = self._read(spec)
         except (EmptyEvaluationError, TrajectoryError):  # its rays are not in the scans
-            return compare(self.policy, self.spec, spec, inputs, commands)
-        at = np.minimum(np.searchsorted(self.time, read.time - 1e-6), size - 1)
-        same = np.abs(self.time[at] - read.time) < 1e-6
-        inputs[at[same]] = read.observations[same, : spec.observation_size]
+            return self.commander.compare(spec, inputs, commands)
+        at = np.minimum(np.searchsorted(self.time, read.time - _ALIKE), len(self.time) - 1)
+        same = np.abs(self.time[at] - read.time) < _ALIKE
+        inputs[at[same]] = read.observations[same]
         commands[at[same]] = answers[same]
-        return compare(self.policy, self.spec, spec, inputs, commands)
+        return self.commander.compare(spec, inputs, commands)
 
     def _read(self, spec: PolicySpecification) -> tuple[Trajectory, Floats]:
         """Return the states under a specification, and the command that followed each, (N, A); NaN where none did."""
         heard = [
             ObservationChannel(name=f"command {axis.kind}", kind=f"previous_{axis.kind}")
-            for axis in self.spec.axes
+            for axis in self.commander.axes
         ]
         listening = spec.model_copy(update={"observation": [*spec.observation, *heard]})
         read = load_trajectory(self.path, listening, self.settings)
@@ -105,45 +162,6 @@ class BagFile:
         answers[soon] = before[soon + 1]
         observed = np.flatnonzero(listening.inputs.channel < len(spec.observation))
         return replace(read, observations=read.observations[:, observed]), answers
-
-
-def compare(
-    policy: Policy, own: PolicySpecification, spec: PolicySpecification, inputs: Floats, commands: Floats
-) -> Compared:
-    """Compare what a policy commands under a specification with what was commanded.
-
-    Parameters
-    ----------
-    policy : Policy
-        Whose program is asked.
-    own : PolicySpecification
-        In whose order and limits commands were recorded.
-    spec : PolicySpecification
-        By which the policy's outputs are commands.
-    inputs : ndarray
-        (N, n) what its network takes; NaN where that is not known.
-    commands : ndarray
-        (N, A) what was commanded; NaN where nothing was.
-    """
-    known = np.isfinite(inputs).all(axis=1) & np.isfinite(commands).all(axis=1)
-    each = np.full(commands.shape, np.nan)
-    lower, upper = (np.array([getattr(axis, end) for axis in own.axes]) for end in ("lower", "upper"))
-    if known.any():
-        found = commanded(replace(policy, spec=spec).run(inputs[known]), spec)
-        names = [axis.name for axis in spec.axes]
-        found = found[:, [names.index(axis.name) for axis in own.axes]]
-        each[known] = np.abs(np.clip(found, lower, upper) - np.clip(commands[known], lower, upper))
-    ranges = np.where(upper > lower, upper - lower, 1.0)
-    return Compared((each / ranges).max(axis=1), tuple(axis.name for axis in own.axes), each)
-
-
-def commanded(actions: Floats, spec: PolicySpecification) -> Floats:
-    """Return commands (N, A) for actions: of a choice, those that the largest numbers choose."""
-    choice = spec.choice
-    if choice is None or actions.shape[1] == len(spec.axes):
-        return actions
-    table = np.array(choice.commands, dtype=np.float64)
-    return np.asarray(table[actions.argmax(axis=1)])
 
 
 def read_again(own: PolicySpecification, spec: PolicySpecification, observations: Floats) -> Floats:
