@@ -3,8 +3,8 @@
     python -m tests.benchmarks.doctor --scenarios 60
     python -m tests.benchmarks.doctor --policy actor.onnx --spec right.yaml --map stage.yaml
 
-The first line is about via in the layouts of `tests/doctor/layouts.py`, the second about a policy of others, of which the
-right specification is known.
+The first line is about via in the layouts of `tests/doctor/layouts.py`, the second about a policy of others of which
+the right specification is known.
 """
 
 from __future__ import annotations
