@@ -13,7 +13,7 @@ from viatool.channels import Extent
 from viatool.doctor.course import Course
 from viatool.doctor.edits import Edit, edits
 from viatool.doctor.interpretation import Surroundings
-from viatool.doctor.recorded import BagFile, Commander, Table
+from viatool.doctor.recorded import Commander, RecordedBag, RecordedTable
 from viatool.doctor.search import Examine, Examined, Ranking, rank
 from viatool.errors import TrajectoryError
 from viatool.policy import Policy
@@ -166,7 +166,7 @@ def _recorded(
     if isinstance(trajectory, (str, os.PathLike)):
         told, path = f"read from {os.fspath(trajectory)}", Path(trajectory)
         if is_bag(path):
-            scans = BagFile.of(commander, setting.spec, path, bag or BagSettings())
+            scans = RecordedBag.of(commander, setting.spec, path, bag or BagSettings())
             return scans, f"{len(scans.time):,} scans {told}"
         trajectory = load_trajectory(path, setting.spec)
     states = as_received(setting, trajectory)
@@ -178,4 +178,6 @@ def _recorded(
             f"({', '.join(axis.name for axis in axes)})",
             "record what was commanded beside what was observed, or leave --trajectory out and drive",
         )
-    return Table(commander, setting.spec, states.observations, commands), f"{len(states):,} states {told}"
+    return RecordedTable(
+        commander, setting.spec, states.observations, commands
+    ), f"{len(states):,} states {told}"

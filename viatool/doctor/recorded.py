@@ -79,7 +79,7 @@ class Commander:
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class RecordedTable:
     """Recorded observations and commands of a table, read again under other specifications.
 
     Parameters
@@ -105,7 +105,7 @@ class Table:
 
 
 @dataclass(frozen=True, eq=False)
-class BagFile:
+class RecordedBag:
     """A bag, whose scans are read again under every specification.
 
     Parameters
@@ -128,7 +128,7 @@ class BagFile:
     @classmethod
     def of(
         cls, commander: Commander, spec: PolicySpecification, path: Path, settings: BagSettings
-    ) -> BagFile:
+    ) -> RecordedBag:
         """Return a bag with the scans of which the policy's own specification makes an observation."""
         whole = cls(commander, path, settings, np.zeros(0))
         return replace(whole, time=whole._read(spec)[0].time)
