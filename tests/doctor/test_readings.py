@@ -10,11 +10,11 @@ import pytest
 from tests.doctor.layouts import AHEAD, AROUND, LAYOUTS, PLAIN, Layout
 from viatool.channels import Extent
 from viatool.doctor.edits import edits
-from viatool.doctor.interpretation import FAMILIES, Interpretation, Surroundings, as_version_2, reads
+from viatool.doctor.interpretation import FAMILIES, Background, Interpretation, as_version_2, reads
 from viatool.policy import PolicySpecification, load_policy
 from viatool.world import Robot
 
-AROUND_LAB = Surroundings(Robot(), Extent(-4.85, -4.85, 4.85, 4.85))
+AROUND_LAB = Background(Robot(), Extent(-4.85, -4.85, 4.85, 4.85))
 EPISODES = {"schema_version": 2, "observation": PLAIN.observation}
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from viatool.doctor.interpretation import Surroundings, Variants, reads, with_action
+from viatool.doctor.interpretation import Background, Variants, reads, with_action
 from viatool.policy import ActionChannel, PolicySpecification
 
 Scaled = Callable[[ActionChannel], tuple[float, float]]
@@ -14,7 +14,7 @@ _TURNS = ("angular", "angular_acceleration", "steering")
 
 
 @reads("order of the actions")
-def actions_swapped(spec: PolicySpecification, around: Surroundings) -> Variants:
+def actions_swapped(spec: PolicySpecification, around: Background) -> Variants:
     """Yield two actions in the other order."""
     if len(spec.action) == 2:
         rules = [rule.model_copy(update={"command": rule.command[::-1]}) for rule in spec.overrides]
@@ -22,19 +22,19 @@ def actions_swapped(spec: PolicySpecification, around: Surroundings) -> Variants
 
 
 @reads("side of turns")
-def turns_flipped(spec: PolicySpecification, around: Surroundings) -> Variants:
+def turns_flipped(spec: PolicySpecification, around: Background) -> Variants:
     """Yield turns to the other side."""
     yield from _flipped(spec, _TURNS, "turns to the other side")
 
 
 @reads("side of lateral motion")
-def lateral_flipped(spec: PolicySpecification, around: Surroundings) -> Variants:
+def lateral_flipped(spec: PolicySpecification, around: Background) -> Variants:
     """Yield lateral motion to the other side."""
     yield from _flipped(spec, ("lateral",), "lateral motion to the other side")
 
 
 @reads("scale of the actions")
-def actions_normalised(spec: PolicySpecification, around: Surroundings) -> Variants:
+def actions_normalised(spec: PolicySpecification, around: Background) -> Variants:
     """Yield outputs in physical units, in [-1, 1] over the range of each action, and as shares of its upper limit."""
     if spec.choice is not None:
         return

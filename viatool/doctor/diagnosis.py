@@ -12,7 +12,7 @@ from typing import Literal
 from viatool.channels import Extent
 from viatool.doctor.course import Course
 from viatool.doctor.edits import Edit, edits
-from viatool.doctor.interpretation import Surroundings
+from viatool.doctor.interpretation import Background
 from viatool.doctor.recorded import Commander, RecordedBag, RecordedTable
 from viatool.doctor.search import Examine, Examined, Ranking, rank
 from viatool.errors import TrajectoryError
@@ -146,7 +146,7 @@ def diagnose(
     wishes = replace(wishes, prefer={"lidar": "policy", **wishes.prefer})
     course = Course(policy, world_map, tuple(scenarios), wishes, noise, seed, horizon)
     setting = course.setting(specification_of(policy))
-    around = Surroundings(setting.robot, Extent(*setting.world_map.bounds))
+    around = Background(setting.robot, Extent(*setting.world_map.bounds))
     examine: Examine = course
     source = f"{len(course.scenarios):,} scenarios, seed {seed}"
     if trajectory is not None:

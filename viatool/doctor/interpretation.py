@@ -18,7 +18,7 @@ _DIGITS = 9  # to which directions and scales are told apart
 
 
 @dataclass(frozen=True)
-class Surroundings:
+class Background:
     """What may have been used to scale numbers: the robot's sensors and limits, and how large the map is."""
 
     robot: Robot
@@ -61,7 +61,7 @@ class Interpretation:
         """Return what is read in another way, in words."""
         return ", ".join(change.words for change in self.changes) or "as specified"
 
-    def others(self, around: Surroundings) -> Iterator[Interpretation]:
+    def others(self, around: Background) -> Iterator[Interpretation]:
         """Yield the readings with one more change."""
         taken = {change.family for change in self.changes}
         told = as_version_2(self.spec)
@@ -82,7 +82,7 @@ class Interpretation:
 
 
 Variants = Iterator[tuple[str, PolicySpecification]]
-Family = Callable[[PolicySpecification, Surroundings], Variants]
+Family = Callable[[PolicySpecification, Background], Variants]
 _Family = TypeVar("_Family", bound=Family)
 
 FAMILIES: dict[str, Family] = {}

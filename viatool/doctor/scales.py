@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 
-from viatool.doctor.interpretation import Surroundings, Variants, reads, with_observation
+from viatool.doctor.interpretation import Background, Variants, reads, with_observation
 from viatool.policy import PolicySpecification
 from viatool.policy.specification import ObservationChannel
 
@@ -21,7 +21,7 @@ Map = tuple[float, float]
 
 
 @reads("side of the goal")
-def goal_mirrored(spec: PolicySpecification, around: Surroundings) -> Variants:
+def goal_mirrored(spec: PolicySpecification, around: Background) -> Variants:
     """Yield the goal on the other side."""
     if _has(spec, _SIDEWAYS):
 
@@ -32,7 +32,7 @@ def goal_mirrored(spec: PolicySpecification, around: Surroundings) -> Variants:
 
 
 @reads("unit of angles")
-def angles_in_another_unit(spec: PolicySpecification, around: Surroundings) -> Variants:
+def angles_in_another_unit(spec: PolicySpecification, around: Background) -> Variants:
     """Yield angles in radians, in degrees and as shares of half a turn."""
     units = {"radians": 1.0, "degrees": 180.0 / math.pi, "half turns": 1.0 / math.pi}
     for unit, scale in units.items():
@@ -45,21 +45,21 @@ def angles_in_another_unit(spec: PolicySpecification, around: Surroundings) -> V
 
 
 @reads("scale of the LiDAR")
-def ranges_normalised(spec: PolicySpecification, around: Surroundings) -> Variants:
+def ranges_normalised(spec: PolicySpecification, around: Background) -> Variants:
     """Yield ranges in metres, and normalised by the maximum range."""
     limit = _maximum_range(spec, around)
     yield from _normalised(spec, ("lidar",), "ranges", {"the maximum range": limit})
 
 
 @reads("scale of lengths to the goal")
-def lengths_normalised(spec: PolicySpecification, around: Surroundings) -> Variants:
+def lengths_normalised(spec: PolicySpecification, around: Background) -> Variants:
     """Yield lengths in metres, and normalised by the maximum range and by the diagonal of the map."""
     limits = {"the maximum range": _maximum_range(spec, around), "the map's diagonal": around.extent.diagonal}
     yield from _normalised(spec, _LENGTHS, "goal lengths", limits)
 
 
 @reads("scale of the previous command")
-def previous_command_normalised(spec: PolicySpecification, around: Surroundings) -> Variants:
+def previous_command_normalised(spec: PolicySpecification, around: Background) -> Variants:
     """Yield the command before in physical units, as the network gave it, and normalised by its limits."""
     actions = {f"previous_{action.kind}": action for action in spec.action}
     kinds = tuple(actions)
@@ -105,7 +105,7 @@ def _normalised(spec: PolicySpecification, kinds: Kinds, what: str, limits: Mapp
         yield f"{what} by {name} to [-1, 1]", _with(spec, kinds, from_minus_one)
 
 
-def _maximum_range(spec: PolicySpecification, around: Surroundings) -> float:
+def _maximum_range(spec: PolicySpecification, around: Background) -> float:
     """Return the largest range that a LiDAR of the policy reads, or the robot's."""
     own = [channel.lidar.maximum_range for channel in spec.observation if channel.lidar is not None]
     return max(own, default=around.robot.lidar.maximum_range)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from functools import partial
 
 from viatool.channels import LidarSpecification
-from viatool.doctor.interpretation import Surroundings, Variants, reads, with_observation
+from viatool.doctor.interpretation import Background, Variants, reads, with_observation
 from viatool.policy import PolicySpecification
 from viatool.policy.specification import ObservationChannel
 
@@ -17,7 +17,7 @@ _QUARTERS = {90: 0.5 * math.pi, 180: math.pi, -90: -0.5 * math.pi}
 
 
 @reads("order of the rays")
-def rays_the_other_way(spec: PolicySpecification, around: Surroundings) -> Variants:
+def rays_the_other_way(spec: PolicySpecification, around: Background) -> Variants:
     """Yield the scan's mirror image, and the other way round from the same first ray where that is another one."""
     if _lidars(spec):
         yield "rays in reversed order", _with_scan(spec, _mirrored)
@@ -26,7 +26,7 @@ def rays_the_other_way(spec: PolicySpecification, around: Surroundings) -> Varia
 
 
 @reads("start of the scan")
-def scan_turned(spec: PolicySpecification, around: Surroundings) -> Variants:
+def scan_turned(spec: PolicySpecification, around: Background) -> Variants:
     """Yield scans that begin a quarter turn, or half a turn, elsewhere."""
     if _lidars(spec):
         for degrees, angle in _QUARTERS.items():

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from viatool.doctor.evidence import Evidence, Paired
-from viatool.doctor.interpretation import Interpretation, Surroundings
+from viatool.doctor.interpretation import Background, Interpretation
 from viatool.errors import EmptyEvaluationError
 from viatool.policy import PolicySpecification
 from viatool.schedule import Piece, Progress, Scheduler, Span
@@ -76,7 +76,7 @@ class Ranking:
 def rank(
     spec: PolicySpecification,
     examine: Examine,
-    around: Surroundings,
+    around: Background,
     scheduler: Scheduler,
     progress: Progress,
 ) -> Ranking:
@@ -88,7 +88,7 @@ def rank(
         The policy's own.
     examine : callable
         Picklable: gives the evidence of a specification.
-    around : Surroundings
+    around : Background
         Of the policy.
     scheduler : Scheduler
         Who does the work.
@@ -132,7 +132,7 @@ def _is_better(one: Evidence, other: Evidence, chance: float) -> bool:
 
 
 def _fresh(
-    frontier: Iterable[Interpretation], around: Surroundings, seen: set[str]
+    frontier: Iterable[Interpretation], around: Background, seen: set[str]
 ) -> Iterator[Interpretation]:
     """Yield what one more change makes of readings, as far as it means something new."""
     for known in frontier:
