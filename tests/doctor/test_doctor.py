@@ -85,6 +85,15 @@ def test_a_right_specification_is_kept(policies: dict[str, Policy]) -> None:
     assert not diagnosis.edits
 
 
+def test_what_is_in_doubt_is_driven_again_on_other_scenarios(policies: dict[str, Policy]) -> None:
+    diagnosis = diagnose(wrong(policies, PLAIN, "flipped turn"), LAB, SCENARIOS[:5])
+    again = diagnosis.ranking.again
+    assert again is not None  # five scenarios cannot be clear among so many readings
+    assert len(again.evidence.outcomes) == 20
+    assert diagnosis.verdict == "another"
+    assert means(diagnosis, PLAIN)
+
+
 def recording(policy: Policy, spec: PolicySpecification) -> Trajectory:
     """What a robot observes by a specification while the policy drives it rightly."""
     setting = Setting.of(policy, LAB, 0.0, Wishes(prefer={"lidar": "policy"}), SCENARIOS[:6])

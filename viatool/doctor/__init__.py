@@ -6,6 +6,16 @@ from viatool.doctor import commands, scales, scans  # noqa: F401  # they registe
 from viatool.doctor.course import scenarios_of
 from viatool.doctor.diagnosis import Diagnosis, diagnose
 from viatool.doctor.evidence import Compared, Driven, Paired
-from viatool.doctor.search import Examined, Ranking
+from viatool.doctor.search import Examined, Ranking, Repeat
 
-__all__ = ["Compared", "Diagnosis", "Driven", "Examined", "Paired", "Ranking", "diagnose", "scenarios_of"]
+__all__ = [
+    "Compared",
+    "Diagnosis",
+    "Driven",
+    "Examined",
+    "Paired",
+    "Ranking",
+    "Repeat",
+    "diagnose",
+    "scenarios_of",
+]

@@ -14,7 +14,7 @@ from viatool.doctor.course import Course
 from viatool.doctor.edits import Edit, edits
 from viatool.doctor.interpretation import Background
 from viatool.doctor.recorded import Commander, RecordedBag, RecordedTable
-from viatool.doctor.search import Examine, Examined, Ranking, rank
+from viatool.doctor.search import Examine, Examined, Ranking, Repeat, rank
 from viatool.errors import TrajectoryError
 from viatool.policy import Policy
 from viatool.policy.specified import specification_of
@@ -27,6 +27,9 @@ from viatool.setting.wishes import Wishes
 from viatool.simulate import Drive
 from viatool.trajectory import BagSettings, Trajectory, is_bag, load_trajectory
 from viatool.world import Scenario, WorldMap
+
+_MORE = 4
+"""Times as many scenarios on which a reading that may be better is driven again, beside the specification."""
 
 StrPath = str | os.PathLike[str]
 Verdict = Literal["specified", "another", "undecided", "none"]
@@ -151,7 +154,15 @@ def diagnose(
     source = f"{len(course.scenarios):,} scenarios, seed {seed}"
     if trajectory is not None:
         examine, source = _recorded(policy, setting, trajectory, bag)
-    ranking = rank(setting.spec, examine, around, open_scheduler(workers), progress)
+    scheduler = open_scheduler(workers)
+    ranking = rank(setting.spec, examine, around, scheduler, progress)
+    contender = ranking.contender
+    draws = world_map.generator if trajectory is None and not ranking.is_clear else None
+    if contender is not None and draws is not None:
+        fresh = draws.draw(_MORE * len(course.scenarios), seed + 1)
+        again = replace(course, scenarios=fresh)
+        found = [again(one.interpretation.spec) for one in (contender, ranking.specified)]
+        ranking = replace(ranking, again=Repeat(contender, *found))
     shown = dict.fromkeys([ranking.specified, ranking.best]) if trajectory is None else {}
     drives = tuple(course.drive(one.interpretation.spec) for one in shown)
     return Diagnosis(policy, setting, ranking, source, seed, time.perf_counter() - started, drives)

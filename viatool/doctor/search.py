@@ -37,6 +37,28 @@ class Examined:
 
 
 @dataclass(frozen=True, eq=False)
+class Repeat:
+    """One reading against the specification once more, on scenarios that did not choose it.
+
+    Parameters
+    ----------
+    contender : Examined
+        The reading.
+    evidence, specified : Evidence
+        Of the reading and of the specification.
+    """
+
+    contender: Examined
+    evidence: Evidence
+    specified: Evidence
+
+    @property
+    def is_clear(self) -> bool:
+        """Tell whether the reading is better, not by chance."""
+        return _is_better(self.evidence, self.specified, _CHANCE)
+
+
+@dataclass(frozen=True, eq=False)
 class Ranking:
     """All readings that were tried.
 
@@ -46,15 +68,34 @@ class Ranking:
         The best first.
     specified : Examined
         The policy's own specification; one of them.
+    again : Repeat, optional
+        What other scenarios told where these did not.
     """
 
     examined: tuple[Examined, ...]
     specified: Examined
+    again: Repeat | None = None
 
     @property
     def best(self) -> Examined:
-        """Return the one with the fewest changes among those that do as well as the best."""
-        return max(self.equals, key=lambda one: (-len(one.interpretation.changes), one.evidence.merit))
+        """Return the one with the fewest changes among those that do as well as the best.
+
+        A repeat that is clear decides otherwise, and the specification is not preferred to a good reading if it is not
+        good itself.
+        """
+        contender = self.contender
+        if self.again is not None and self.again.is_clear:
+            return self.again.contender
+        if contender is not None and contender.evidence.is_good and not self.specified.evidence.is_good:
+            return contender
+        return _fewest(self.equals)
+
+    @property
+    def contender(self) -> Examined | None:
+        """Return what may be better than the specification; None if nothing is."""
+        merit = self.specified.evidence.merit
+        better = [one for one in self.equals if one.evidence.merit > merit]
+        return _fewest(better) if better else None
 
     @property
     def equals(self) -> list[Examined]:
@@ -65,6 +106,8 @@ class Ranking:
     @property
     def is_clear(self) -> bool:
         """Tell whether another reading than the specified one is better, not by chance."""
+        if self.again is not None and self.again.is_clear:
+            return True
         return _is_better(self.best.evidence, self.specified.evidence, _CHANCE / len(self.examined))
 
     @property
@@ -125,6 +168,11 @@ def rank(
         frontier = [one.interpretation for one in examined if len(one.interpretation.changes) == depth + 1]
         frontier = frontier[:_BEAM]
     return Ranking(tuple(examined), next(one for one in examined if not one.interpretation.changes))
+
+
+def _fewest(examined: Sequence[Examined]) -> Examined:
+    """Return the one with the fewest changes, and of such the best."""
+    return max(examined, key=lambda one: (-len(one.interpretation.changes), one.evidence.merit))
 
 
 def _is_better(one: Evidence, other: Evidence, chance: float) -> bool:

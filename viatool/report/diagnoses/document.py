@@ -103,6 +103,11 @@ class DiagnosisDocument(Annotated, Tabled):
     def sections(self) -> Sequence[Section]:
         """Return the finding, what to change, the readings, and which of them cannot be told apart."""
         facts = [("found", self.finding), ("advice", self._short_advice)]
+        again = self.record.again
+        if again is not None:
+            shares = (again.driven.success.share, again.specified.success.share)
+            told = f"{shares[0].of()} against {shares[1].of()} as specified"
+            facts.append(("driven again", f"{again.name}: {told}, on scenarios that did not choose it"))
         alike = [one.name for one in self.record.readings if one.as_good and one is not self.best]
         if alike:
             told = ", ".join(alike[:_SHOWN]) + (", ..." if len(alike) > _SHOWN else "")

@@ -83,6 +83,17 @@ class ReadingRecord(ReportPart):
         return self
 
 
+class RepeatRecord(ReportPart):
+    """Scenarios that did not choose a reading: how it fares there, and how the specification does."""
+
+    name: str
+    driven: DrivenRecord
+    specified: DrivenRecord
+    better: Count
+    worse: Count
+    chance: Fraction
+
+
 class DiagnosisRecord(RunRecord):
     """All that was found: the readings, the best first, and which of them is the specification and which the best."""
 
@@ -93,6 +104,7 @@ class DiagnosisRecord(RunRecord):
     readings: Annotated[list[ReadingRecord], Field(min_length=1)]
     specified: Count
     best: Count
+    again: RepeatRecord | None = None
     seconds: Amount
 
     @model_validator(mode="after")

@@ -14,7 +14,7 @@ from viatool.versions import installed_versions
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from viatool.doctor import Diagnosis, Examined
+    from viatool.doctor import Diagnosis, Examined, Repeat
     from viatool.simulate import Proportion
 
 SCHEMA_VERSION = 1
@@ -49,6 +49,7 @@ def _content(diagnosis: Diagnosis) -> dict[str, Any]:
         "readings": [_reading(diagnosis, one, as_good=one in good) for one in ranking.examined],
         "specified": ranking.examined.index(ranking.specified),
         "best": ranking.examined.index(ranking.best),
+        "again": None if ranking.again is None else _again(ranking.again),
         "seconds": round(diagnosis.seconds, 3),
         "versions": installed_versions(),
         "premises": [premise.to_json() for premise in diagnosis.premises],
@@ -68,6 +69,21 @@ def _reading(diagnosis: Diagnosis, one: Examined, *, as_good: bool) -> dict[str,
         "worse": against.worse,
         "chance": against.chance,
         "as_good": as_good,
+    }
+
+
+def _again(repeat: Repeat) -> dict[str, Any]:
+    evidence, specified = repeat.evidence, repeat.specified
+    assert isinstance(evidence, Driven)
+    assert isinstance(specified, Driven)
+    against = evidence.against(specified)
+    return {
+        "name": repeat.contender.interpretation.name,
+        "driven": _driven(evidence),
+        "specified": _driven(specified),
+        "better": against.better,
+        "worse": against.worse,
+        "chance": against.chance,
     }
 
 
