@@ -22,7 +22,7 @@ from viatool.policy.network import Network
 from viatool.taylor.approximation import Approximation
 from viatool.taylor.attained import climb
 from viatool.taylor.deviation import runtime_deviation
-from viatool.taylor.memory import blocks_of_questions
+from viatool.taylor.memory import blocks_of_parts
 from viatool.taylor.parts import BoxParts, examine, whole_boxes
 from viatool.taylor.propagation import Box, propagate
 from viatool.taylor.refinement import (
@@ -254,7 +254,7 @@ def _settle(
     waiting = whole_boxes(extrema, np.zeros(0, dtype=np.intp))
     while fresh.owner.size:
         left = waiting
-        for block in blocks_of_questions(beyond, fresh.owner.size):
+        for block in blocks_of_parts(beyond, fresh.owner.size):
             examined, points = examine(beyond, extrema, fresh.rows(block), enough, rule)
             _attack(beyond, program, examined, points, command, stray, attained)
             np.add.at(spent, examined.owner, 1)
@@ -271,7 +271,7 @@ def _settle(
 def _margins_of(beyond: Network, box: Box, seed: Floats, rule: Approximation) -> Extrema:
     """Bound the margin that each seed (P, K) names over a box of its own, on the face where it is largest."""
     found = []
-    for block in blocks_of_questions(beyond, len(seed)):
+    for block in blocks_of_parts(beyond, len(seed)):
         some = box.rows(block)
         passes = propagate(beyond, some, rule=rule)
         asked = Extrema(some, seed[block], seeded_upper(passes[-1].hull, seed[block]))

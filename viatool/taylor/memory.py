@@ -22,6 +22,9 @@ LARGEST_FLOATS = 4_000_000
 _LEAST_STATES = 8
 """States of a pass through a network so wide that nothing stays in the cache: enough to share the work of Python."""
 
+_CONDITIONS = 64
+"""Conditions of one dual bound, about, each of which has a coefficient for each symbol."""
+
 _OPERATIONS = 4e9
 """Multiplications of what refines the bounds of one state: some tenths of a second."""
 
@@ -37,6 +40,13 @@ def blocks_of_states(network: Network, count: int) -> list[slice]:
 def blocks_of_questions(network: Network, count: int) -> list[slice]:
     """Cut `count` questions, each with a box of its own, into those that one pass of order 1 takes together."""
     return _blocks(network, count, LARGEST_FLOATS // 2, 2048)
+
+
+def blocks_of_parts(network: Network, count: int) -> list[slice]:
+    """Cut `count` parts of boxes into those that branch and bound takes together, each with all its conditions."""
+    symbols = network.input_size + sum(node.size for node in network.nodes if isinstance(node, Activation))
+    step = max(_LEAST_STATES, LARGEST_FLOATS // (symbols * _CONDITIONS))
+    return [slice(start, min(start + step, count)) for start in range(0, count, step)]
 
 
 def _blocks(network: Network, count: int, floats: int, most: int) -> list[slice]:
