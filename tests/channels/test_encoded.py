@@ -346,6 +346,21 @@ def test_degrees_are_not_taken_for_a_full_circle(view):
         PolicySpecification.model_validate({**text, "schema_version": 2})
 
 
+@pytest.mark.parametrize("clip", [(0.0, 4.0), (-3.0, 0.1), (0.5, 30.0)])
+def test_the_reciprocal_of_what_may_be_0_lies_within_its_clip(clip):
+    """Sets around the goal, and beside it: how far it is may be 0, also by the error of the sensor."""
+    generator = np.random.default_rng(6)
+    observed = Quantities.of([channel("goal_distance", reciprocal=True, clip=clip), channel("pose_x")], ROBOT)
+    cells, radii = cells_at(generator, 120, 0.1), np.array([0.05, 0.0])
+    cells.poses.centre[:60, :2] = np.array(SCENARIO.goal) + generator.normal(0.0, 0.15, (60, 2))
+    sightings = enclose(observed, cells, radii)
+    assert escapes(observed, cells, sightings, generator, radii).max() <= 0.0
+    unknown = np.ptp([sightings.forms.lower[:, 0], sightings.forms.upper[:, 0]], axis=0) > 0.99 * np.ptp(clip)
+    assert 5 < unknown.sum() < 70
+    with pytest.raises(EnclosureError, match="its reciprocal anything\nhint: give the channel the `clip`"):
+        enclose(Quantities.of([channel("goal_distance", reciprocal=True)], ROBOT), cells)
+
+
 @pytest.mark.parametrize("kind", ["goal_distance", "pose_x"])
 def test_a_reading_without_bounds_is_refused_by_its_channel(kind):
     observed = Quantities.of([channel("heading"), channel(kind, reciprocal=True)], ROBOT)

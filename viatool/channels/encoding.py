@@ -118,10 +118,21 @@ class Encoding:
         Notes
         -----
         Sound: yes, as `enclose`. What is surely not clipped stays a form; a reciprocal and what may be clipped are
-        enclosed by the chord's slope.
+        enclosed by the chord's slope; of the reciprocal of what may be 0 the ends of the clip are known.
         """
         if not self:
             return readings
+        finite = (readings.lower > 0.0) | (readings.upper < 0.0)
+        if self.reciprocal and self.clip is not None and not finite.all():
+            low, high = _as_stored(*self.clip)
+            still, ones = np.zeros_like(readings.slope), np.ones_like(readings.centre)
+            half = (0.5 * (high - low) + _FEW_ROUNDINGS * (abs(low) + abs(high))) * ones
+            anything = Forms(0.5 * (low + high) * ones, still, half)
+            return Forms.where(
+                finite,
+                self.forms(Forms.where(finite, readings, Forms(ones, still, 0.0 * ones))),
+                anything,
+            )
         if self.reciprocal:
             readings = _reciprocal_forms(readings)
         scaled = self.scale * readings.centre + self.offset
@@ -159,7 +170,7 @@ def _reciprocal_forms(readings: Forms) -> Forms:
     if not ((lower > 0.0) | (upper < 0.0)).all():
         raise EnclosureError(
             "a reading may be 0 somewhere in a set of states, and its reciprocal anything",
-            "give a LiDAR a `minimum_range` above its eps, or verify recorded states with a `clip`",
+            "give the channel the `clip` with which the robot's software keeps it finite",
         )
     slope = -1.0 / (lower * upper)
     # 1/x - slope x is convex (concave for x < 0): its extremes are at the ends and at the tangent point
