@@ -19,6 +19,9 @@ CACHED_FLOATS = 400_000
 LARGEST_FLOATS = 4_000_000
 """Floats in the largest array of a pass over one state: some ten such arrays stay below half a gigabyte."""
 
+_KEPT_FLOATS = 2.0**26
+"""Floats that the nodes of a network keep together in one pass, as those of a recurrent layer with many steps do."""
+
 _LEAST_STATES = 8
 """States of a pass through a network so wide that nothing stays in the cache: enough to share the work of Python."""
 
@@ -54,6 +57,7 @@ def _blocks(network: Network, count: int, floats: int, most: int) -> list[slice]
     each = widest * (network.input_size + min(widest // 2, MOST_SYMBOLS))
     least = int(np.clip(2 * LARGEST_FLOATS // each, 1, _LEAST_STATES))
     step = int(np.clip(floats // each, least, most))
+    step = min(step, max(1, int(_KEPT_FLOATS / _floats_of_a_pass(network))))
     return [slice(start, min(start + step, count)) for start in range(0, count, step)]
 
 
@@ -83,6 +87,17 @@ def floats_of_order(network: Network, box: Box, order: int) -> Floats:
 def affords_passes(network: Network, count: int) -> bool:
     """Tell whether so many passes of order 1 over single boxes are worth their time, for one state."""
     return count * _operations_of_a_pass(network) <= _OPERATIONS
+
+
+@lru_cache(maxsize=64)
+def _floats_of_a_pass(network: Network) -> float:
+    """Return about how many coefficients a pass of order 1 keeps of all nodes together, for one state."""
+    symbols, kept = 0, 0.0
+    for node in network.nodes:
+        if not isinstance(node, Affine):
+            symbols = min(symbols + node.size, MOST_SYMBOLS)
+        kept += float(node.size) * (network.input_size + symbols)
+    return kept
 
 
 @lru_cache(maxsize=64)
