@@ -132,6 +132,14 @@ class Frames(Strict):
     order: Literal["oldest_first", "newest_first"] = "oldest_first"
 
     @property
+    def words(self) -> str:
+        """Return the frames in words; nothing for the newest alone."""
+        if self.count == 1:
+            return ""
+        apart = f", {self.stride} steps apart" if self.stride > 1 else ""
+        return f"{self.count} frames{apart}, {self.order.replace('_', ' ')}"
+
+    @property
     def ages(self) -> tuple[int, ...]:
         """Return how many control intervals ago each frame was read, in their order."""
         newest_first = tuple(range(0, self.count * self.stride, self.stride))

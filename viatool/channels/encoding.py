@@ -41,6 +41,18 @@ class Encoding:
         """Tell whether it changes anything."""
         return self != PLAIN
 
+    @property
+    def words(self) -> str:
+        """Return the map in words, such as ``0.2 * value - 0.5 in [0, 1]``; nothing where it changes nothing."""
+        if not self:
+            return ""
+        value = "1 / value" if self.reciprocal else "value"
+        scaled = value if self.scale == 1.0 else f"{self.scale:.4g} * {value}"
+        shifted = (
+            f"{scaled} {'-' if self.offset < 0 else '+'} {abs(self.offset):.4g}" if self.offset else scaled
+        )
+        return shifted if self.clip is None else f"{shifted} in [{self.clip[0]:g}, {self.clip[1]:g}]"
+
     def apply(self, values: Reals) -> Reals:
         """Encode readings of any shape; a reciprocal of 0 is infinite before it is clipped."""
         if not self:

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from viatool.channels.channel import NOW
 from viatool.report.foreign import shown
 from viatool.report.numbers import MISSING, count, counted
 from viatool.report.summaries import print_facts
@@ -108,18 +109,22 @@ def _print_layers(found: Inspection, console: Console) -> None:
 
 def _print_specification(spec: PolicySpecification, console: Console) -> None:
     table = Table(box=box.SIMPLE_HEAD, show_edge=False)
-    for name in ("channel", "size", "unit", "kind", "range or value", "eps"):
+    taken = ("the network takes",) if spec.schema_version > 1 else ()
+    for name in ("channel", "size", "unit", "kind", "range or value", *taken, "eps"):
         table.add_column(name, justify="right" if name in ("size", "eps") else "left")
     for channel in spec.observation:
         value = MISSING if channel.value is None else f"fixed to {channel.value:g}"
         if channel.lidar is not None:
             value = f"{channel.lidar.minimum_range:g} to {channel.lidar.maximum_range:g}"
+            value += f", {channel.lidar.lidar().words}" if taken else ""
+        frames = (channel.frames or spec.frames or NOW).words
+        encoded = ["; ".join(filter(None, (channel.encoding.words or "value", frames)))] if taken else []
         eps = "" if channel.eps is None else f"{channel.eps:g}"
-        _add_row(table, channel.name, str(channel.size), channel.unit, channel.kind, value, eps)
+        _add_row(table, channel.name, str(channel.size), channel.unit, channel.kind, value, *encoded, eps)
     table.add_section()
     for action in spec.action:
         limits = f"{action.lower:g} to {action.upper:g}"
-        _add_row(table, action.name, "1", action.unit, action.kind, limits, "")
+        _add_row(table, action.name, "1", action.unit, action.kind, limits, *("" for _ in taken), "")
     console.print(table)
     facts = [
         ("robot", spec.robot),

@@ -1,0 +1,75 @@
+"""The layouts of public projects: each policy of the zoo is inspected, driven and verified as it is specified."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from viatool import load_policy
+from viatool.cli import main
+
+ZOO = Path("examples/zoo")
+LAYOUTS = sorted(path.parent.name for path in ZOO.glob("*/specification.yaml"))
+REMEMBERING = {"f1tenth_drl", "rl_collision_avoidance"}
+"""Stacked frames: refused by name where a set of poses is asked about."""
+
+
+def run(command, layout, *options):
+    policy, spec = ZOO / layout / "policy.onnx", ZOO / layout / "specification.yaml"
+    return CliRunner().invoke(main, [command, str(policy), "--spec", str(spec), *map(str, options)])
+
+
+def test_there_are_fifteen_layouts_each_with_a_policy_and_a_row_in_the_docs():
+    assert len(LAYOUTS) >= 15
+    page = Path("docs/trained-with.md").read_text("utf-8")
+    assert [layout for layout in LAYOUTS if f"`{layout}`" not in page] == []
+    assert [layout for layout in LAYOUTS if not (ZOO / layout / "policy.onnx").exists()] == []
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_a_layout_is_inspected_driven_and_verified(layout, tmp_path):
+    assert run("inspect", layout).exit_code == 0
+    driven = run("simulate", layout, "--map", ZOO / "room.yaml", "--horizon", 5)
+    assert driven.exit_code == 0, driven.output
+    report, states = tmp_path / "report.json", tmp_path / "states.npz"
+    verified = run(
+        "verify", layout, "--map", ZOO / "room.yaml", "--eps", 0.01, "--poses", "random:4", "--refine", "none",
+        "--output", f"json:{report}", "--output", f"states:{states}",
+    )  # fmt: skip
+    assert verified.exit_code == 0, verified.output
+    assert json.loads(report.read_text())["states"] >= 4
+    with np.load(states) as table:
+        lower, upper = table["observation_lower"], table["observation_upper"]
+        assert (lower <= table["observation"]).all()
+        assert (table["observation"] <= upper).all()
+    policy = load_policy(ZOO / layout / "policy.onnx", ZOO / layout / "specification.yaml")
+    free = np.isnan(policy.spec.fixed_values())
+    moved = (upper - lower)[:, free].max(axis=0)
+    assert (moved > 0.0).all()
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_places_are_certified_or_refused_by_name(layout):
+    asked = run(
+        "certify",
+        layout,
+        "--map",
+        ZOO / "room.yaml",
+        "--scenario",
+        0,
+        "--eps",
+        0.01,
+        "--sample",
+        1e-5,
+        "--halvings",
+        0,
+    )
+    if layout in REMEMBERING:
+        assert asked.exit_code == 2
+        assert "frames that are up to" in asked.output
+    else:
+        assert asked.exit_code == 0, asked.output
