@@ -17,10 +17,22 @@ LAYOUTS = sorted(path.parent.name for path in ZOO.glob("*/specification.yaml"))
 REMEMBERING = {"f1tenth_drl", "rl_collision_avoidance"}
 """Stacked frames: refused by name where a set of poses is asked about."""
 
+LARGE = {"navrep", "rl_collision_avoidance", "ros_jackal"}
+"""Scans of 512 to 1080 rays: some tens of seconds each."""
+
+
+def marked(layouts):
+    return [pytest.param(one, marks=pytest.mark.slow) if one in LARGE else one for one in layouts]
+
 
 def run(command, layout, *options):
     policy, spec = ZOO / layout / "policy.onnx", ZOO / layout / "specification.yaml"
     return CliRunner().invoke(main, [command, str(policy), "--spec", str(spec), *map(str, options)])
+
+
+def room(layout):
+    own = ZOO / layout / "map.yaml"
+    return own if own.exists() else ZOO / "room.yaml"
 
 
 def test_there_are_fifteen_layouts_each_with_a_policy_and_a_row_in_the_docs():
@@ -30,14 +42,14 @@ def test_there_are_fifteen_layouts_each_with_a_policy_and_a_row_in_the_docs():
     assert [layout for layout in LAYOUTS if not (ZOO / layout / "policy.onnx").exists()] == []
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", marked(LAYOUTS))
 def test_a_layout_is_inspected_driven_and_verified(layout, tmp_path):
     assert run("inspect", layout).exit_code == 0
-    driven = run("simulate", layout, "--map", ZOO / "room.yaml", "--horizon", 5)
+    driven = run("simulate", layout, "--map", room(layout), "--horizon", 5)
     assert driven.exit_code == 0, driven.output
     report, states = tmp_path / "report.json", tmp_path / "states.npz"
     verified = run(
-        "verify", layout, "--map", ZOO / "room.yaml", "--eps", 0.01, "--poses", "random:4", "--refine", "none",
+        "verify", layout, "--map", room(layout), "--eps", 0.01, "--poses", "random:4", "--refine", "none",
         "--output", f"json:{report}", "--output", f"states:{states}",
     )  # fmt: skip
     assert verified.exit_code == 0, verified.output
@@ -52,13 +64,13 @@ def test_a_layout_is_inspected_driven_and_verified(layout, tmp_path):
     assert (moved > 0.0).all()
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", marked(LAYOUTS))
 def test_places_are_certified_or_refused_by_name(layout):
     asked = run(
         "certify",
         layout,
         "--map",
-        ZOO / "room.yaml",
+        room(layout),
         "--scenario",
         0,
         "--eps",

@@ -48,6 +48,8 @@ from viatool.world import Scenario
 _CHUNK = 256
 _CHUNK_PAIRS = 400_000
 """Cells, and cells times shapes, that are enclosed together, so that the arrays stay in the cache."""
+_CHUNK_NUMBERS = 8_000_000
+"""Coefficients of the inputs of a network, n for each of its n inputs, that are kept together."""
 _EFFORT = ProofEffort(levels=8, cells=64, tolerance=1e-4)
 
 
@@ -190,7 +192,9 @@ class ClosedLoop:
     def commands(self, cells: StateBoxes) -> CommandBounds:
         """Bound what the policy commands anywhere in cells, whatever the sensors err. **Sound:** yes."""
         cells.checked()
-        found = [self._commands(cells.select(some)) for some in self._chunks(len(cells), _CHUNK)]
+        size = len(self.setting.radii)
+        most = int(np.clip(_CHUNK_NUMBERS // (size * size), 1, _CHUNK))
+        found = [self._commands(cells.select(some)) for some in self._chunks(len(cells), most)]
         return CommandBounds(
             *(
                 np.concatenate([getattr(part, name) for part in found])
@@ -211,7 +215,7 @@ class ClosedLoop:
 
     def _chunks(self, count: int, most: int) -> list[slice]:
         """Cut cells so that the arrays over cells and shapes stay small, however many shapes there are."""
-        step = int(np.clip(_CHUNK_PAIRS // len(self.sensors.shapes), 8, most))
+        step = int(np.clip(_CHUNK_PAIRS // len(self.sensors.shapes), min(8, most), most))
         return [slice(start, min(start + step, count)) for start in range(0, count, step)]
 
     def _commands(self, cells: StateBoxes) -> CommandBounds:

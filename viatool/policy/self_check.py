@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from viatool.arrays import Booleans, Floats
-from viatool.channels import Extent, Quantities
+from viatool.channels import Extent, Quantities, Quantity
 from viatool.errors import PolicyError, SelfCheckError
 from viatool.policy.executed import Executed
 from viatool.policy.maps import normaliser
@@ -260,9 +260,7 @@ def _plausible_range(size: int, spec: PolicySpecification | None) -> tuple[Float
     if spec is None or spec.observation_size != size:
         return np.full(size, -1.0), np.full(size, 1.0)
     quantities = Quantities.of(spec.observation, frames=spec.frames)
-    nominal = [
-        quantity.bounds(_NOMINAL) if quantity.has("bounds") else (-1.0, 1.0) for quantity in quantities
-    ]
+    nominal = [_range_of(quantity) for quantity in quantities]
     sizes = [channel.size for channel in spec.observation]
     ends = [
         quantities.inputs.encode(np.repeat(np.array(side), sizes)[None])[0]
@@ -270,6 +268,14 @@ def _plausible_range(size: int, spec: PolicySpecification | None) -> tuple[Float
     ]
     finite = [np.where(np.isfinite(end), end, 1.0) for end in ends]  # the reciprocal of a range of 0
     return np.minimum(*finite), np.maximum(*finite)
+
+
+def _range_of(quantity: Quantity) -> tuple[float, float]:
+    """Return the bounds of a quantity on a robot that is not known yet; -1 to 1 where its kind tells none."""
+    try:
+        return quantity.bounds(_NOMINAL)
+    except PolicyError:
+        return -1.0, 1.0
 
 
 def propagate_rounding(network: Network, points: Floats) -> tuple[list[Floats], list[Floats]]:
