@@ -94,6 +94,8 @@ class PreviousAngular(PreviousCommand):
 class PreviousRaw(Quantity):
     """The network's own outputs of the step before, as it gave them; 0 before the first."""
 
+    needs = frozenset({"outputs"})
+
     @classmethod
     def check(cls, channel: Channel) -> None:
         """Accept any size: one number for each output."""

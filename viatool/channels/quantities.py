@@ -82,6 +82,12 @@ class Quantities:
         return tuple((one, columns) for one, columns in pairs if isinstance(one, LidarReadings))
 
     @property
+    def outputs(self) -> int:
+        """Return how many numbers that the network gave in the step before are observed; 0 for none."""
+        observed = [one.channel.size for one in self.each if "outputs" in one.needs]
+        return observed[0] if observed else 0
+
+    @property
     def needs(self) -> frozenset[str]:
         """What has to be in a recording, as `Quantity.needs`."""
         return frozenset().union(*(quantity.needs for quantity in self.each))

@@ -54,7 +54,7 @@ class Quantity(ABC):
     robot: Robot
 
     needs: ClassVar[frozenset[str]] = frozenset()
-    """What `record` takes of a recording: "scan", "goal", "command"."""
+    """What it takes beyond poses: "scan", "goal", "command" of a recording; "outputs" of the network."""
 
     wraps: ClassVar[bool] = False
     """Whether it is an angle within a half turn, so that a set of states may be observed on both of its sides."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from viatool.arrays import Booleans, Floats, Indices, Reals
-from viatool.channels import Fan, Frames, PreviousRaw, View, see
+from viatool.channels import Fan, Frames, View, see
 from viatool.errors import ConfigurationError
 from viatool.motion.arcs import wrap_angle
 from viatool.motion.kinematics import kinematics_of
@@ -150,12 +150,7 @@ class Simulator(ABC):
         self.previous = np.zeros((robots, axes))
         self.steps = np.zeros(robots, np.int64)
         self._velocity = np.zeros((robots, 3))
-        raw = [
-            quantity.channel.size
-            for quantity in self.observer.quantities
-            if isinstance(quantity, PreviousRaw)
-        ]
-        self._raw = np.zeros((robots, raw[0] if raw else 0))
+        self._raw = np.zeros((robots, self.observer.quantities.outputs))
         slow = self.conditions.lidar_rate is not None  # then a scan is held until the next one
         fans = self.observer.fans if slow else ()
         self._held = {fan: np.zeros((robots, len(fan)), np.float32) for fan in fans}
