@@ -9,13 +9,15 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from viatool import load_policy
+from viatool import load_policy, reach
 from viatool.cli import main
 
 ZOO = Path("examples/zoo")
 LAYOUTS = sorted(path.parent.name for path in ZOO.glob("*/specification.yaml"))
 REMEMBERING = {"f1tenth_drl", "rl_collision_avoidance"}
 """Stacked frames: refused by name where a set of poses is asked about."""
+ACCELERATING = {"archcomp_nav"}
+"""Commands an acceleration: bounded, and refused by name where a robot is to move."""
 
 LARGE = {"navrep", "rl_collision_avoidance", "ros_jackal"}
 """Scans of 512 to 1080 rays: some tens of seconds each."""
@@ -42,7 +44,7 @@ def test_there_are_fifteen_layouts_each_with_a_policy_and_a_row_in_the_docs():
     assert [layout for layout in LAYOUTS if not (ZOO / layout / "policy.onnx").exists()] == []
 
 
-@pytest.mark.parametrize("layout", marked(LAYOUTS))
+@pytest.mark.parametrize("layout", marked(sorted({*LAYOUTS} - ACCELERATING)))
 def test_a_layout_is_inspected_driven_and_verified(layout, tmp_path):
     assert run("inspect", layout).exit_code == 0
     driven = run("simulate", layout, "--map", room(layout), "--horizon", 5)
@@ -64,7 +66,7 @@ def test_a_layout_is_inspected_driven_and_verified(layout, tmp_path):
     assert (moved > 0.0).all()
 
 
-@pytest.mark.parametrize("layout", marked(LAYOUTS))
+@pytest.mark.parametrize("layout", marked(sorted({*LAYOUTS} - ACCELERATING)))
 def test_places_are_certified_or_refused_by_name(layout):
     asked = run(
         "certify",
@@ -85,3 +87,14 @@ def test_places_are_certified_or_refused_by_name(layout):
         assert "frames that are up to" in asked.output
     else:
         assert asked.exit_code == 0, asked.output
+
+
+@pytest.mark.parametrize("layout", sorted(ACCELERATING))
+def test_what_no_kinematics_follows_is_bounded_and_refused_by_name(layout):
+    assert run("inspect", layout).exit_code == 0
+    policy = load_policy(ZOO / layout / "policy.onnx", ZOO / layout / "specification.yaml")
+    sets = reach(policy, np.zeros((1, policy.input_size)), eps=0.01)
+    assert (sets.lower <= policy(np.zeros((1, policy.input_size)))).all()
+    asked = run("verify", layout, "--map", room(layout), "--eps", 0.01)
+    assert asked.exit_code == 2
+    assert "linear_acceleration" in asked.output

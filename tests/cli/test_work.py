@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 from viatool.cli import main
-from viatool.safety import judge
+from viatool.safety.pieces import judge_pieces
 from viatool.schedule import Processes
 from viatool.verification import examination
 
@@ -98,14 +98,14 @@ def test_a_chunk_that_fails_is_named_and_the_others_are_kept(
         blocks.append(case)
         if len(blocks) == 2:
             raise accident
-        return judge(case, *arguments)  # type: ignore[arg-type]
+        return judge_pieces(case, *arguments)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(examination, "judge", fail)
+    monkeypatch.setattr(examination, "judge_pieces", fail)
     checkpoint = ("--checkpoint", str(tmp_path / "run"))
     run = CliRunner().invoke(main, [*VERIFY, *POSES, *checkpoint])
     assert_explained(run.exit_code, run.stderr, *words)
     assert [path.name for path in (tmp_path / "run").glob("units-*")] == ["units-00000000-00000001.npz"]
-    monkeypatch.setattr(examination, "judge", judge)
+    monkeypatch.setattr(examination, "judge_pieces", judge_pieces)
     reports = [tmp_path / "resumed.json", tmp_path / "whole.json"]
     for report, more in zip(reports, ((*checkpoint, "--resume"), ()), strict=True):
         done = CliRunner().invoke(main, [*VERIFY, *POSES, *more, "--quiet", "--output", f"json:{report}"])
