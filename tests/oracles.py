@@ -42,6 +42,7 @@ DEFINITIONS: dict[str, Callable[..., Any]] = {
     "Abs": abs,
     "Celu": lambda x, alpha: x if x >= 0 else alpha * MP.expm1(x / alpha),
     "Clip": lambda x, min, max: min if x < min else max if x > max else x,
+    "ClippedTan": lambda x, min, max: MP.tan(min if x < min else max if x > max else x),
     "Elu": lambda x, alpha: x if x >= 0 else alpha * MP.expm1(x),
     "Erf": lambda x: MP.erf(x),
     "ErfGate": lambda x, slope, divisor: x * MP.erfc(-slope * x / divisor),
@@ -115,7 +116,7 @@ def kinks(function: ActivationFunction) -> list[float]:
     """Return the points at which an activation, or one of its derivatives, is not continuous."""
     parameters = dict(function.parameters)
     match function.name:
-        case "Clip":
+        case "Clip" | "ClippedTan":
             return [value for value in parameters.values() if np.isfinite(value)]
         case "HardSigmoid" | "HardSigmoidGate":
             alpha, beta = parameters["alpha"], parameters["beta"]

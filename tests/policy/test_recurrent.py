@@ -98,14 +98,16 @@ def test_the_gates_of_a_gru_err_by_no_more_than_half_of_what_is_allowed_them(gat
     assert 1 < error.max() <= function.error.units / 2
 
 
-def layer(operator: str = "GRU", inputs: tuple[str, ...] = ("b",), **attributes: Any) -> onnx.ModelProto:
+def layer(
+    operator: str = "GRU", inputs: tuple[str, ...] = ("b",), features: int = 2, **attributes: Any
+) -> onnx.ModelProto:
     gates = {"RNN": 1, "GRU": 3, "LSTM": 4}[operator]
     constants = {
         "w": weights(1, 1, gates * 3, 2), "r": weights(2, 1, gates * 3, 3), "b": weights(3, 1, gates * 6),
         "length": np.array([2], np.int32),
     }  # fmt: skip
     call = node(operator, ["x", "w", "r", *inputs], ["", "y"], hidden_size=3, name="memory", **attributes)
-    return model_of([call], constants, shape=(4, 1, 2))
+    return model_of([call], constants, shape=(4, 1, features))
 
 
 @pytest.mark.parametrize(
@@ -115,6 +117,7 @@ def layer(operator: str = "GRU", inputs: tuple[str, ...] = ("b",), **attributes:
         (layer("LSTM", ("b", "length")), r"'memory' \(LSTM\) reads less than all of its 4 steps"),
         (layer("RNN", activations=["Affine"]), r"'memory' \(RNN\) has the activation 'Affine'"),
         (layer(direction="sideways"), "direction 'sideways'"),
+        (layer("LSTM", features=3), "do not map 3 numbers to 4 gates of 3"),
     ],
 )
 def test_what_is_not_unrolled_is_refused_by_name(model: onnx.ModelProto, words: str, tmp_path: Path) -> None:

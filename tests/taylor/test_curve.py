@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.oracles import MP, activate, derivative, kinks
-from tests.strategies import ACTIVATIONS
+from tests.strategies import ACTIVATIONS as OF_MODELS
 from viatool.policy.activations import ActivationFunction, activation, declared_activations
 from viatool.taylor.approximation import approximate
 from viatool.taylor.curve import curve_of
@@ -38,6 +38,7 @@ TAILS = (
     300.0,
     1e9,
 )
+ACTIVATIONS = (*OF_MODELS, activation("ClippedTan", min=-0.5, max=0.75))  # steering stands in no model
 POSITIVE_ONLY = {"Log", "Reciprocal", "Sqrt"}
 BESIDE = MP.mpf(10) ** -120
 

@@ -175,9 +175,9 @@ def _unrolled(call: Call, step: Step, gates: int, functions: tuple[str, ...]) ->
         raise Refusal(f"reads the shape {list(x.shape)}, where [steps, batch, features] is expected")
     numbers = np.arange(x.size).reshape(x.shape)
     numbers = numbers.swapaxes(0, 1) if batch_first else numbers  # (T, B, I)
-    length, batch, _ = numbers.shape
+    length, batch, features = numbers.shape
     _check_used(call, length, batch)
-    cells = _cells(call, batch, gates, functions)
+    cells = _cells(call, batch, features, gates, functions)
     places = 2 if gates == 4 else 1
     outputs: list[list[Computed]] = [[] for _ in range(length)]
     last: list[list[Computed]] = [[] for _ in range(places)]
@@ -210,7 +210,9 @@ def _check_used(call: Call, length: int, batch: int) -> None:
         )
 
 
-def _cells(call: Call, batch: int, gates: int, functions: tuple[str, ...]) -> list[tuple[bool, _Cell]]:
+def _cells(
+    call: Call, batch: int, features: int, gates: int, functions: tuple[str, ...]
+) -> list[tuple[bool, _Cell]]:
     """Return the cell of each direction, and whether it goes backwards."""
     ways = {"forward": [False], "reverse": [True], "bidirectional": [False, True]}
     backwards = ways.get(str(call.attributes.get("direction", "forward")))
@@ -223,6 +225,10 @@ def _cells(call: Call, batch: int, gates: int, functions: tuple[str, ...]) -> li
     hidden = recurrent.shape[2]
     if call.attributes.get("hidden_size", hidden) != hidden or recurrent.shape[1] != gates * hidden:
         raise Refusal(f"has recurrent weights {list(recurrent.shape)}, which do not fit its hidden size")
+    if weights.shape[1:] != (gates * hidden, features):
+        raise Refusal(
+            f"has weights {list(weights.shape)}, which do not map {features} numbers to {gates} gates of {hidden}"
+        )
     bias = call.weights(3, "bias") if call.has(3) else np.zeros((len(backwards), 2 * gates * hidden))
     peepholes = call.weights(7, "peephole weight") if call.has(7) else np.zeros((len(backwards), 3 * hidden))
     found = []
