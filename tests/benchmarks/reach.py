@@ -24,6 +24,7 @@ from dataclasses import asdict, dataclass, field
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = os.environ["MKL_NUM_THREADS"] = "1"
@@ -53,6 +54,7 @@ class Bare:
 
     network: Network
     spec: Any = None
+    runtime: Any = field(default_factory=lambda: SimpleNamespace(batches=True))
 
     @cache  # noqa: B019 - a handful of networks, alive to the end
     def session(self) -> Any:
