@@ -16,7 +16,7 @@ def digest_of(value: Any) -> str:
     Parameters
     ----------
     value : object
-        Numbers, texts, None and arrays, and whatever dataclasses, mappings, tuples and lists are made of them.
+        Numbers, texts, None and arrays, dense or sparse in rows, and whatever dataclasses, mappings, tuples and lists are made of them.
 
     Raises
     ------
@@ -32,6 +32,8 @@ def _feed(found: Any, value: Any) -> None:
     if isinstance(value, np.ndarray) and value.dtype != object:
         found.update(f"array {value.dtype.str} {value.shape}\0".encode())
         found.update(np.ascontiguousarray(value).data.cast("B") if value.size else b"")
+    elif hasattr(value, "indptr"):  # a sparse array in rows
+        _feed_all(found, {name: getattr(value, name) for name in ("shape", "indptr", "indices", "data")})
     elif is_dataclass(value) and not isinstance(value, type):
         _feed_all(found, {field.name: getattr(value, field.name) for field in fields(value)})
     elif isinstance(value, Mapping):
