@@ -16,7 +16,8 @@ def digest_of(value: Any) -> str:
     Parameters
     ----------
     value : object
-        Numbers, texts, None and arrays, dense or sparse in rows, and whatever dataclasses, mappings, tuples and lists are made of them.
+        Numbers, texts, None and arrays, dense or sparse in rows, and whatever dataclasses, mappings, tuples and lists
+        are made of them.
 
     Raises
     ------
