@@ -40,7 +40,7 @@ from viatool.rounding import SLIGHTLY, SLIGHTLY_MORE
 from viatool.sets.forms import Forms, PoseBoxes
 
 Part = Literal["ahead", "left", "turn"]
-_PARTS: tuple[Part, ...] = get_args(Part)
+PARTS: tuple[Part, ...] = get_args(Part)
 
 
 class HeldTwist(Kinematics):
@@ -65,7 +65,7 @@ class HeldTwist(Kinematics):
 
     def parts(self, commands: Floats) -> tuple[Floats, Floats, Floats]:
         """Return the speed ahead, to the left, and the turning speed of commands (..., A), each (...)."""
-        ahead, left, turn = (self._part(commands, part) for part in _PARTS)
+        ahead, left, turn = (self._part(commands, part) for part in PARTS)
         return ahead, left, turn
 
     def _part(self, commands: Floats, part: Part) -> Floats:
