@@ -7,12 +7,16 @@ import pytest
 
 from tests.channels.square import COLLISION, FAR, HALF, readings, square
 from viatool import certify, load_policy, roll_out, verify
+from viatool.errors import PolicyError
 from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.horizon import Horizon
 from viatool.loop.tube import TubeFollower
 from viatool.places import Resolution, SearchBudget
 from viatool.policy import Affine, Input, Network, PolicySpecification, write_onnx
+from viatool.sets.forms import PoseBoxes
+from viatool.sets.states import StateBoxes
 from viatool.setting.setting import Setting
+from viatool.setting.wishes import Wishes
 from viatool.simulate import Places
 
 BINS, VIEW, GOAL = 9, 4.0, np.array([1.5, 1.5])
@@ -183,3 +187,41 @@ def test_runs_stay_in_their_tubes_also_over_the_half_turn(policy, world):
             assert inside[driving].all()
             driving &= np.hypot(*(now[:, :2] - GOAL).T) >= 0.3
     assert over > 100
+
+
+def test_commands_of_cells_hold_on_both_sides_of_the_half_turn(policy, world):
+    loop = ClosedLoop.of(policy, Setting.of(policy, world, EPS), world.scenarios[0])
+    generator = np.random.default_rng(5)
+    centre = generator.uniform((-1.2, -1.2, -3.2), (1.0, 1.0, 3.2), (60, 3))
+    centre[:, 2] = np.arctan2(*(GOAL - centre[:, :2]).T[::-1]) + np.pi + generator.normal(0, 0.005, 60)
+    radius, before = np.full((60, 3), 0.01), np.zeros((60, 2))
+    bounds = loop.commands(StateBoxes(PoseBoxes(centre, radius), before, before))
+    sides = set()
+    for _ in range(100):
+        sensed = read(centre + generator.uniform(-1, 1, centre.shape) * radius, before[:, 1])
+        sides |= set(np.sign(sensed[:, BINS]))
+        found = command(sensed + errors(generator, 60))
+        assert (bounds.lower - 1e-6 <= found).all()
+        assert (found <= bounds.upper + 1e-6).all()
+    assert sides == {-1.0, 1.0}
+
+
+def test_a_measured_velocity_is_refused_over_poses_where_commands_act_late(tmp_path, world):
+    """With a dead time the robot does not have the velocity of the command before."""
+    spec = PolicySpecification.model_validate(
+        {
+            "schema_version": 2,
+            "observation": [{"name": "speed", "kind": "linear_velocity"}],
+            "action": SPEC.action,
+        }
+    )
+    write_onnx(
+        Network((Input(1), Affine((0,), (np.ones((2, 1)),), np.zeros(2)))), spec, tmp_path / "policy.onnx"
+    )
+    policy = load_policy(tmp_path / "policy.onnx")
+    ClosedLoop.of(policy, Setting.of(policy, world, 0.01), world.scenarios[0])
+    late = Setting.of(policy, world, 0.01, Wishes(delay=0.05))
+    with pytest.raises(
+        PolicyError, match=r"'speed' of kind 'linear_velocity' is not known .* act 0.05 s late"
+    ):
+        ClosedLoop.of(policy, late, world.scenarios[0])

@@ -229,9 +229,10 @@ class ClosedLoop:
         if self.driven.choice is None:
             self.watch(seen.centre, reached)
         commands = self._sent(sightings, reached.lower, reached.upper, len(cells))
-        reached = reached.joined(sightings.cell, len(cells))
+        influence = reached.influence[: len(cells)].copy()
+        np.maximum.at(influence, sightings.cell, reached.influence)
         lower, upper = (self.rules.clip(end) for end in commands)
-        moved = reached.influence / np.maximum(reached.influence.sum(axis=1, keepdims=True), 1e-12)
+        moved = influence / np.maximum(influence.sum(axis=1, keepdims=True), 1e-12)
         moved = moved.max(axis=2)  # (C, 3 + A + n)
         pose, before = moved.sum(axis=1), []
         for axis in range(len(self.rules.kinematics.axes)):

@@ -49,21 +49,6 @@ class CorrelatedReach:
             np.maximum.reduce([one.influence for one in sets]),
         )
 
-    def joined(self, cell: Indices, count: int) -> CorrelatedReach:
-        """Return what holds for C sets of which the B are parts: part b of set ``cell[b]``, (B,); the first C of each.
-
-        Notes
-        -----
-        **Sound:** yes, if every point of a set lies in one of its parts.
-        """
-        if len(cell) == count:
-            return self
-        lower, upper, influence = (part[:count].copy() for part in (self.lower, self.upper, self.influence))
-        np.minimum.at(lower, cell[count:], self.lower[count:])
-        np.maximum.at(upper, cell[count:], self.upper[count:])
-        np.maximum.at(influence, cell[count:], self.influence[count:])
-        return CorrelatedReach(lower, upper, influence)
-
 
 @dataclass(frozen=True, eq=False)
 class LinearReach:
@@ -113,11 +98,11 @@ class LinearReach:
         return cls(*(np.where(holds.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in pairs))
 
     def joined(self, cell: Indices, count: int) -> LinearReach:
-        """Return what holds for C sets of which the B are parts, as `CorrelatedReach.joined`.
+        """Return what holds for C sets of which the B are parts: part b of set ``cell[b]``, (B,); the first C of each.
 
         Notes
         -----
-        **Sound:** yes, as `hull`: the form is that of the first part.
+        **Sound:** yes, if every point of a set lies in one of its parts; as in `hull`, the form is the first part's.
         """
         if len(cell) == count:
             return self
