@@ -20,6 +20,7 @@ from viatool.report.places.record import PlacesRecord
 from viatool.report.simulations.record import SimulationRecord
 from viatool.report.states.record import StatesRecord
 from viatool.train import TrainingConfiguration
+from viatool.uncertainty import ErrorModel
 from viatool.world import MapFile
 
 DOCS = Path(__file__).resolve().parent
@@ -31,6 +32,7 @@ MODELS: dict[str, tuple[type[BaseModel], str]] = {
     "diagnosis.schema.json": (DiagnosisRecord, "viatool diagnosis"),
     "map.schema.json": (MapFile, "viatool map"),
     "specification.schema.json": (PolicySpecification, "viatool policy specification"),
+    "errors.schema.json": (ErrorModel, "viatool error model"),
     "training.schema.json": (TrainingConfiguration, "viatool training configuration"),
 }
 

@@ -27,6 +27,7 @@ HEAVY = (
     "rich",
 )
 PUBLIC = [
+    "ErrorModel",
     "Policy",
     "ReachableSet",
     "Result",
@@ -36,6 +37,7 @@ PUBLIC = [
     "certify",
     "draw_map",
     "draw_result",
+    "load_errors",
     "load_map",
     "load_policy",
     "load_trajectory",

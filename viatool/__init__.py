@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from viatool.simulate.roll_out import roll_out
     from viatool.taylor import ReachableSet, reach
     from viatool.trajectory import Trajectory, load_trajectory
+    from viatool.uncertainty import ErrorModel, load_errors
     from viatool.verification import verify
     from viatool.verification.result import Result
     from viatool.world import WorldMap, load_map
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _ROOM_OF = {
+    "ErrorModel": "viatool.uncertainty",
     "Policy": "viatool.policy",
     "ReachableSet": "viatool.taylor",
     "Result": "viatool.verification.result",
@@ -28,6 +30,7 @@ _ROOM_OF = {
     "certify": "viatool.places",
     "draw_map": "viatool.report.map_figure",
     "draw_result": "viatool.report.states.figure",
+    "load_errors": "viatool.uncertainty",
     "load_map": "viatool.world",
     "load_policy": "viatool.policy",
     "load_trajectory": "viatool.trajectory",
@@ -37,6 +40,7 @@ _ROOM_OF = {
 }
 
 __all__ = [
+    "ErrorModel",
     "Policy",
     "ReachableSet",
     "Result",
@@ -46,6 +50,7 @@ __all__ = [
     "certify",
     "draw_map",
     "draw_result",
+    "load_errors",
     "load_map",
     "load_policy",
     "load_trajectory",

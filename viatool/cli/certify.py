@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     "else scenario 0.",
 )
 @options.eps_option
+@options.errors_option
 @options.spec_option
 @click.option(
     "--criterion",
@@ -185,6 +186,7 @@ def command(ctx: click.Context, /, **given: Any) -> None:
 
 
 _PASSED_ON = (
+    "errors",
     "criterion",
     "clearance",
     "deceleration",

@@ -197,6 +197,13 @@ eps_option = click.option(
     help="Sensor error: a radius in each channel's unit, or one channel's, such as lidar=0.03. Repeatable; "
     "needed unless the specification gives radii.",
 )
+errors_option = click.option(
+    "--errors",
+    "errors",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help="Error model (YAML): what is bounded about sensors, pose, motors, time and moving things; see docs/errors.md.",
+)
 seed_option = click.option(
     "--seed",
     type=click.IntRange(min=0),

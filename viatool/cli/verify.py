@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from viatool.verification.result import Result
 
 _PASSED_ON = (
+    "errors",
     "trajectory",
     "criterion",
     "order",
@@ -50,6 +51,7 @@ _PASSED_ON = (
 @options.map_option
 @options.unknown_option
 @options.eps_option
+@options.errors_option
 @options.spec_option
 @click.option(
     "--criterion",

@@ -23,6 +23,7 @@ from viatool.setting.criteria import PROVING
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
 from viatool.taylor import Arithmetic
+from viatool.uncertainty import ErrorModel, as_error_model
 from viatool.versions import result_versions
 from viatool.world import Footprint, Scenario, WorldMap, load_map
 
@@ -62,6 +63,7 @@ def certify(
     scenario: Scenario | int = 0,
     *,
     eps: float | Mapping[str, float] | None = None,
+    errors: ErrorModel | str | os.PathLike[str] | None = None,
     spec: PolicySpecification | StrPath | None = None,
     criterion: str = "braking",
     clearance: float | None = None,
@@ -89,6 +91,8 @@ def certify(
         Where.
     scenario : Scenario or int
         Among which obstacles and towards which goal; a number is that of one of the map's.
+    errors : ErrorModel or path, optional
+        What else is bounded about the robot; terms that are not taken into account are refused by name.
     eps : float or mapping, optional
         Sensor error, as in `viatool.verify`.
     spec : PolicySpecification or path, optional
@@ -142,8 +146,19 @@ def certify(
     policy = policy if isinstance(policy, Policy) else load_policy(policy, spec)
     world_map = world_map if isinstance(world_map, WorldMap) else load_map(Path(world_map))
     scenario = scenario if isinstance(scenario, Scenario) else world_map.numbered(scenario)
-    wishes = Wishes(criterion, clearance, None, interval, footprint, delay, deceleration, robot, prefer or {})
-    setting = Setting.of(policy, world_map, eps, wishes, [scenario])
+    wishes = Wishes(
+        criterion,
+        clearance,
+        None,
+        interval,
+        footprint,
+        delay,
+        deceleration,
+        robot,
+        prefer or {},
+        as_error_model(errors),
+    )
+    setting = Setting.of(policy, world_map, eps, wishes, [scenario], job="certify")
     rules = setting.rules
     loop = ClosedLoop.of(policy, setting, scenario, arithmetic)
     smallest = (resolution.side, resolution.side, resolution.halvings)

@@ -6,8 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from viatool.arrays import Floats
+from viatool.errors import ConfigurationError
 from viatool.policy import PolicySpecification
 from viatool.setting.premises import Premise
+from viatool.uncertainty import ErrorModel
 
 Eps = float | Mapping[str, float] | None
 _SPECIFICATION = "specification"
@@ -38,7 +40,7 @@ class SensorErrors:
     units: Mapping[str, str]
 
     @classmethod
-    def of(cls, spec: PolicySpecification, eps: Eps) -> SensorErrors:
+    def of(cls, spec: PolicySpecification, eps: Eps, model: ErrorModel | None = None) -> SensorErrors:
         """Return what took effect.
 
         Parameters
@@ -47,24 +49,32 @@ class SensorErrors:
             n observation entries; may give radii itself.
         eps : float or mapping or None
             Radii of the command line: one, or by channel (``""``: all others).
+        model : ErrorModel, optional
+            Its absolute errors are radii as well.
 
         Raises
         ------
         ConfigurationError
-            If a radius is out of range, missing, or of a channel that does not exist.
+            If a radius is out of range, missing, given twice, or of a channel that does not exist.
         """
-        radii = spec.radii(eps)
         given = {} if eps is None else dict(eps) if isinstance(eps, Mapping) else {"": float(eps)}
+        model = model or ErrorModel()
+        stated = _absolute(model, spec, given)
+        radii = spec.radii({**given, **stated})
         by_channel = {c.name: float(radii[spec.columns(c.name)][0]) for c in spec.observation}
         sources = {}
         for channel in spec.observation:
             if channel.value is not None:
                 sources[channel.name] = f"fixed to {channel.value:g} by the specification"
+            elif channel.name in stated:
+                sources[channel.name] = model.source
             elif channel.name in given or "" in given:
                 sources[channel.name] = "--eps"
             else:
                 sources[channel.name] = _SPECIFICATION
-        return cls(radii, by_channel, given, sources, {c.name: c.unit for c in spec.observation})
+        return cls(
+            radii, by_channel, {**given, **stated}, sources, {c.name: c.unit for c in spec.observation}
+        )
 
     def to_json(self) -> float | dict[str, float]:
         """Return the one radius that was given for everything, else what was given and what the specification added."""
@@ -81,3 +91,20 @@ class SensorErrors:
             Premise(f"eps of {name}", f"{radius:g} {self.units[name]}".rstrip(), self.sources[name])
             for name, radius in self.by_channel.items()
         )
+
+
+def _absolute(model: ErrorModel, spec: PolicySpecification, given: Mapping[str, float]) -> dict[str, float]:
+    """Return the radii that an error model states, by channel; refuse what contradicts --eps or names no channel."""
+    stated = {}
+    for name, terms in model.sensor.items():
+        spec.channel(name)
+        if terms.absolute is None:
+            continue
+        if given.get(name, terms.absolute) != terms.absolute:
+            raise ConfigurationError(
+                f"{model.source}: sensor.{name}.absolute is {terms.absolute:g}, --eps {name}={given[name]:g} "
+                "contradicts it",
+                "leave one of them out",
+            )
+        stated[name] = terms.absolute
+    return stated

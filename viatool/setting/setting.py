@@ -23,6 +23,8 @@ from viatool.setting.reconcile import Parties, reconcile
 from viatool.setting.rules import Rules
 from viatool.setting.sensor_errors import Eps, SensorErrors
 from viatool.setting.wishes import Wishes
+from viatool.uncertainty import ErrorModel
+from viatool.uncertainty.supported import SUPPORTED
 from viatool.world import Robot, Scenario, Scenes, WorldMap
 
 
@@ -70,6 +72,8 @@ class Setting:
         The floating-point type in which the program receives an observation.
     premises : tuple of Premise
         Everything that took effect, and who said so.
+    uncertainty : ErrorModel
+        What is bounded about the robot; its absolute sensor errors are in `errors`.
     """
 
     spec: PolicySpecification
@@ -81,6 +85,7 @@ class Setting:
     scenarios: tuple[Scenario, ...] = ()
     number: type = np.float32
     premises: tuple[Premise, ...] = field(default=(), repr=False)
+    uncertainty: ErrorModel = field(default_factory=ErrorModel)
 
     @classmethod
     def of(
@@ -90,6 +95,8 @@ class Setting:
         eps: Eps = None,
         wishes: Wishes | None = None,
         scenarios: Sequence[Scenario] | None = None,
+        *,
+        job: str = "",
     ) -> Setting:
         """Put together what is asked of an exported policy.
 
@@ -106,6 +113,8 @@ class Setting:
             What counts instead of what policy and map say.
         scenarios : sequence of Scenario, optional
             What is asked about; None is the map's fixed ones.
+        job : str
+            Who asks, as in `SUPPORTED`: terms of the error model that it does not take into account are refused.
 
         Raises
         ------
@@ -123,7 +132,7 @@ class Setting:
                 f"its specification names {spec.observation_size} and {spec.action_size}",
                 "correct the channels of the specification",
             )
-        made = cls.of_specification(spec, world_map, eps, wishes, scenarios, name=name_of(policy))
+        made = cls.of_specification(spec, world_map, eps, wishes, scenarios, name=name_of(policy), job=job)
         runtime = Premise("runtime", policy.runtime.words, "what is installed")
         made = replace(made, premises=(*made.premises, runtime))
         double = policy.network.nodes[0].precision == "float64"
@@ -139,20 +148,30 @@ class Setting:
         scenarios: Sequence[Scenario] | None = None,
         *,
         name: str = "the policy",
+        job: str = "",
     ) -> Setting:
         """Put together what is asked of a policy of which only the specification exists yet; as `of`."""
         wishes = wishes or Wishes()
         _refuse_unread(spec, name)
+        wishes.errors.require(job or "this job", SUPPORTED.get(job, frozenset()))
         world_map = world_map.with_clearance(wishes.clearance, wishes.danger)
         spec, robot, premises = reconcile(Parties(spec, name, world_map, wishes))
         world_map = world_map.with_robot(robot)
         rules = Rules.of(world_map, wishes.criterion, delay=wishes.delay)
         commands = command_map(spec, rules.kinematics, robot, name)
-        errors = SensorErrors.of(spec, eps)
+        errors = SensorErrors.of(spec, eps, wishes.errors)
         chosen = world_map.scenarios if scenarios is None else tuple(scenarios)
-        premises += _premises(world_map, rules, wishes) + errors.premises()
+        premises += _premises(world_map, rules, wishes) + errors.premises() + _stated(wishes.errors)
         setting = cls(
-            spec, world_map, rules, errors, commands, Overrides.of(spec, commands), chosen, premises=premises
+            spec,
+            world_map,
+            rules,
+            errors,
+            commands,
+            Overrides.of(spec, commands),
+            chosen,
+            premises=premises,
+            uncertainty=wishes.errors,
         )
         if scenarios is not None:  # those of a map were looked at when it was read
             _check_goals(setting)
@@ -245,6 +264,15 @@ def _premises(world_map: WorldMap, rules: Rules, wishes: Wishes) -> tuple[Premis
             else "map and --clearance",
         ),
         Premise("delay", f"{rules.delay:g} s", "--delay" if rules.delay else "default"),
+    )
+
+
+def _stated(model: ErrorModel) -> tuple[Premise, ...]:
+    """Return the terms of an error model; absolute sensor errors are named as eps."""
+    return tuple(
+        Premise(place, words, model.source)
+        for place, words in model.premises()
+        if not (place.startswith("sensor.") and place.endswith(".absolute"))
     )
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 from viatool.errors import ConfigurationError
+from viatool.uncertainty import ErrorModel
 from viatool.world import Footprint
 
 Party = Literal["policy", "map"]
@@ -38,6 +39,8 @@ class Wishes:
     prefer : mapping
         Which party counts where policy and map contradict each other, by matter; the key ``""`` holds the answer for
         all other matters.
+    errors : ErrorModel
+        What is bounded about the robot beside eps and delay; by default nothing.
     """
 
     criterion: str = "swept"
@@ -49,6 +52,7 @@ class Wishes:
     deceleration: float | None = None
     robot: str | None = None
     prefer: Mapping[str, str] = field(default_factory=dict)
+    errors: ErrorModel = field(default_factory=ErrorModel)
 
     def __post_init__(self) -> None:
         for matter, party in self.prefer.items():

@@ -97,6 +97,7 @@ def describe(examination: StateExamination, states: States, versions: Mapping[st
         "states": digest_of(states),
         **rules,
         "radii": setting.radii.tolist(),
+        "errors": dict(setting.uncertainty.premises()),
         "engine": dict(examination.engine),
         "only contested": examination.only_contested,
         "seed": examination.seed,

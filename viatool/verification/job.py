@@ -18,6 +18,7 @@ from viatool.simulate import Places
 from viatool.taylor import Arithmetic, Refinement
 from viatool.taylor.approximation import Approximation
 from viatool.trajectory import BagSettings, Trajectory
+from viatool.uncertainty import ErrorModel, as_error_model
 from viatool.verification.campaign import StateWork
 from viatool.verification.clock import Clock
 from viatool.verification.examination import StateExamination
@@ -36,6 +37,7 @@ def verify(
     world_map: WorldMap | StrPath,
     *,
     eps: float | Mapping[str, float] | None = None,
+    errors: ErrorModel | StrPath | None = None,
     trajectory: Trajectory | StrPath | None = None,
     bag: BagSettings | None = None,
     places: Places | None = None,
@@ -75,6 +77,8 @@ def verify(
     eps : float or mapping, optional
         Sensor error: one radius for every observation channel, or radii by channel (``""``: all others); channels that
         are given none take the specification's.
+    errors : ErrorModel or path, optional
+        What else is bounded about the robot; terms that are not taken into account are refused by name.
     trajectory : Trajectory or path, optional
         Recorded states; by default the policy is driven through `scenarios`.
     bag : BagSettings, optional
@@ -146,7 +150,15 @@ def verify(
     if resume and checkpoint is None:
         raise ConfigurationError("nothing is there to resume from", "give the folder with --checkpoint")
     wishes = Wishes(
-        criterion, clearance, danger, interval, footprint, delay, robot=robot, prefer=prefer or {}
+        criterion,
+        clearance,
+        danger,
+        interval,
+        footprint,
+        delay,
+        robot=robot,
+        prefer=prefer or {},
+        errors=as_error_model(errors),
     )
     source = Source(trajectory, bag, places, noise, seed)
     clock = Clock()
@@ -155,7 +167,8 @@ def verify(
     with clock.timed("load"):
         policy = policy if isinstance(policy, Policy) else load_policy(policy, spec)
         world_map = world_map if isinstance(world_map, WorldMap) else load_map(Path(world_map))
-        setting = Setting.of(policy, world_map, eps, wishes, scenarios)
+        job = "verify" if horizon is None else "verify with a horizon"
+        setting = Setting.of(policy, world_map, eps, wishes, scenarios, job=job)
         horizon = Horizon(horizon) if isinstance(horizon, int) else horizon
     with clock.timed("trajectory"):
         trajectory = as_received(setting, source.states(policy, setting))

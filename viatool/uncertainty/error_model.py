@@ -1,0 +1,232 @@
+"""The error model: everything that a verdict bounds about sensors, pose, motors, time and moving things.
+
+Each term may be left out: then the robot is taken to be ideal in it, and every report lists that under *Assumed*. To
+add a term, add its field here, with its unit and what it means when it is left out, and name it in `SUPPORTED` for the
+jobs that take it into account; a job that does not refuses it by name.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+
+from viatool.errors import ConfigurationError
+
+
+def _ordered(ends: tuple[float, float]) -> tuple[float, float]:
+    if not ends[0] <= ends[1]:
+        raise ValueError(f"the lower end {ends[0]:g} is above the upper end {ends[1]:g}")
+    return ends
+
+
+Bound = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+"""The largest size of an error."""
+Limit = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+"""What is never exceeded, or always reached."""
+Times = Annotated[tuple[Bound, Bound], AfterValidator(_ordered)]
+"""The least and the largest time, in seconds."""
+
+
+def _term(meaning: str, unit: str, without: str) -> Any:
+    """Declare a term: what it bounds, its unit, and what is assumed where it is left out."""
+    return Field(None, description=meaning, json_schema_extra={"unit": unit, "without": without})
+
+
+class ErrorTerms(BaseModel):
+    """Terms that belong together."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class SensorTerms(ErrorTerms):
+    """How the readings of one observation channel err; all of it at once."""
+
+    absolute: Bound | None = _term("every reading, by itself", "the channel's unit", "as --eps says")
+    relative: Annotated[float, Field(ge=0.0, lt=1.0)] | None = _term(
+        "share of the true value, every reading by itself", "share", "no error that grows with the reading"
+    )
+    bias: Bound | None = _term(
+        "one error that all readings of an observation have in common", "the channel's unit", "no common bias"
+    )
+    angle: Annotated[float, Field(ge=0.0, lt=math.pi)] | None = _term(
+        "a turn of the whole scan against the robot", "rad", "rays point where the specification says"
+    )
+    missing: Annotated[int, Field(ge=0, le=16)] | None = _term(
+        "how many rays of a scan, whichever they are, return nothing", "rays", "every ray returns"
+    )
+    thin: Bound | None = _term(
+        "the widest obstacle that a ray may pass without seeing it", "m", "rays see everything in their way"
+    )
+
+
+class PoseTerms(ErrorTerms):
+    """How far the pose that localisation gives may be from the true one."""
+
+    x: Bound | None = _term("along x of the map", "m", "exact")
+    y: Bound | None = _term("along y of the map", "m", "exact")
+    theta: Annotated[float, Field(ge=0.0, lt=math.pi)] | None = _term("of the heading", "rad", "exact")
+
+
+class AxisTerms(ErrorTerms):
+    """How one velocity follows its command; every error may change from instant to instant within its bounds."""
+
+    acceleration: Limit | None = _term(
+        "the size of the velocity grows at most so fast", "m/s^2 or rad/s^2", "commands are reached at once"
+    )
+    deceleration: Limit | None = _term(
+        "the size of the velocity falls at most so fast", "m/s^2 or rad/s^2", "as the acceleration"
+    )
+    lag: Times | None = _term("time constant of a first-order lag, from and to", "s", "no lag")
+    relative: Annotated[float, Field(ge=0.0, lt=1.0)] | None = _term(
+        "share of the velocity that was commanded", "share", "no gain error"
+    )
+    absolute: Bound | None = _term("velocity beside the commanded one", "m/s or rad/s", "no bias")
+
+
+class ActuationTerms(ErrorTerms):
+    """How the robot follows its commands."""
+
+    linear: AxisTerms = AxisTerms()
+    lateral: AxisTerms = AxisTerms()
+    angular: AxisTerms = AxisTerms()
+    slip: Bound | None = _term(
+        "velocity to the side that nobody commanded, at most this share of the speed", "share", "no slip"
+    )
+
+
+class TimingTerms(ErrorTerms):
+    """When the policy acts, and on what."""
+
+    interval: Times | None = _term(
+        "time between two commands, from and to", "s", "exactly the control interval"
+    )
+    delay: Times | None = _term("time until a command acts, from and to", "s", "as --delay says")
+    sensing: Bound | None = _term(
+        "largest age of a reading when the policy gets it", "s", "readings are of the instant"
+    )
+
+
+class ObstacleTerms(ErrorTerms):
+    """What moves."""
+
+    speed: Bound | None = _term(
+        "everything that a sensor sees may move at most so fast", "m/s", "obstacles do not move"
+    )
+    named: Mapping[str, Bound] = Field(
+        default_factory=dict, description="obstacles of the map, by name, and how fast each may move, in m/s"
+    )
+    people: bool | None = _term(
+        "people that are given with the states move on at their speed, in any direction",
+        "yes or no",
+        "nobody is there",
+    )
+    hidden: Bound | None = _term(
+        "what comes out from behind what the robot cannot see, at most so fast",
+        "m/s",
+        "nothing comes out from where the robot cannot see",
+    )
+
+
+class ErrorModel(ErrorTerms):
+    """What is bounded about a real robot.
+
+    Attributes
+    ----------
+    source : str
+        What messages and premises call it: the file that it was read from.
+    """
+
+    version: Annotated[int, Field(ge=1, le=1)] = 1
+    sensor: Mapping[str, SensorTerms] = Field(
+        default_factory=dict, description="by the name of the observation channel"
+    )
+    pose: PoseTerms = PoseTerms()
+    start: PoseTerms = PoseTerms()
+    actuation: ActuationTerms = ActuationTerms()
+    timing: TimingTerms = TimingTerms()
+    obstacles: ObstacleTerms = ObstacleTerms()
+    source: Annotated[str, Field(exclude=True)] = "the error model"
+
+    @model_validator(mode="before")
+    @classmethod
+    def _sections(cls, content: Any) -> Any:
+        """Read a section that is there and empty as one without terms."""
+        if not isinstance(content, dict):
+            return content
+        return {key: value for key, value in content.items() if value is not None}
+
+    def __bool__(self) -> bool:
+        """Tell whether any term is stated."""
+        return any(True for _ in self.stated())
+
+    def stated(self) -> Iterator[tuple[str, str, Any, str]]:
+        """Yield what is stated: place in the file, term as in `SUPPORTED`, value, unit."""
+        for name, terms in self.sensor.items():
+            yield from _stated(terms, f"sensor.{name}", "sensor")
+        for section in ("pose", "start", "timing"):
+            yield from _stated(getattr(self, section), section, section)
+        for axis in ("linear", "lateral", "angular"):
+            yield from _stated(getattr(self.actuation, axis), f"actuation.{axis}", "actuation")
+        yield from _stated(self.actuation, "actuation", "actuation")
+        for name, speed in self.obstacles.named.items():
+            yield f"obstacles.named.{name}", "obstacles.named", speed, "m/s"
+        yield from _stated(self.obstacles, "obstacles", "obstacles")
+
+    def require(self, job: str, supported: frozenset[str]) -> None:
+        """Refuse terms that a job does not take into account.
+
+        Raises
+        ------
+        ConfigurationError
+            Names the term, where it stands, and the job.
+        """
+        left = [place for place, term, _, _ in self.stated() if term not in supported]
+        if left:
+            raise ConfigurationError(
+                f"{self.source}: {', '.join(left)}: {job} does not take {'this' if len(left) == 1 else 'these'} into "
+                "account, so its verdicts would not hold for such a robot",
+                "leave the term out, if a verdict about a robot that is ideal in it says what you need",
+            )
+
+    def premises(self) -> tuple[tuple[str, str], ...]:
+        """Return what is stated, in words: place, and value with unit."""
+        return tuple((place, f"{_words(value)} {unit}".rstrip()) for place, _, value, unit in self.stated())
+
+    def assumed(self) -> dict[str, str]:
+        """Return what the terms that are left out assume, by section, each in words."""
+        parts: dict[str, ErrorTerms] = {
+            "pose": self.pose,
+            "actuation": self.actuation.linear,
+            "timing": self.timing,
+            "moving things": self.obstacles,
+        }
+        told = {}
+        for name, terms in parts.items():
+            without = dict.fromkeys(text for field, text in _without(terms) if getattr(terms, field) is None)
+            if without:
+                told[name] = "; ".join(without)
+        return told
+
+
+def _stated(terms: ErrorTerms, place: str, section: str) -> Iterator[tuple[str, str, Any, str]]:
+    for field, declared in type(terms).model_fields.items():
+        value, extra = getattr(terms, field), declared.json_schema_extra
+        if value is not None and isinstance(extra, dict):
+            yield f"{place}.{field}", f"{section}.{field}", value, str(extra["unit"])
+
+
+def _without(terms: ErrorTerms) -> Iterator[tuple[str, str]]:
+    for field, declared in type(terms).model_fields.items():
+        if isinstance(declared.json_schema_extra, dict):
+            yield field, str(declared.json_schema_extra["without"])
+
+
+def _words(value: Any) -> str:
+    if isinstance(value, tuple):
+        return f"{value[0]:g} to {value[1]:g}"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:g}"
