@@ -23,7 +23,8 @@ actuation:
   angular: {acceleration: 3.0}
   slip: 0.05
 timing: {interval: [0.09, 0.12], delay: [0.05, 0.1], sensing: 0.1}
-obstacles: {speed: 1.2, named: {crate: 0.4}, people: true, hidden: 1.2}
+obstacles:
+  {speed: 1.2, named: {crate: 0.4}, roams: {chair: 0.5}, returns: 1.2, people: 1.2, hidden: 1.2, behind: 1.0}
 """
 
 
@@ -49,7 +50,7 @@ def test_every_term_is_read_and_stated_with_its_unit(tmp_path):
     assert told["sensor.lidar.bias"] == "0.02 the channel's unit"
     assert told["actuation.linear.lag"] == "0.05 to 0.15 s"
     assert told["obstacles.named.crate"] == "0.4 m/s"
-    assert len(told) == 27
+    assert len(told) == 30
     assert model.assumed() == {}
 
 
@@ -68,6 +69,7 @@ def test_an_empty_file_states_nothing_and_assumes_an_ideal_robot(tmp_path):
         ("timing:\n  delays: [0.1, 0.2]", "robot-errors.yaml:2: timing.delays: is not a known field"),
         ("actuation: {linear: {acceleration: .nan}}", "actuation.linear.acceleration"),
         ("obstacles: {speed: .inf}", "obstacles.speed"),
+        ("obstacles: {people: yes}", "yes is not a number"),
         ("- a", "expected a mapping"),
     ],
 )

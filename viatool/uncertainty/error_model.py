@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from viatool.errors import ConfigurationError
 
@@ -22,7 +22,13 @@ def _ordered(ends: tuple[float, float]) -> tuple[float, float]:
     return ends
 
 
-Bound = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+def _number(value: Any) -> Any:
+    if isinstance(value, bool):
+        raise ValueError(f"{'yes' if value else 'no'} is not a number")
+    return value
+
+
+Bound = Annotated[float, BeforeValidator(_number), Field(ge=0.0, allow_inf_nan=False)]
 """The largest size of an error."""
 Limit = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 """What is never exceeded, or always reached."""
@@ -110,23 +116,40 @@ class TimingTerms(ErrorTerms):
 
 
 class ObstacleTerms(ErrorTerms):
-    """What moves."""
+    """What moves, with no other promise than how fast: see docs/errors.md."""
 
     speed: Bound | None = _term(
-        "everything that a sensor sees may move at most so fast", "m/s", "obstacles do not move"
+        "every obstacle of map and scenario, not the arena, moves at most so fast from where it was observed",
+        "m/s",
+        "obstacles do not move",
     )
     named: Mapping[str, Bound] = Field(
-        default_factory=dict, description="obstacles of the map, by name, and how fast each may move, in m/s"
+        default_factory=dict,
+        description="obstacles of the map, by name, and how fast each may move, in m/s, whatever `speed` says",
     )
-    people: bool | None = _term(
-        "people that are given with the states move on at their speed, in any direction",
-        "yes or no",
-        "nobody is there",
+    roams: Mapping[str, Bound] = Field(
+        default_factory=dict,
+        description="obstacles of the map, by name, that are somewhere within so many metres of their place, always",
+    )
+    returns: Bound | None = _term(
+        "whatever the LiDAR sees where it was recorded, walls as well, moves at most so fast from there",
+        "m/s",
+        "what the sensors see and the map lacks is not there",
+    )
+    people: Bound | None = _term(
+        "people that are given with the states go in any direction, at their speed and at least at this one",
+        "m/s",
+        "nobody walks about",
     )
     hidden: Bound | None = _term(
-        "what comes out from behind what the robot cannot see, at most so fast",
+        "what the LiDAR cannot see, behind what it sees and beyond its range, comes out at most so fast",
         "m/s",
         "nothing comes out from where the robot cannot see",
+    )
+    behind: Bound | None = _term(
+        "of what is hidden where the LiDAR does not look, nothing was nearer than this when it was observed",
+        "m",
+        "nothing is where the LiDAR does not look",
     )
 
 
@@ -173,6 +196,8 @@ class ErrorModel(ErrorTerms):
         yield from _stated(self.actuation, "actuation", "actuation")
         for name, speed in self.obstacles.named.items():
             yield f"obstacles.named.{name}", "obstacles.named", speed, "m/s"
+        for name, radius in self.obstacles.roams.items():
+            yield f"obstacles.roams.{name}", "obstacles.roams", radius, "m"
         yield from _stated(self.obstacles, "obstacles", "obstacles")
 
     def require(self, job: str, supported: frozenset[str]) -> None:
@@ -227,6 +252,4 @@ def _without(terms: ErrorTerms) -> Iterator[tuple[str, str]]:
 def _words(value: Any) -> str:
     if isinstance(value, tuple):
         return f"{value[0]:g} to {value[1]:g}"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
     return f"{value:g}"
