@@ -8,8 +8,10 @@ import numpy as np
 
 from viatool.arrays import Booleans, Floats
 from viatool.motion.manoeuvre import Manoeuvre
+from viatool.motion.profile import VaryingMotion
 from viatool.safety.enclosure import MotionBoxes, enclose
 from viatool.safety.scene_poses import ScenePoses
+from viatool.safety.varying import enclose_varying
 from viatool.sets.bounds import require_ordered
 from viatool.world import Footprint
 
@@ -54,7 +56,7 @@ def prove_clearance(
     lower: Floats,
     upper: Floats,
     threshold: float,
-    manoeuvre: Manoeuvre,
+    manoeuvre: Manoeuvre | VaryingMotion,
     footprint: Footprint,
     effort: ProofEffort | None = None,
 ) -> Proof:
@@ -68,8 +70,8 @@ def prove_clearance(
         (B, 2) action boxes as the robot carries them out; m/s and rad/s.
     threshold : float
         The clearance to be exceeded, in metres.
-    manoeuvre : Manoeuvre
-        How a command becomes a path.
+    manoeuvre : Manoeuvre or VaryingMotion
+        How a command becomes a path, or what the B robots may do that are given one.
     footprint : Footprint
         Outline in the robot's frame; its whole area counts.
     effort : ProofEffort, optional
@@ -100,7 +102,10 @@ def prove_clearance(
     proved, refuted = np.ones(len(lower), dtype=bool), np.zeros(len(lower), dtype=bool)
     cells = MotionBoxes.whole(lower, upper, placed.radii)
     for level in range(effort.levels + 1):
-        found = enclose(cells, placed, manoeuvre, footprint)
+        if isinstance(manoeuvre, VaryingMotion):
+            found = enclose_varying(cells, placed, manoeuvre, footprint)
+        else:
+            found = enclose(cells, placed, manoeuvre, footprint)
         refuted[cells.state[found.attained < threshold]] = True
         open_ = ~(found.least > threshold) & ~refuted[cells.state]
         cells, shares = cells.select(open_), found.shares[open_]
@@ -115,4 +120,7 @@ def prove_clearance(
         if not len(cells):
             break
         cells = cells.halved(shares.argmax(axis=1))
-    return Proof(proved & ~refuted, refuted)
+    attained = not isinstance(
+        manoeuvre, VaryingMotion
+    )  # else cells are given up that nothing is said to attain
+    return Proof(proved & ~refuted, refuted & attained)

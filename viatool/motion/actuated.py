@@ -1,0 +1,270 @@
+"""What a robot with real motors and real timing may do: the boxes of its velocity from the observation on.
+
+Known are a box of the velocity that it has, boxes of the commands before, and the box of the new one. In every
+*phase* (`Timing.phases`) the commands that may act draw the velocity to a target between the least and the greatest
+of theirs; within these it follows `Actuation.highest` and `Actuation.lowest`, from the box with which the phase
+before ended. Where the velocity was not measured, it was anything that the robot can have when the oldest command
+that is known was surely the only one to act, and has followed the known ones since.
+
+**Stopping.** From the time at which the robot may have begun to stop until it surely has, every part of its velocity
+lies between 0 and what it would be without. Then it stops from the velocity that it has: no point within `rim`
+decelerates by less than the robot's deceleration b, unless all of it does so as far as the turning speed has a limit
+of its own,
+
+    S = max((speed + rim turn) / b, turn / b_turn),
+
+and all speeds fall at least in proportion to time, or faster: each part lies between 0 and ``1 - t / S`` of what it
+was, for the largest S of the box, as that share grows with S. The way of turning is not assumed to be kept: anything
+between 0 and that share of the turning speed may go with anything between 0 and that share of the speed. Motors with
+a lag tau follow the brake late: the share falls by ``min(1 / S, share / tau)``, and has an endless tail. From a time
+on that is the same for all commands of a state, the share is at most ``q e^(-t / tau)``; with the clock ``tau (1 -
+e^(-t / tau))``, which runs from 0 to tau, the robot moves at no more than q of its speeds, so the tail is a stage of
+tau seconds. It matters only where the robot is, not when.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from viatool.arrays import Floats, Indices
+from viatool.motion.actuation import Actuation, remaining
+from viatool.motion.profile import VaryingMotion, VelocityProfile
+from viatool.motion.timing import Phase, Timing
+from viatool.motion.twists import HeldTwist
+from viatool.rounding import SLIGHTLY_MORE
+
+_STAGES = 4
+"""In which the velocity settles within a phase as long as an interval."""
+_STOPPING = 6
+"""In which it falls to 0."""
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A robot with motors and timing of its own.
+
+    Parameters
+    ----------
+    kinematics : HeldTwist
+        What a command is.
+    actuation : Actuation
+        How its motors follow.
+    timing : Timing
+        When commands act.
+    deceleration : float or None
+        m/s^2 at which it stops instead of receiving the next command; None when nothing is asked of it then.
+    rim : float
+        Metres to the outermost point whose deceleration counts.
+    """
+
+    kinematics: HeldTwist
+    actuation: Actuation
+    timing: Timing
+    deceleration: float | None = None
+    rim: float = 0.0
+
+    @property
+    def history(self) -> int:
+        """Return how many of the commands before are of use where the velocity is not known."""
+        return self.timing.commands + (not self.actuation.at_once)
+
+
+@dataclass(frozen=True, eq=False)
+class ActuatedMotion(VaryingMotion):
+    """What B robots of one make may do.
+
+    Parameters
+    ----------
+    machine : Machine
+        What they have in common.
+    limits : tuple of ndarray
+        (A,) least and largest command that they carry out.
+    before : tuple of ndarray
+        (B, H, A) ends of the commands before, the oldest first; NaN where one is not known, and may be any. At least as
+        many as may still act.
+    velocity : tuple of ndarray, optional
+        (B, 3) ends of the velocity at the observation, in the order of profiles; NaN where it is not known. None if it
+        is not known of any.
+    """
+
+    machine: Machine
+    limits: tuple[Floats, Floats]
+    before: tuple[Floats, Floats]
+    velocity: tuple[Floats, Floats] | None = None
+
+    def __len__(self) -> int:
+        """Return B."""
+        return len(self.before[0])
+
+    @cached_property
+    def phases(self) -> tuple[Phase, ...]:
+        """Return what changes when."""
+        machine = self.machine
+        return machine.timing.phases(self.before[0].shape[1], stops=machine.deceleration is not None)
+
+    @cached_property
+    def end(self) -> Floats:
+        """See `VaryingMotion.end`; that of all commands that the robot carries out."""
+        last = np.full(len(self), self.machine.timing.last)
+        if self.machine.deceleration is None:
+            return last
+        lower, upper = (np.broadcast_to(end, (len(self), len(end))) for end in self.limits)
+        box = self._held(np.arange(len(self)), lower, upper)[1]
+        return last + self._stopping(box) + 3.0 * self._brake_lag
+
+    def shares(self, lower: Floats, upper: Floats, seconds: Floats, rim: float) -> Floats:
+        """See `VaryingMotion.shares`."""
+        once = np.ones(len(lower))
+        return self.machine.kinematics.deviation(lower, upper, once, rim, lambda *_: seconds).shares
+
+    def profile(self, state: Indices, lower: Floats, upper: Floats) -> VelocityProfile:
+        """See `VaryingMotion.profile`, and the module for why."""
+        stages, box = self._held(state, lower, upper)
+        if self.machine.deceleration is not None:
+            stages = [*stages, *self._stop(box, self.end[state] - self.machine.timing.last)]
+        ends = [np.zeros(len(state)), *(stage.end for stage in stages)]
+        boxes = [self._slipping(stage) for stage in stages]
+        return VelocityProfile(
+            np.stack(ends, axis=1),
+            np.stack([low for low, _ in boxes], axis=1),
+            np.stack([high for _, high in boxes], axis=1),
+        )
+
+    def velocities(self, lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
+        """Return the ends (..., 3) of the velocities that commands between ends (..., A) ask for."""
+        parts = self.machine.kinematics.parts
+        return np.stack(parts(lower), axis=-1), np.stack(parts(upper), axis=-1)
+
+    def _held(
+        self, state: Indices, lower: Floats, upper: Floats
+    ) -> tuple[list[_Stage], tuple[Floats, Floats]]:
+        """Follow some robots (C,) until the next command would act: stages, and the box of velocities then."""
+        known, box = self._waiting
+        stages = [_Stage(stage.end[state], stage.lower[state], stage.upper[state]) for stage in known]
+        box = box[0][state], box[1][state]
+        older = self._older[0][state], self._older[1][state]
+        for phase in self.phases:
+            if phase.end > 0.0 and 0 in phase.commands:
+                added, box = self._follow(phase, box, self._targets(phase, older, (lower, upper)))
+                stages += added
+        return stages, box
+
+    @cached_property
+    def _older(self) -> tuple[Floats, Floats]:
+        """The commands before, any where one is not known; (B, H, A) each."""
+        lower, upper = self.before
+        known = np.isfinite(lower) & np.isfinite(upper)
+        return np.where(known, lower, self.limits[0]), np.where(known, upper, self.limits[1])
+
+    @cached_property
+    def _waiting(self) -> tuple[list[_Stage], tuple[Floats, Floats]]:
+        """What happens to all B robots before the new command may act: stages, and the box of velocities then."""
+        count = len(self)
+        any_ = self.machine.actuation.targets(*self.velocities(*self.limits))
+        box = np.broadcast_to(any_[0], (count, 3)), np.broadcast_to(any_[1], (count, 3))
+        stages: list[_Stage] = []
+        before = [phase for phase in self.phases if phase.end <= 0.0]
+        for phase in before:
+            _, box = self._follow(phase, box, self._targets(phase, self._older, None))
+        if self.velocity is not None:
+            lower, upper = self.velocity
+            known = np.isfinite(lower) & np.isfinite(upper)
+            box = np.where(known, lower, box[0]), np.where(known, upper, box[1])
+        for phase in self.phases[len(before) :]:
+            if 0 not in phase.commands:
+                added, box = self._follow(phase, box, self._targets(phase, self._older, None))
+                stages += added
+        return stages, box
+
+    def _targets(
+        self, phase: Phase, older: tuple[Floats, Floats], new: tuple[Floats, Floats] | None
+    ) -> tuple[Floats, Floats]:
+        """Return the ends (C, 3) of what velocities may be drawn to in a phase."""
+        lower = [older[0][:, -k] for k in phase.commands if k]
+        upper = [older[1][:, -k] for k in phase.commands if k]
+        if 0 in phase.commands and new is not None:
+            lower, upper = [*lower, new[0]], [*upper, new[1]]
+        least, most = np.stack(lower).min(axis=0), np.stack(upper).max(axis=0)
+        return self.machine.actuation.targets(*self.velocities(least, most))
+
+    def _follow(
+        self, phase: Phase, box: tuple[Floats, Floats], target: tuple[Floats, Floats]
+    ) -> tuple[list[_Stage], tuple[Floats, Floats]]:
+        """Draw velocities (C, 3) towards targets for a phase: its stages, and the box at its end."""
+        machine, length = self.machine, phase.end - phase.start
+        motors = machine.actuation
+        if phase.stopping:  # a brake that has taken hold may be slower than motors that follow
+            once = np.array([response.at_once for response in motors.responses])
+            target = (
+                np.where(once, target[0], np.minimum(target[0], box[0])),
+                np.where(once, target[1], np.maximum(target[1], box[1])),
+            )
+        settled = np.minimum(motors.settling(box, target), length)
+        pieces = 0 if motors.at_once else math.ceil(_STAGES * length / machine.timing.interval[1])
+        after = [settled * (piece / pieces) for piece in range(pieces)] + [settled] * (pieces > 0)
+        after = [*(after or [np.zeros(len(settled))]), np.full(len(settled), length)]
+        lows = [motors.lowest(box[0], target[0], seconds[:, None]) for seconds in after]
+        highs = [motors.highest(box[1], target[1], seconds[:, None]) for seconds in after]
+        stages = []
+        for index, seconds in enumerate(after[1:], start=1):
+            low = np.minimum(lows[index - 1], lows[index])
+            high = np.maximum(highs[index - 1], highs[index])
+            if phase.stopping:
+                low, high = np.minimum(low, 0.0), np.maximum(high, 0.0)
+            stages.append(_Stage(phase.start + seconds, low, high))
+        return stages, (lows[-1], highs[-1])
+
+    @property
+    def _brake_lag(self) -> float:
+        """Return how late motors follow the brake at most, in seconds."""
+        return float(self.machine.actuation.of("lag")[:, 1].max())
+
+    def _stopping(self, box: tuple[Floats, Floats]) -> Floats:
+        """Return how long robots take at most to stop from boxes of velocities, (C,) seconds, without a lag."""
+        machine = self.machine
+        assert machine.deceleration is not None
+        motors = machine.actuation.of("deceleration")[:, 0]
+        brake = min(machine.deceleration, motors[0], motors[1] if machine.kinematics.slides else math.inf)
+        largest = np.maximum(np.abs(box[0]), np.abs(box[1]))
+        turn = largest[:, 2]
+        stop = (np.hypot(largest[:, 0], largest[:, 1]) + machine.rim * turn) / brake
+        return np.asarray(np.maximum(stop, turn / motors[2]) * SLIGHTLY_MORE)
+
+    def _stop(self, box: tuple[Floats, Floats], longest: Floats) -> list[_Stage]:
+        """Stop from boxes of velocities, (C, 3), within the longest time of the states, (C,)."""
+        begin, lag = self.machine.timing.last, np.asarray(self._brake_lag)
+        low, high = np.minimum(box[0], 0.0), np.maximum(box[1], 0.0)
+        stop = self._stopping(box)
+        with np.errstate(divide="ignore"):
+            rate = 1.0 / stop
+        own = stop + 2.0 * lag
+        after = [own * (piece / _STOPPING) for piece in range(_STOPPING + 1)]
+        if lag > 0.0:
+            after += [longest - lag, longest]
+        stages = []
+        for seconds, following in pairwise(after):
+            share = (remaining(np.ones(len(stop)), seconds, rate, lag) * SLIGHTLY_MORE)[:, None]
+            share = np.minimum(share, 1.0)
+            stages.append(_Stage(begin + following, low * share, high * share))
+        return stages
+
+    def _slipping(self, stage: _Stage) -> tuple[Floats, Floats]:
+        """Return the velocities of a stage with what nobody commands."""
+        largest = np.maximum(np.abs(stage.lower), np.abs(stage.upper))
+        slip = self.machine.actuation.slip * np.hypot(largest[:, 0], largest[:, 1]) * SLIGHTLY_MORE
+        aside = np.where(np.array([False, True, False]), slip[:, None], 0.0)
+        return stage.lower - aside, stage.upper + aside
+
+
+@dataclass(frozen=True, eq=False)
+class _Stage:
+    """One stage of C profiles: its end in seconds, (C,), and its velocities, (C, 3)."""
+
+    end: Floats
+    lower: Floats
+    upper: Floats
