@@ -59,19 +59,50 @@ class CommandBounds:
 
     Parameters
     ----------
-    lower, upper : ndarray
-        (C, 2) v in m/s and omega in rad/s, as the robot carries them out.
+    pieces : CommandPieces
+        Boxes of commands (A,), of a differential drive v in m/s and omega in rad/s, as the robot carries them out: one of
+        what the policy gives, and one for each command that it may choose, or that a rule may send.
     influence : ndarray
-        (C, 3) shares of their width that come from the pose, and from v and omega of the step before.
+        (C, 1 + A) shares of their width that come from the pose, and from each entry of the command before.
     """
 
-    lower: Floats
-    upper: Floats
+    pieces: CommandPieces
     influence: Floats
+
+    @cached_property
+    def ends(self) -> tuple[Floats, Floats]:
+        """The ends of the box around all pieces of each cell, (C, A) each."""
+        return self.pieces.hull()
+
+    @property
+    def lower(self) -> Floats:
+        """Return the least numbers of a command, (C, A)."""
+        return self.ends[0]
+
+    @property
+    def upper(self) -> Floats:
+        """Return the largest numbers of a command, (C, A)."""
+        return self.ends[1]
 
     def select(self, which: NDArray[Any]) -> CommandBounds:
         """Return those of some cells."""
-        return CommandBounds(self.lower[which], self.upper[which], self.influence[which])
+        return CommandBounds(self.pieces.select(which), self.influence[which])
+
+
+@dataclass(frozen=True, eq=False)
+class SentReach:
+    """What is sent in C sets of states: P pieces, each a form of the sets' symbols.
+
+    Parameters
+    ----------
+    cell : ndarray
+        (P,) the set of each piece, ascending; every set has one at least.
+    reach : LinearReach
+        P of them.
+    """
+
+    cell: Indices
+    reach: LinearReach
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,6 +198,10 @@ class ClosedLoop:
         kept[some] = self._keep_clear(boxes.select(some), rules.manoeuvre, lower[some], upper[some])
         return kept
 
+    def all_hold(self, cells: StateBoxes, pieces: CommandPieces) -> Booleans:
+        """Tell in which cells every piece of the commands keeps every free pose clear, (C,). **Sound:** yes."""
+        return pieces.everywhere(self.holds(cells.select(pieces.state), pieces.lower, pieces.upper))
+
     def _any_commands(self, count: int) -> tuple[Floats, Floats]:
         """Return the ends (C, A) of all commands that the robot carries out."""
         lower, upper = (
@@ -196,10 +231,8 @@ class ClosedLoop:
         most = int(np.clip(_CHUNK_NUMBERS // (size * size), 1, _CHUNK))
         found = [self._commands(cells.select(some)) for some in self._chunks(len(cells), most)]
         return CommandBounds(
-            *(
-                np.concatenate([getattr(part, name) for part in found])
-                for name in ("lower", "upper", "influence")
-            )
+            CommandPieces.join([part.pieces for part in found]),
+            np.concatenate([part.influence for part in found]),
         )
 
     def watch(self, observations: Floats, reached: CorrelatedReach | LinearReach) -> None:
@@ -228,17 +261,16 @@ class ClosedLoop:
         )
         if self.driven.choice is None:
             self.watch(seen.centre, reached)
-        commands = self._sent(sightings, reached.lower, reached.upper, len(cells))
+        pieces = self._sent(sightings, reached.lower, reached.upper, len(cells))
         influence = reached.influence[: len(cells)].copy()
         np.maximum.at(influence, sightings.cell, reached.influence)
-        lower, upper = (self.rules.clip(end) for end in commands)
         moved = influence / np.maximum(influence.sum(axis=1, keepdims=True), 1e-12)
         moved = moved.max(axis=2)  # (C, 3 + A + n)
         pose, before = moved.sum(axis=1), []
         for axis in range(len(self.rules.kinematics.axes)):
             before.append(moved[:, [3 + axis, *self._told_of(axis)]].sum(axis=1))
             pose = pose - before[-1]
-        return CommandBounds(lower, upper, np.stack([pose, *before], axis=1))
+        return CommandBounds(pieces, np.stack([pose, *before], axis=1))
 
     @cached_property
     def driven(self) -> DrivenPolicy:
@@ -250,11 +282,8 @@ class ClosedLoop:
         networks = networks_of(self.policy, self.arithmetic)
         return [network if self.driven.choice is None else differences(network) for network in networks]
 
-    def _sent(self, sightings: Sightings, lower: Floats, upper: Floats, count: int) -> tuple[Floats, Floats]:
-        """Return the ends (C, A) of the commands that may be sent in C cells, of bounds (R, ...) of `_networks`.
-
-        **Sound:** yes; of several commands, the box around all of them.
-        """
+    def _sent(self, sightings: Sightings, lower: Floats, upper: Floats, count: int) -> CommandPieces:
+        """Return what may be sent in C cells, of bounds (R, ...) of `_networks`. **Sound:** yes."""
         require_ordered("commands", lower, upper)
         seen, choice = sightings.forms, self.driven.choice
         known = ReachableSet(lower, upper, lower, upper, lower)
@@ -263,18 +292,16 @@ class ClosedLoop:
             if self.arithmetic == "float32":
                 require_not_excluded(chosen_by(self.policy.run, seen.centre, choice.actions), excluded)
             known = replace(known, possible=~excluded)
-        ends = CommandPieces.of(self.driven, known, seen.lower, seen.upper).hull()
-        least = np.full((count, ends[0].shape[1]), np.inf)
-        most = np.full_like(least, -np.inf)
-        np.minimum.at(least, sightings.cell, ends[0])
-        np.maximum.at(most, sightings.cell, ends[1])
-        require_ordered("commands", least, most)
-        return least, most
+        parts = CommandPieces.of(self.driven, known, seen.lower, seen.upper)
+        limits = self.rules.lower, self.rules.upper
+        pieces = CommandPieces.of_parts(parts, sightings.cell, count, limits)
+        require_ordered("commands", pieces.lower, pieces.upper)
+        return pieces
 
-    def commands_of_sets(self, sightings: Sightings, common: int, count: int) -> LinearReach:
+    def commands_of_sets(self, sightings: Sightings, common: int, count: int) -> SentReach:
         """Bound what is sent in C sets as forms of their `common` symbols. **Sound:** yes.
 
-        Where a policy chooses, or a rule may count, all that may be sent is in the rest.
+        Each command that a policy may choose, or a rule may send, is a piece of its own, which does not vary.
         """
         seen = sightings.forms
         inputs = input_model(seen.centre, seen.slope, seen.rest)
@@ -284,22 +311,17 @@ class ClosedLoop:
                 for network in self._networks()
             ]
         )
-        if self.driven.is_plain:
-            self.watch(seen.centre, found)
-            return found.joined(sightings.cell, count)
         if self.driven.choice is None:
             self.watch(seen.centre, found)
-        lower, upper = self._sent(sightings, found.lower, found.upper, count)
-        nothing = np.zeros((count, common, lower.shape[1]))
-        middle = 0.5 * (lower + upper)
-        rest = np.nextafter(np.maximum(upper - middle, middle - lower), np.inf)
-        any_of_them = LinearReach(lower, upper, middle, nothing, rest)
+        if self.driven.is_plain:
+            return SentReach(np.arange(count), found.joined(sightings.cell, count))
+        pieces = self._sent(sightings, found.lower, found.upper, count)
+        constant = LinearReach.constant(pieces.lower, pieces.upper, common)
         if self.driven.choice is not None:
-            return any_of_them
-        policy_alone = np.ones(count, dtype=bool)
-        standing = self.driven.overrides.over(seen.lower, seen.upper)
-        np.logical_and.at(policy_alone, sightings.cell, ~standing.counts.any(axis=1))
-        return LinearReach.choose(policy_alone, found.joined(sightings.cell, count), any_of_them)
+            return SentReach(pieces.state, constant)
+        varies = (pieces.lower < pieces.upper).any(axis=1)
+        of_policy = found.joined(sightings.cell, count).select(pieces.state)
+        return SentReach(pieces.state, LinearReach.choose(varies, of_policy, constant))
 
     def _told_of(self, axis: int) -> list[int]:
         """Return the columns of an influence in which the previous command of an axis errs as the policy is told it."""

@@ -32,21 +32,24 @@ _MOST_NUMBERS = 500_000
 
 @dataclass(frozen=True, eq=False)
 class LoopStep:
-    """What happens in one control interval from C sets of states.
+    """What happens in one control interval from C sets of states, of each piece of what may be commanded: P in all.
 
     Parameters
     ----------
+    origin : ndarray
+        (P,) the set from which each piece begins, ascending; every set has one piece at least.
     start : StateBoxes
-        Boxes around the sets; poses and previous commands.
+        P boxes around these sets; poses and previous commands.
     lower, upper : ndarray
-        (C, A) commands, as the robot carries them out.
+        (P, A) commands, as the robot carries them out.
     least, most : ndarray
-        (C, 3) bounds of what is added to x, y and theta.
+        (P, 3) bounds of what is added to x, y and theta.
     states : Forms
-        (C, 3 + A) pose and command afterwards, in the symbols of the start and A for the command. Headings are not
+        (P, 3 + A) pose and command afterwards, in the symbols of the start and A for the command. Headings are not
         wrapped: they continue those before, whatever the robot turns by in an interval.
     """
 
+    origin: Indices
     start: StateBoxes
     lower: Floats
     upper: Floats
@@ -55,7 +58,8 @@ class LoopStep:
     states: Forms
 
     def bounds(self, lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
-        """Return lower and upper ends of the states afterwards, (C, 3 + A), from those of the poses before, (C, 3)."""
+        """Return lower and upper ends of the states afterwards, (P, 3 + A), from those of the poses before, (C, 3)."""
+        lower, upper = lower[self.origin], upper[self.origin]
         forms = self.states.lower, self.states.upper
         first = np.where(self.least == 0.0, lower, np.nextafter(lower + self.least, -np.inf))
         last = np.where(self.most == 0.0, upper, np.nextafter(upper + self.most, np.inf))
@@ -87,16 +91,16 @@ def step(loop: ClosedLoop, states: Forms) -> LoopStep:
     Notes
     -----
     Sound: yes. For every z, every state of that z, and every observation within eps of what perfect sensors read
-    there, the command and the next state lie within the rest of their forms for z and some errors of the command.
+    there, the command and the next state lie within the rest of the forms of one of the pieces for z and some errors
+    of the command.
     Rounding of the proof and, as the arithmetic asks, of the program is counted. A robot without delay is meant.
     """
     states = name_rests(states.checked())
     count, symbols = states.slope.shape[:2]
     chunk = max(1, _MOST_NUMBERS // ((symbols + len(loop.setting.radii)) * 64))
-    parts = [_step(loop, select(states, slice(first, first + chunk))) for first in range(0, count, chunk)]
-    if not parts:
-        return _step(loop, states)
-    return parts[0] if len(parts) == 1 else _join(parts)
+    firsts = range(0, max(count, 1), chunk)
+    parts = [_step(loop, select(states, slice(first, first + chunk))) for first in firsts]
+    return parts[0] if len(parts) == 1 else _join(parts, firsts)
 
 
 def name_rests(forms: Forms) -> Forms:
@@ -136,7 +140,8 @@ def _step(loop: ClosedLoop, states: Forms) -> LoopStep:
     """Enclose one chunk of sets without rests."""
     start = hull(states)
     sightings = loop.sensors.enclose(start, states)
-    reached = loop.commands_of_sets(sightings, states.slope.shape[1], len(start))
+    sent = loop.commands_of_sets(sightings, states.slope.shape[1], len(start))
+    start, states, reached = start.select(sent.cell), select(states, sent.cell), sent.reach
     rules, bounds = loop.rules, (reached.lower, reached.upper)
     require_ordered("commands", *bounds)
     centre, rest = reached.centre, reached.rest
@@ -162,11 +167,11 @@ def _step(loop: ClosedLoop, states: Forms) -> LoopStep:
     )
     lower, upper = rules.clip(bounds[0]), rules.clip(bounds[1])
     least, most = rules.kinematics.displacement(start.poses, lower, upper, rules.interval)
-    return LoopStep(start, lower, upper, least, most, after)
+    return LoopStep(sent.cell, start, lower, upper, least, most, after)
 
 
-def _join(parts: list[LoopStep]) -> LoopStep:
-    """Return all parts as one."""
+def _join(parts: list[LoopStep], firsts: Sequence[int]) -> LoopStep:
+    """Return all parts as one; each begins with a set of its own number."""
     poses, starts, states = (
         [part.start.poses for part in parts],
         [part.start for part in parts],
@@ -174,6 +179,7 @@ def _join(parts: list[LoopStep]) -> LoopStep:
     )
     boxes = PoseBoxes(_stack(poses, "centre"), _stack(poses, "radius"))
     return LoopStep(
+        origin=np.concatenate([part.origin + first for part, first in zip(parts, firsts, strict=True)]),
         start=StateBoxes(boxes, _stack(starts, "previous_lower"), _stack(starts, "previous_upper")),
         lower=_stack(parts, "lower"),
         upper=_stack(parts, "upper"),

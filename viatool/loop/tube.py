@@ -94,7 +94,7 @@ class TubeFollower:
             after = step(self.loop, states_of(parts.cells))
             clearance[:, k], kept[:, k] = self._clearance(parts, after, count)
             bounds = after.bounds(parts.lower[:, :3], parts.upper[:, :3])
-            parts = self._cut(parts.tube, after.states, bounds)
+            parts = self._cut(parts.tube[after.origin], after.states, bounds)
             ends = parts.hulls(count)
             lower[:, k], upper[:, k] = ends[0][:, :3], ends[1][:, :3]
             parts = parts.select(~self.arrived(parts))
@@ -124,7 +124,8 @@ class TubeFollower:
 
     def _clearance(self, parts: TubeParts, after: LoopStep, count: int) -> tuple[Floats, Booleans]:
         """Return what runs keep during an interval in metres, (B,), and whether the collision distance is proved."""
-        rules, boxes = self.loop.rules, parts.cells.poses
+        parts, rules = parts.select(after.origin), self.loop.rules
+        boxes = parts.cells.poses
         cells = MotionBoxes.whole(after.lower, after.upper, boxes.radius)
         least = enclose(cells, self.loop.at(boxes), rules.manoeuvre, rules.footprint).least
         proved = least > rules.clearance.collision

@@ -21,6 +21,8 @@ from viatool.places.mesh import CellSet, Mesh, Ranges, boxes_between
 from viatool.schedule import check_time
 from viatool.sets.forms import Forms
 
+_BRANCHES = 32
+"""Ways that a part may have gone, by what was chosen in each interval, to be followed still further."""
 _SYMBOLS = 12
 """Of a set that is followed: five of its cell, two of each of the last commands, and what rests weigh."""
 
@@ -32,7 +34,7 @@ class Passages:
     Parameters
     ----------
     owner : ndarray
-        (P,) the cell; its parts are together all of it.
+        (P,) the cell; its parts are together all of it, and all that may be chosen there.
     ranges : sequence of Ranges
         M, one for each interval: where the part is after it.
     kept : ndarray
@@ -108,29 +110,73 @@ def follow(
     """
     lower, upper = mesh.bounds(cells)
     lower, upper = _cut(lower, upper, np.array(parts))
-    owner = np.repeat(cells, int(np.prod(parts)))
+    found = _Followed.of(np.repeat(cells, int(np.prod(parts))))
     start = boxes_between(lower, upper)
     states, ends = states_of(start), (lower[:, :3], upper[:, :3])
-    going = np.arange(len(owner))
-    kept = np.zeros(len(owner), np.int16)
-    ranges = []
+    going = np.arange(len(found.owner))
     for number in range(intervals):
         check_time()
-        found = step(loop, states)
-        holds = np.ones(len(going), bool)
+        after = step(loop, states)
+        holds = np.ones(len(after.origin), bool)
         if number > 0:
-            holds = loop.holds(found.start, found.lower, found.upper)
-        after = found.bounds(*ends)
-        there = mesh.ranges(*after)
-        kept[going[holds]] += 1
-        ranges.append(_scattered(there, going, len(owner)))
+            holds = loop.holds(after.start, after.lower, after.upper)
+        reached = after.bounds(*ends)
+        there = mesh.ranges(*reached)
+        going = found.branched(going[after.origin])
+        found.lead(going, there, holds)
         open_ = holds if known is None else holds & ~known.covers(there)
+        open_ &= found.few(going)
         going = going[open_]
-        states = _shortened(found, open_)
-        ends = after[0][open_, :3], after[1][open_, :3]
+        states = _shortened(after, open_)
+        ends = reached[0][open_, :3], reached[1][open_, :3]
         if not len(going):
             break
-    return Passages(owner, ranges, kept)
+    return Passages(found.owner, found.ranges, found.kept)
+
+
+class _Followed:
+    """Parts that are being followed; a part of which one of several commands may be sent goes on as several.
+
+    Parameters
+    ----------
+    owner, root : ndarray
+        (P,) the cell of each part, and the number of the part of that cell with which it began.
+    """
+
+    def __init__(self, owner: Indices, root: Indices) -> None:
+        self.owner, self.root = owner, root
+        self.ranges: list[Ranges] = []
+        self.kept = np.zeros(len(owner), np.int16)
+
+    @classmethod
+    def of(cls, owner: Indices) -> _Followed:
+        """Begin with one part for each row."""
+        return cls(owner, np.arange(len(owner)))
+
+    def branched(self, rows: Indices) -> Indices:
+        """Give every occurrence of a part a row of its own, with what it has behind it; return the rows, (C,)."""
+        again = np.ones(len(rows), bool)
+        again[np.unique(rows, return_index=True)[1]] = False
+        of = rows[again]
+        rows = rows.copy()
+        rows[again] = len(self.owner) + np.arange(len(of))
+        self.owner, self.root, self.kept = (
+            np.concatenate([part, part[of]]) for part in (self.owner, self.root, self.kept)
+        )
+        self.ranges = [
+            Ranges(np.concatenate([one.first, one.first[of]]), np.concatenate([one.last, one.last[of]]))
+            for one in self.ranges
+        ]
+        return rows
+
+    def lead(self, rows: Indices, there: Ranges, holds: Booleans) -> None:
+        """Note where some parts are after one more interval, and of which that interval keeps its clearance."""
+        self.ranges.append(_scattered(there, rows, len(self.owner)))
+        self.kept[rows[holds]] += 1
+
+    def few(self, rows: Indices) -> Booleans:
+        """Tell which parts are not among too many of one beginning to be followed further."""
+        return np.asarray(np.bincount(self.root)[self.root[rows]] <= _BRANCHES)
 
 
 def join(passages: Sequence[Passages]) -> Passages:

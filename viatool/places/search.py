@@ -100,7 +100,7 @@ def _judge(loop: ClosedLoop, lattice: Lattice, nodes: Nodes, frontier: Frontier,
     """Return the nodes that are certified, refuted or smallest; the others are halved."""
     cells = lattice.cells(nodes)
     commands = loop.commands(cells)
-    certified = loop.holds(cells, commands.lower, commands.upper)
+    certified = loop.all_hold(cells, commands.pieces)
     smallest = (nodes.level >= lattice.deepest).all(axis=1)
     open_ = np.flatnonzero(~certified & ~smallest)
     if len(open_):

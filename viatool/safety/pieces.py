@@ -6,9 +6,12 @@ possible, and a rule around the policy adds the command of its own.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from viatool.arrays import Booleans, Floats, Indices
 from viatool.safety.judged_states import JudgedStates
@@ -76,6 +79,41 @@ class CommandPieces:
             parts.append((rows, sent, sent))
         state, lower, upper = (np.concatenate(column) for column in zip(*parts, strict=True))
         return cls(state, lower, upper, count)
+
+    def __len__(self) -> int:
+        """Return P."""
+        return len(self.state)
+
+    @classmethod
+    def of_parts(
+        cls, pieces: CommandPieces, whole: Indices, count: int, limits: tuple[Floats, Floats]
+    ) -> CommandPieces:
+        """Return the pieces of B states of which those of `pieces` are parts, part r of state ``whole[r]``.
+
+        Commands are clipped to the ends (A,) of what the robot carries out; what is then the same is one piece. Pieces
+        come in the order of their states.
+        """
+        lower, upper = (np.clip(end, *limits) for end in (pieces.lower, pieces.upper))
+        each = np.column_stack([whole[pieces.state].astype(np.float64), lower, upper])
+        each = np.unique(each, axis=0)
+        state, axes = each[:, 0].astype(np.int64), lower.shape[1]
+        return cls(state, each[:, 1 : 1 + axes], each[:, 1 + axes :], count)
+
+    @classmethod
+    def join(cls, parts: Sequence[CommandPieces]) -> CommandPieces:
+        """Return the pieces of states that follow each other."""
+        first = np.cumsum([0, *(part.count for part in parts)])
+        state = [part.state + start for part, start in zip(parts, first[:-1], strict=True)]
+        lower, upper = ([getattr(part, name) for part in parts] for name in ("lower", "upper"))
+        return cls(np.concatenate(state), np.concatenate(lower), np.concatenate(upper), int(first[-1]))
+
+    def select(self, which: NDArray[Any]) -> CommandPieces:
+        """Return the pieces of some of the states."""
+        rows = np.arange(self.count)[which]
+        place = np.full(self.count, -1)
+        place[rows] = np.arange(len(rows))
+        kept = place[self.state] >= 0
+        return CommandPieces(place[self.state[kept]], self.lower[kept], self.upper[kept], len(rows))
 
     def everywhere(self, holds: Booleans) -> Booleans:
         """Tell in which states something holds for every piece, (B,), of what holds for each, (P,)."""

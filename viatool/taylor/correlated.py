@@ -92,6 +92,17 @@ class LinearReach:
         )
 
     @classmethod
+    def constant(cls, lower: Floats, upper: Floats, common: int) -> LinearReach:
+        """Return actions between two ends (B, A) that no common symbol changes."""
+        middle = 0.5 * (lower + upper)
+        rest = np.where(lower < upper, np.nextafter(np.maximum(upper - middle, middle - lower), np.inf), 0.0)
+        return cls(lower, upper, middle, np.zeros((len(middle), common, middle.shape[1])), rest)
+
+    def select(self, which: Indices) -> LinearReach:
+        """Return what is known over some of the sets."""
+        return LinearReach(*(getattr(self, each.name)[which] for each in fields(self)))
+
+    @classmethod
     def choose(cls, holds: Booleans, found: LinearReach, other: LinearReach) -> LinearReach:
         """Return one or the other for each set, by what holds for it, (B,)."""
         pairs = ((getattr(found, each.name), getattr(other, each.name)) for each in fields(cls))
