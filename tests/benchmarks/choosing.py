@@ -2,7 +2,7 @@
 
     python tests/benchmarks/choosing.py maps/lab.yaml --sample 0.003 --steps 5
 
-Certifies, looks ahead and follows tubes of policies/via.onnx with a table of commands, of which it chooses that which is
+Certifies, looks ahead and follows tubes of policies/via.onnx with a table of commands, of which it chooses the one that is
 nearest to its own command, and of the zoo's DQN layout, whose weights are random.
 """
 
@@ -77,8 +77,12 @@ def main() -> None:
         chosen = write_choosing(Path("policies/via.onnx"), Path(folder) / "choosing.onnx")
         for name, policy, world in (
             ("via.onnx, five commands", load_policy(chosen), load_map(given.map)),
-            ("robotis_dqn", load_policy(DQN / "policy.onnx", DQN / "specification.yaml"), load_map(DQN.parent / "room.yaml")),
-        ):  # fmt: skip
+            (
+                "robotis_dqn",
+                load_policy(DQN / "policy.onnx", DQN / "specification.yaml"),
+                load_map(DQN.parent / "room.yaml"),
+            ),
+        ):
             print(name)
             compare(policy, world, given)
 
@@ -109,7 +113,9 @@ def measured(policy, world, given):
             lookahead=Lookahead(given.steps, for_ever=True),
         ).lasting  # fmt: skip
         free, held = int(lasting.free.sum()), int(lasting.for_ever.sum())
-        words.append(f"{given.steps} steps {shares((lasting.by_steps()[-1][1], free))}, for ever {shares((held, free))}")
+        words.append(
+            f"{given.steps} steps {shares((lasting.by_steps()[-1][1], free))}, for ever {shares((held, free))}"
+        )
     if given.states:
         result = verify(
             policy, world, eps=given.eps, scenarios=[scenario], horizon=10, refine="none",
@@ -117,7 +123,9 @@ def measured(policy, world, given):
         tubes = result.horizon.tubes
         ends = tubes.upper[:, 4, :2] - tubes.lower[:, 4, :2]
         width = np.median(np.hypot(*ends.T)[np.isfinite(ends[:, 0])])
-        words.append(f"10 steps safe from {int(tubes.safe.sum())}/{len(tubes)} states, 5th end {100 * width:.1f} cm wide")
+        words.append(
+            f"10 steps safe from {int(tubes.safe.sum())}/{len(tubes)} states, 5th end {100 * width:.1f} cm wide"
+        )
     return "; ".join(words)
 
 

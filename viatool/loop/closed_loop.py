@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.arrays import Booleans, Floats
+from viatool.arrays import Booleans, Floats, Indices
 from viatool.channels import Quantities, Sightings
 from viatool.channels.previous import PreviousCommand
 from viatool.channels.velocities import MeasuredVelocity
@@ -60,8 +60,8 @@ class CommandBounds:
     Parameters
     ----------
     pieces : CommandPieces
-        Boxes of commands (A,), of a differential drive v in m/s and omega in rad/s, as the robot carries them out: one of
-        what the policy gives, and one for each command that it may choose, or that a rule may send.
+        Boxes of commands (A,), of a differential drive v in m/s and omega in rad/s, as the robot carries them out: one
+        of what the policy gives, and one for each command that it may choose, or that a rule may send.
     influence : ndarray
         (C, 1 + A) shares of their width that come from the pose, and from each entry of the command before.
     """
@@ -319,7 +319,7 @@ class ClosedLoop:
         constant = LinearReach.constant(pieces.lower, pieces.upper, common)
         if self.driven.choice is not None:
             return SentReach(pieces.state, constant)
-        varies = (pieces.lower < pieces.upper).any(axis=1)
+        varies = np.asarray((pieces.lower < pieces.upper).any(axis=1))
         of_policy = found.joined(sightings.cell, count).select(pieces.state)
         return SentReach(pieces.state, LinearReach.choose(varies, of_policy, constant))
 
