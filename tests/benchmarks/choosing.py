@@ -2,8 +2,8 @@
 
     python tests/benchmarks/choosing.py maps/lab.yaml --sample 0.003 --steps 5
 
-Certifies, looks ahead and follows tubes of policies/via.onnx with a table of commands, of which it chooses the one that is
-nearest to its own command, and of the zoo's DQN layout, whose weights are random.
+Certifies, looks ahead and follows tubes of policies/via.onnx with a table of commands, of which it chooses the one that
+is nearest to its own command, and of the zoo's DQN layout, whose weights are random.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ import numpy as np
 
 from viatool import load_map, load_policy
 from viatool.loop.closed_loop import ClosedLoop
-from viatool.places.mesh import CellSet, Mesh, boxes_between
+from viatool.places.mesh import CellSet, Mesh
 from viatool.places.passages import follow
 from viatool.places.tree import Lattice
 from viatool.setting.setting import Setting
@@ -39,7 +39,7 @@ def main() -> None:
         lattice = Lattice.over(world.bounds, (loop.rules.lower, loop.rules.upper), (side, side, 0))
         mesh = Mesh.of(lattice)
         drawn = generator.integers(0, len(mesh), 4 * given.cells)
-        free = ~loop.blocked(boxes_between(*mesh.bounds(drawn)).poses)
+        free = ~loop.blocked(mesh.boxes(*mesh.bounds(drawn)).poses)
         cells, share = drawn[free][: given.cells], float(free.mean())
         spent = []
         for intervals in (1, 2, 4):

@@ -9,8 +9,10 @@ import pytest
 
 from tests.motion.drives import DRIVES, left_over, read
 from viatool import load_map, verify
-from viatool.places import Resolution, SearchBudget, certify
+from viatool.places import Lookahead, Resolution, SearchBudget, certify
 from viatool.places.findings import CERTIFIED, SETTLED
+from viatool.places.tree import Lattice
+from viatool.policy import Affine, Input, Network, load_policy, write_onnx
 from viatool.report.states.run import StatesRun
 from viatool.setting.setting import Setting
 from viatool.simulate import NavigationSimulator, roll_out
@@ -176,3 +178,77 @@ def test_cells_are_certified_whatever_was_commanded_to_the_side_before(tmp_path)
         raw = policy.run(np.float32(read(states[:, :3])))
         assert left_over(waiting).min() > world.clearance.collision
         assert left_over(drive.path(waiting[:, -1], raw)).min() > world.clearance.collision
+
+
+def fails_too_early(drive, policy, folder, aside=None, cells=3000):
+    """How many runs from cells fail within the intervals that are claimed of them, and what is claimed.
+
+    Parameters
+    ----------
+    aside : int, optional
+        Which entry of what the program gives it observes in the next interval, behind the scan.
+    """
+    world = drive.world(folder)
+    found = certify(
+        policy, world, 0, eps=EPS, criterion="swept", resolution=Resolution(side=0.25, halvings=0),
+        lookahead=Lookahead(steps=4, for_ever=True, intervals=2),
+    ).lasting  # fmt: skip
+    claimed = np.minimum(found.intervals, 4)
+    rows = np.flatnonzero(found.free & (claimed > 0))
+    generator, failed = np.random.default_rng(9), 0
+    rows = generator.choice(rows, min(cells, len(rows)), replace=False)
+    lower, upper = found.mesh.bounds(rows)
+    for _ in range(5):
+        poses = (lower + generator.choice([0.0, 0.5, 1.0], lower.shape) * (upper - lower))[:, :3]
+        before = generator.uniform(*_ends(drive), (len(poses), len(drive.actions)))
+        driving = left_over(poses) > world.clearance.collision
+        for k in range(4):
+            seen = read(poses) if aside is None else np.column_stack([read(poses), before[:, aside]])
+            error = generator.choice([-1.0, 1.0], seen.shape)
+            raw = policy.run(np.float32(seen + 0.9999 * EPS * error))
+            before, way = drive.clipped(raw), drive.path(poses, raw)
+            clear = (left_over(way) > world.clearance.collision - 1e-9).all(axis=1)
+            failed += int((~clear & driving & (claimed[rows] > k)).sum())
+            poses = way[:, -1]
+            driving &= np.hypot(*(poses[:, :2] - 1.5).T) >= found.lookahead.goal_radius
+    return failed, claimed[rows]
+
+
+def test_cells_last_as_long_as_runs_of_a_robot_that_slides_keep_their_clearance(tmp_path):
+    drive = DRIVES["holonomic"]
+    failed, claimed = fails_too_early(drive, drive.policy(tmp_path), tmp_path)
+    assert failed == 0
+    assert (claimed == 4).sum() > 100
+    assert (claimed < 4).sum() > 100
+
+
+def keeps_sliding(drive, folder):
+    """A policy that goes on to the side as before, whatever it sees."""
+    spec = drive.policy(folder).spec
+    before = {"name": "before", "kind": "previous_lateral"}
+    told = spec.model_dump(mode="json", exclude_none=True)
+    told["observation"].append(before)
+    weight = np.zeros((3, 7))
+    weight[0, 6] = 0.9375
+    path = folder / "sliding.onnx"
+    write_onnx(
+        Network((Input(7), Affine((0,), (weight,), np.zeros(3)))), type(spec).model_validate(told), path
+    )
+    return load_policy(path)
+
+
+def test_cells_take_every_command_to_the_side_that_may_have_been_before(tmp_path, monkeypatch):
+    """And the mutant in which the robot did not slide before does not."""
+    drive = DRIVES["holonomic"]
+    policy = keeps_sliding(drive, tmp_path)
+    failed, claimed = fails_too_early(drive, policy, tmp_path, aside=0, cells=1000)
+    assert failed == 0
+    assert (claimed == 4).sum() > 100
+    over = Lattice.over.__func__
+
+    def not_sliding(cls, *given):
+        lattice = over(cls, *given)
+        return replace(lattice, beyond=0.0 * lattice.beyond)
+
+    monkeypatch.setattr(Lattice, "over", classmethod(not_sliding))
+    assert fails_too_early(drive, policy, tmp_path, aside=0, cells=1000)[0] > 0

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,17 +59,21 @@ class Mesh:
         (5,) lower corner of the first cell, and the extent of a cell.
     count : ndarray
         (5,) int, cells along x, y, theta, v and omega; headings fill a turn.
+    beyond : ndarray
+        (A - 2, 2) ends of the commands before along further axes, all of which every cell takes.
     """
 
     origin: Floats
     size: Floats
     count: Indices
+    beyond: Floats = field(default_factory=lambda: np.zeros((0, 2)))
 
     @classmethod
     def of(cls, lattice: Lattice, coarser: int = 0) -> Mesh:
         """Return the cells of a lattice that are `coarser` times halved less along x, y and theta than the smallest."""
         level = lattice.deepest - np.array([coarser, coarser, coarser, 0, 0])
-        return cls(lattice.origin, lattice.size * np.exp2(-level.astype(np.float64)), lattice.count << level)
+        size = lattice.size * np.exp2(-level.astype(np.float64))
+        return cls(lattice.origin, size, lattice.count << level, lattice.beyond)
 
     def __len__(self) -> int:
         """Return the number of cells."""
@@ -85,15 +89,26 @@ class Mesh:
         index = np.stack(np.unravel_index(number, self.count), axis=1)
         return self.origin + index * self.size, self.origin + (index + 1) * self.size
 
+    def boxes(self, lower: Floats, upper: Floats) -> StateBoxes:
+        """Return states between two ends (C, 5), poses rounded outward."""
+        middle = 0.5 * (lower[:, :3] + upper[:, :3])
+        radius = np.maximum(upper[:, :3] - middle, middle - lower[:, :3]) * SLIGHTLY_MORE + SPARE
+        rest = (np.broadcast_to(end, (len(lower), len(end))) for end in self.beyond.T)
+        before = (
+            np.concatenate([end[:, 3:], more], axis=1) for end, more in zip((lower, upper), rest, strict=True)
+        )
+        return StateBoxes(PoseBoxes(middle, radius), *before)
+
     def ranges(self, lower: Floats, upper: Floats) -> Ranges:
-        """Return the cells that hold every state between two ends (P, 5).
+        """Return the cells that hold every state between two ends (P, 3 + A).
 
         Notes
         -----
         Sound: yes; a state on the border of two cells is in both, and either will do. What lies beyond the mesh is
-        left out.
+        left out, as commands are that no robot carries out.
         """
         require_ordered("states after an interval", lower, upper, finite=True, rounding=SPARE)
+        lower, upper = lower[:, : len(AXES)], upper[:, : len(AXES)]
         first = np.floor((lower - self.origin) / self.size)
         first -= self.origin + first * self.size > lower
         last = np.ceil((upper - self.origin) / self.size) - 1.0
@@ -164,13 +179,6 @@ class CellSet:
             sign = (-1) ** (len(corner) - sum(corner))
             held += sign * self._sums[place].astype(np.int64)
         return np.asarray(held == np.prod(last - first + 1, axis=1))
-
-
-def boxes_between(lower: Floats, upper: Floats) -> StateBoxes:
-    """Return cells between two ends (C, 5), poses rounded outward."""
-    middle = 0.5 * (lower[:, :3] + upper[:, :3])
-    radius = np.maximum(upper[:, :3] - middle, middle - lower[:, :3]) * SLIGHTLY_MORE + SPARE
-    return StateBoxes(PoseBoxes(middle, radius), lower[:, 3:], upper[:, 3:])
 
 
 def _pieces(members: Indices, size: int) -> Iterator[Indices]:

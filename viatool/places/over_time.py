@@ -18,7 +18,7 @@ from viatool.errors import ConfigurationError
 from viatool.loop.closed_loop import ClosedLoop
 from viatool.places.findings import BLOCKED, CERTIFIED, SETTLED, CellFindings
 from viatool.places.forever import FOR_EVER, CellTransitions
-from viatool.places.mesh import CellSet, Mesh, boxes_between
+from viatool.places.mesh import CellSet, Mesh
 from viatool.places.passages import Passages, follow, join
 from viatool.places.tree import AXES, Lattice
 from viatool.schedule import (
@@ -217,17 +217,12 @@ def check_lookahead(lookahead: Lookahead, rules: Rules, lattice: Lattice) -> Mes
     Raises
     ------
     ConfigurationError
-        If there are too many cells, the robot acts with a delay, or it is commanded with more than v and omega.
+        If there are too many cells, or the robot acts with a delay.
     """
     if rules.delay:
         raise ConfigurationError(
             "with a delay it is not known for how long cells stay certified",
             "leave out --delay, --steps and --forever",
-        )
-    if len(lattice.beyond):
-        raise ConfigurationError(
-            f"how long cells stay certified is not followed for a {rules.kinematics.description}",
-            "leave out --steps and --forever",
         )
     mesh = Mesh.of(lattice, lookahead.coarser)
     if len(mesh) > _MOST_CELLS:
@@ -278,7 +273,7 @@ def look_ahead(
     Raises
     ------
     ConfigurationError
-        If there are too many cells, the robot acts with a delay, or it is commanded with more than v and omega.
+        If there are too many cells, or the robot acts with a delay.
 
     Notes
     -----
@@ -386,7 +381,7 @@ def _without_free_pose(loop: ClosedLoop, mesh: Mesh) -> Booleans:
     blocked = np.zeros(len(mesh) // slices, bool)
     for first in range(0, len(blocked), _POSES_AT_ONCE):
         numbers = np.arange(first, min(first + _POSES_AT_ONCE, len(blocked)))
-        blocked[numbers] = loop.blocked(boxes_between(*mesh.bounds(numbers * slices)).poses)
+        blocked[numbers] = loop.blocked(mesh.boxes(*mesh.bounds(numbers * slices)).poses)
     return np.repeat(blocked, slices)
 
 

@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 from viatool.arrays import Booleans, Floats, Indices
 from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.successor import LoopStep, fold, select, states_of, step
-from viatool.places.mesh import CellSet, Mesh, Ranges, boxes_between
+from viatool.places.mesh import CellSet, Mesh, Ranges
 from viatool.schedule import check_time
 from viatool.sets.forms import Forms
 
 _BRANCHES = 32
 """Ways that a part may have gone, by what was chosen in each interval, to be followed still further."""
 _SYMBOLS = 12
-"""Of a set that is followed: five of its cell, two of each of the last commands, and what rests weigh."""
+"""Of a set that is followed: one of each side of its cell, those of the last commands, and what rests weigh."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +111,7 @@ def follow(
     lower, upper = mesh.bounds(cells)
     lower, upper = _cut(lower, upper, np.array(parts))
     found = _Followed.of(np.repeat(cells, int(np.prod(parts))))
-    start = boxes_between(lower, upper)
+    start = mesh.boxes(lower, upper)
     states, ends = states_of(start), (lower[:, :3], upper[:, :3])
     going = np.arange(len(found.owner))
     for number in range(intervals):
