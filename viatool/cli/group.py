@@ -28,6 +28,7 @@ COMMANDS = (
     "simulate",
     "inspect",
     "doctor",
+    "measure-errors",
     "map",
     "reproduce",
     "completion",
@@ -45,7 +46,7 @@ class CommandGroup(click.Group):
         """Import one command; None if there is no such command."""
         if cmd_name not in COMMANDS:
             return None
-        command = import_module(f"viatool.cli.{cmd_name}").command
+        command = import_module(f"viatool.cli.{cmd_name.replace('-', '_')}").command
         assert isinstance(command, click.Command)
         return command
 

@@ -200,7 +200,7 @@ eps_option = click.option(
 errors_option = click.option(
     "--errors",
     "errors",
-    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    type=click.Path(path_type=Path),
     metavar="FILE",
     help="Error model (YAML): what is bounded about sensors, pose, motors, time and moving things; see docs/errors.md.",
 )

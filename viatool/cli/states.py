@@ -63,6 +63,13 @@ def recording_options(command: Command) -> Command:
     return command
 
 
+def topic_options(command: Command) -> Command:
+    """Add the options that name the topics and the frame of a bag."""
+    for option in reversed(_bag_options):
+        command = option(command)
+    return command
+
+
 def _goal_option(told: str) -> Callable[[Command], Command]:
     return click.option("--goal", "goals", type=PointType(), multiple=True, help=told)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import islice
@@ -67,6 +67,17 @@ class Bag:
     commands: RecordedCommands | None
     transforms: Transforms
     scans: Iterator[Scans]
+
+
+@dataclass(frozen=True, eq=False)
+class BagParts:
+    """Whatever a bag holds of what can be read; None where a topic is not there, and why, by what it is of."""
+
+    odometry: RecordedOdometry | None
+    commands: RecordedCommands | None
+    transforms: Transforms
+    scans: Iterator[Scans] | None
+    missing: Mapping[str, str]
 
 
 @dataclass(frozen=True)
@@ -155,6 +166,36 @@ def open_bag(path: Path, topics: Topics, *, commands: bool) -> Iterator[Bag]:
 
 
 @contextmanager
+def open_parts(path: Path, topics: Topics) -> Iterator[BagParts]:
+    """Read whatever topics a bag has; one that was named has to be there. Everything else is as for `open_bag`."""
+    with _opened(path) as reader:
+        missing: dict[str, str] = {}
+
+        def find(what: str, *wanted: Any) -> list[Connection] | None:
+            try:
+                return _choose(reader, what, *wanted)
+            except _MissingTopicError as error:
+                missing[what] = error.message
+                return None
+
+        scan = find("scan", topics.scan, (SCAN,), "/scan", "--scan-topic")
+        odom = find("odometry", topics.odometry, (ODOMETRY,), "/odom", "--odom-topic")
+        usual = COMMANDS if topics.command else COMMANDS[:2]
+        drive = find("command", topics.command, usual, "/cmd_vel", "--cmd-topic")
+        yield BagParts(
+            odometry=None if odom is None else _read_odometry(reader, odom),
+            commands=None if drive is None else _read_commands(reader, drive),
+            transforms=_read_transforms(reader),
+            scans=None if scan is None else _read_scans(reader, scan),
+            missing=missing,
+        )
+
+
+class _MissingTopicError(TrajectoryError):
+    """Nobody named a topic, and a bag has none of the type."""
+
+
+@contextmanager
 def _opened(path: Path) -> Iterator[AnyReader]:
     """Open a bag."""
     from rosbags.highlevel import AnyReader
@@ -196,7 +237,8 @@ def _choose(
         )
     if name not in fitting:
         wanted = f"'{name}' of type {' or '.join(types)}" if name else f"of type {' or '.join(types)}"
-        raise TrajectoryError(
+        kind = TrajectoryError if asked else _MissingTopicError
+        raise kind(
             f"the bag has no {what} topic {wanted}; its topics: {listed}",
             f"record it, or name it with {option}",
         )

@@ -10,12 +10,12 @@ import numpy as np
 
 from viatool.arrays import Booleans, Floats, Indices
 from viatool.channels import Channel, Quantities, RecordedInstants
-from viatool.errors import ConfigurationError, EmptyEvaluationError, PolicyError, TrajectoryError
+from viatool.errors import ConfigurationError, EmptyEvaluationError, PolicyError
 from viatool.trajectory.bag import Bag, Topics, open_bag
+from viatool.trajectory.placing import Mount, Placing
 from viatool.trajectory.rows import Rows
 from viatool.trajectory.scans import Readings, Scans, bin_scans
 from viatool.trajectory.trajectory import Trajectory
-from viatool.trajectory.transforms import compose, interpolate, turns_between
 
 if TYPE_CHECKING:
     from viatool.policy import PolicySpecification
@@ -143,15 +143,6 @@ def _observed(specification: PolicySpecification | None, settings: BagSettings) 
     return observed, specification.control_interval
 
 
-@dataclass(frozen=True)
-class _Mount:
-    """How a LiDAR sits on the robot: heading in rad, side (-1: upside down), distance from the origin in m."""
-
-    yaw: float = 0.0
-    side: int = 1
-    away: float = 0.0
-
-
 class _Gathered:
     """Makes states of scans, some at a time, and remembers what was assumed and left out.
 
@@ -169,10 +160,11 @@ class _Gathered:
 
     def __init__(self, bag: Bag, observed: Quantities, settings: BagSettings, interval: float) -> None:
         self.bag, self.observed, self.settings, self.interval = bag, observed, settings, interval
+        self.placing = Placing(bag.odometry, bag.transforms, settings.frame.removeprefix("/"), settings.gap)
         self._stamps, self._readings = np.zeros(0, np.int64), np.zeros((0, 1))
         self.first = self.scans = self.kept = self.waiting = 0
         self.lost = dict.fromkeys(_REASONS, 0)
-        self.mounted: _Mount | None = None
+        self.mounted: Mount | None = None
         self.seen: dict[str, Readings] = {}
 
     def states(self, scans: Scans) -> tuple[Indices, Floats, Floats, Indices]:
@@ -185,7 +177,7 @@ class _Gathered:
         self.scans += len(scans)
         if not len(self.bag.odometry.stamps):
             return scans.stamps[:0], np.zeros((0, 3)), np.zeros((0, 0)), scans.stamps[:0]
-        poses, located = self._locate(scans.stamps)
+        poses, located = self.placing.locate(scans.stamps)
         previous, commanded, told = self._previous(scans)
         complete = np.ones(len(scans), dtype=bool)
 
@@ -237,51 +229,13 @@ class _Gathered:
         self._stamps, self._readings = self._stamps[recent], self._readings[recent]
         return past
 
-    def _locate(self, at: Indices) -> tuple[Floats, Booleans]:
-        """Return the pose of the robot in the map frame, (S, 3), and whether it is known."""
-        odometry, gap = self.bag.odometry, self.settings.gap
-        poses, known = interpolate(odometry.stamps, odometry.poses, at, gap)
-        if odometry.frame == self._frame:
-            return poses, known
-        drift, seen, side = self.bag.transforms.locate(odometry.frame, self._frame, at, gap)
-        if side < 0:
-            raise TrajectoryError(
-                f"the odometry's frame '{odometry.frame}' lies upside down in '{self._frame}'",
-                "record odometry in a frame whose z axis points upwards (REP 103)",
-            )
-        return compose(drift, poses), known & seen
-
-    @property
-    def _frame(self) -> str:
-        return self.settings.frame.removeprefix("/")
-
     def _see(self, scans: Scans, channel: Channel) -> Floats:
         """Return the bins of every scan, (S, bins), for a LiDAR channel; NaN where nothing was measured."""
         assert channel.lidar is not None  # refused before
         if self.mounted is None:
-            self.mounted = self._mount(scans.frame)
+            self.mounted = self.placing.mount(scans.frame)
         seen = self.seen.setdefault(channel.name, Readings())
         return bin_scans(scans, channel.lidar, self.mounted.yaw, self.mounted.side, seen)
-
-    def _mount(self, sensor: str) -> _Mount:
-        """Return how the LiDAR sits on the robot."""
-        robot = self.bag.odometry.child
-        if sensor == robot:
-            return _Mount()
-        mount, side = self.bag.transforms.mount(sensor, robot, self.settings.gap)
-        if not len(mount):
-            raise TrajectoryError(
-                f"the transforms between the robot '{robot}' and the LiDAR '{sensor}' are never known at the same time",
-                "record /tf and /tf_static throughout",
-            )
-        moved = mount - mount[0]
-        moved[:, 2] = turns_between(mount[0, 2], mount[:, 2])
-        if np.abs(moved).max() > 1e-3:
-            raise TrajectoryError(
-                f"the LiDAR '{sensor}' moves on the robot '{robot}'", "record a LiDAR that is fixed to it"
-            )
-        x, y, yaw = mount[0].tolist()
-        return _Mount(yaw, side, float(np.hypot(x, y)))
 
     def _previous(self, scans: Scans) -> tuple[Floats, Booleans, Booleans]:
         """Return the command before each scan, (S, 3), whether it may be used, and whether it was recorded.
@@ -302,12 +256,12 @@ class _Gathered:
 
     def notes(self) -> list[str]:
         """Say in words what was assumed, how many scans were left out, and why; one may lack several things."""
-        frame, odometry = self._frame, self.bag.odometry.frame
+        frame, odometry = self.placing.frame, self.bag.odometry.frame
         if odometry == frame:
             notes = [f"odometry is given in the frame '{frame}', taken as the map's"]
         else:
             notes = [f"odometry in '{odometry}', moved by the recorded transform from '{frame}'"]
-        mounted = self.mounted or _Mount()
+        mounted = self.mounted or Mount()
         if mounted.away > 1e-3:
             notes.append(
                 f"the LiDAR stands {mounted.away:.3f} m from the robot's origin; poses are the origin's"
