@@ -37,6 +37,7 @@ _PASSED_ON = (
     "robot",
     "prefer",
     "only_contested",
+    "explain_errors",
     "noise",
     "seed",
     "workers",
@@ -83,6 +84,12 @@ _PASSED_ON = (
     "--only-contested",
     is_flag=True,
     help="Bound the actions only where some command could endanger the robot: the same verdicts, faster.",
+)
+@click.option(
+    "--explain-errors",
+    is_flag=True,
+    help="Judge the states that are not proved again without each error in turn, and rank the errors by the verdicts "
+    "that they cost.",
 )
 @click.option(
     "--output",

@@ -216,6 +216,12 @@ class ErrorModel(ErrorTerms):
                 "leave the term out, if a verdict about a robot that is ideal in it says what you need",
             )
 
+    def without(self, place: str) -> ErrorModel:
+        """Return the model without the term that stands at a place, as `stated` names it; the same if there is none."""
+        content = self.model_dump(exclude_none=True)
+        _drop(content, place)
+        return type(self).model_validate(content).model_copy(update={"source": self.source})
+
     def premises(self) -> tuple[tuple[str, str], ...]:
         """Return what is stated, in words: place, and value with unit."""
         return tuple((place, f"{_words(value)} {unit}".rstrip()) for place, _, value, unit in self.stated())
@@ -241,6 +247,17 @@ def _stated(terms: ErrorTerms, place: str, section: str) -> Iterator[tuple[str, 
         value, extra = getattr(terms, field), declared.json_schema_extra
         if value is not None and isinstance(extra, dict):
             yield f"{place}.{field}", f"{section}.{field}", value, str(extra["unit"])
+
+
+def _drop(content: dict[str, Any], place: str) -> bool:
+    """Take out what stands at a place, in place; the names of channels and obstacles may hold dots."""
+    for key, value in content.items():
+        if key == place:
+            del content[key]
+            return True
+        if place.startswith(f"{key}.") and isinstance(value, dict) and _drop(value, place[len(key) + 1 :]):
+            return True
+    return False
 
 
 def _without(terms: ErrorTerms) -> Iterator[tuple[str, str]]:

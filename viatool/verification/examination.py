@@ -40,6 +40,8 @@ class StateExamination:
         Of the search for counterexamples.
     horizon : HorizonExamination, optional
         What is asked of the intervals that follow.
+    search : bool
+        Whether counterexamples are looked for.
     """
 
     policy: Policy
@@ -48,6 +50,7 @@ class StateExamination:
     only_contested: bool
     seed: int
     horizon: HorizonExamination | None = None
+    search: bool = True
 
     def __call__(self, states: States) -> StateFindings:
         """Examine states block by block; what is found in a block depends on that block alone."""
@@ -70,7 +73,7 @@ class StateExamination:
         with clock.timed("judge"):
             judgement = judge_pieces(judged, pieces, contested)
         with clock.timed("search"):
-            doubtful = np.flatnonzero(~judgement.safe & judged.known)
+            doubtful = np.flatnonzero(~judgement.safe & judged.known & self.search)
             box = Box(*self.setting.spec.inputs.box(block.observations, self.setting.radii, within=True))
             found = search_witnesses(
                 policy, judged, doubtful, block.observations, box, commands.lower, commands.upper,

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
+from viatool.arrays import Booleans, Indices
 from viatool.errors import ConfigurationError
 from viatool.loop.horizon import Horizon
 from viatool.policy import Policy, PolicySpecification, load_policy
@@ -21,6 +23,7 @@ from viatool.trajectory import BagSettings, Trajectory
 from viatool.uncertainty import ErrorModel, as_error_model
 from viatool.verification.campaign import StateWork
 from viatool.verification.clock import Clock
+from viatool.verification.error_costs import cost_of_errors
 from viatool.verification.examination import StateExamination
 from viatool.verification.horizon import HorizonExamination
 from viatool.verification.result import Result
@@ -57,6 +60,7 @@ def verify(
     prefer: Mapping[str, str] | None = None,
     horizon: Horizon | int | None = None,
     only_contested: bool = False,
+    explain_errors: bool = False,
     noise: float | None = None,
     seed: int = 0,
     workers: int | Literal["auto"] = 1,
@@ -110,6 +114,8 @@ def verify(
         Follow the closed loop from every state over so many control intervals; see `viatool.safety.Horizon`.
     only_contested : bool
         Bound the actions only of states that geometry alone does not settle; the others have NaN bounds.
+    explain_errors : bool
+        Judge the states that are not proved again without each error in turn, to tell what it costs.
     noise, seed
         Of the simulated sensor and of the search for counterexamples.
     workers : int or "auto"
@@ -172,8 +178,7 @@ def verify(
         horizon = Horizon(horizon) if isinstance(horizon, int) else horizon
     with clock.timed("trajectory"):
         trajectory = as_received(setting, source.states(policy, setting))
-        previous = None if horizon is None else commands_observed(setting, trajectory)
-        under_way = commands_under_way(setting, trajectory)
+        asked = _states(setting, trajectory, followed=horizon is not None)
         recording = source.compared(setting, trajectory)
     engine = {"order": order, "approximation": approximation, "refine": refine}
     commanding = setting.commanding(policy)
@@ -182,11 +187,26 @@ def verify(
         commanding, setting.bare(), {**engine, "arithmetic": arithmetic}, only_contested, seed, beyond
     )
     campaign = Campaign(scheduler, checkpoint, resume, chunk)
-    asked = States.of(trajectory, under_way, previous)
     with clock.timed("examine"):
         work = StateWork(examination, asked, result_versions())
         findings = campaign.carry_out(work, progress or ignore).part
     clock.share_out("examine", findings.seconds)
+    costs = None
+    if explain_errors:
+
+        def ask(wished: Wishes, radii: Mapping[str, float]) -> Setting:
+            return Setting.of(policy, world_map, radii, wished, scenarios, job=job)
+
+        def judge(other: Setting, rows: Indices) -> Booleans:
+            states = _states(other, trajectory, followed=False).select(rows)
+            plain = replace(
+                examination, policy=other.commanding(policy), setting=other.bare(), only_contested=True, horizon=None,
+                search=False,
+            )  # fmt: skip
+            return plain(states).judgement.safe
+
+        with clock.timed("explain"):
+            costs = cost_of_errors(setting, wishes, findings.judgement.safe, ask, judge)
     return Result(
         policy_path=policy.path,
         policy_sha256=policy.sha256,
@@ -194,7 +214,7 @@ def verify(
         trajectory=trajectory,
         arithmetic=arithmetic,
         engine=engine,
-        under_way=under_way,
+        under_way=asked.under_way,
         reachable=findings.reachable,
         contested=findings.contested,
         judgement=findings.judgement,
@@ -205,4 +225,11 @@ def verify(
         maps=policy.maps,
         horizon=findings.over(horizon),
         recording=recording,
+        error_costs=costs,
     )
+
+
+def _states(setting: Setting, trajectory: Trajectory, *, followed: bool) -> States:
+    """Return the states of a trajectory with all that a setting needs to know of them."""
+    previous = commands_observed(setting, trajectory) if followed else None
+    return States.of(trajectory, commands_under_way(setting, trajectory), previous)

@@ -20,6 +20,7 @@ from viatool.setting.setting import ActionName, Setting
 from viatool.simulate import Agreement
 from viatool.taylor import ReachableSet
 from viatool.trajectory import Trajectory
+from viatool.verification.error_costs import ErrorCosts
 from viatool.verification.horizon_result import HorizonResult
 from viatool.verification.notebook import table_of
 from viatool.verification.rates import RateByOutcome
@@ -67,6 +68,8 @@ class Result(Asked):
         What was found of the intervals that follow each state, if that was asked.
     recording : tuple of Agreement
         How recorded LiDAR readings agree with the map, one for each LiDAR; empty for states that were simulated.
+    error_costs : ErrorCosts, optional
+        What each error costs in verdicts, if that was asked.
     """
 
     policy_path: Path
@@ -86,6 +89,7 @@ class Result(Asked):
     maps: Maps = field(default_factory=Maps)
     horizon: HorizonResult | None = None
     recording: tuple[Agreement, ...] = ()
+    error_costs: ErrorCosts | None = None
 
     EPISODE_COLUMNS: ClassVar = ("outcome",)
     """Arrays of the state table with one row for each episode instead of one for each state."""
@@ -216,7 +220,13 @@ class Result(Asked):
             "outcome": self.outcomes,
             "witness": self._witness(rows),
             **({} if self.horizon is None else self.horizon.state_table(rows)),
+            **({} if self.error_costs is None else {"fails_by": self._fails_by[rows]}),
         }
+
+    @cached_property
+    def _fails_by(self) -> NDArray[np.str_]:
+        assert self.error_costs is not None
+        return self.error_costs.column(len(self.trajectory))
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows: verdicts and rates."""
@@ -249,6 +259,7 @@ class Result(Asked):
             "unsafe_states": self.unsafe_states(),
             **({} if self.horizon is None else {"horizon": self.horizon.to_json()}),
             **({"recording": [found.to_json() for found in self.recording]} if self.recording else {}),
+            **({} if self.error_costs is None else {"error_costs": self.error_costs.to_json()}),
         }
 
     def unsafe_states(self) -> list[dict[str, Any]]:

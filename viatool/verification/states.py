@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -61,6 +62,15 @@ class States:
             under_way,
             _MOST_STATES if previous is None else _MOST_FOLLOWED,
         )
+
+    def select(self, rows: Indices) -> States:
+        """Return some of the states, by their rows; counterexamples count from the first of them."""
+        picked: dict[str, Any] = {
+            one.name: value[rows]
+            for one in fields(self)
+            if isinstance(value := getattr(self, one.name), np.ndarray)
+        }
+        return replace(self, first=0, **picked)
 
     def __len__(self) -> int:
         """Return B."""

@@ -25,6 +25,7 @@ from viatool.report.sections import (
     Tally,
 )
 from viatool.report.states.record import (
+    ErrorCostsRecord,
     HorizonRecord,
     RateByOutcomeRecord,
     RecordingRecord,
@@ -84,13 +85,14 @@ class StatesDocument(Verified):
     @property
     def sections(self) -> Sequence[Section]:
         """Return verdicts, rates, the horizon if there is one, how the episodes ended, and widths."""
-        horizon = self.horizon
+        horizon, errors = self.horizon, self.error_costs
         return [
             Breakdown(("verdict", "states", "share", "meaning"), tuple(map(self._part, VERDICTS))),
             Rates(
                 "rate of safe states", OUTCOMES, {name: by_outcome(r) for name, r in self.rate_rows.items()}
             ),
             *([] if horizon is None else [horizon]),
+            *([] if errors is None else [errors]),
             Facts("Driven, not proved", (("", self.task),)),
             *([Facts("Recorded readings against the map", self.recording)] if self.recording else []),
             self.widths,
@@ -115,6 +117,11 @@ class StatesDocument(Verified):
     def horizon(self) -> Table | None:
         """Return what was found of the intervals after each state, if that was asked."""
         return None if self.record.horizon is None else _horizon_table(self.record.horizon)
+
+    @property
+    def error_costs(self) -> Table | None:
+        """Return what each error costs in verdicts, if that was asked."""
+        return None if self.record.error_costs is None else _costs_table(self.record.error_costs)
 
     @property
     def task(self) -> str:
@@ -230,6 +237,27 @@ def _horizon_table(horizon: HorizonRecord) -> Table:
         rows.append((str(k + 1), horizon.safety_rate[k].share.percentage(), *texts))
     verdicts = ", ".join(f"{count(int(getattr(horizon.verdicts, name)))} {name}" for name in VERDICTS)
     return Table(HORIZON_COLUMNS, tuple(rows), "Horizon", f"{verdicts} over {_describe_horizon(horizon)}")
+
+
+def _costs_table(costs: ErrorCostsRecord) -> Table:
+    """Return the errors by the verdicts that they cost."""
+    judged = costs.judged
+    rows = [
+        (one.term, count(one.states), Share(one.states, judged).percentage(), one.value)
+        for one in costs.terms
+    ]
+    rows.append(
+        ("all of them together", count(costs.together), Share(costs.together, judged).percentage(), "")
+    )
+    some = "" if judged == costs.not_proved else f"{count(judged)}, evenly spread, of "
+    told = (
+        f"{some}{counted(costs.not_proved, 'state')} not proved, judged again without each error in turn; several may "
+        "save the same state"
+    )
+    left = "".join(f"; not dropped alone: {one}" for one in costs.left_out)
+    rows = rows if judged else []
+    head = ("error", "proved without it", "share", "value")
+    return Table(head, tuple(rows), "What the errors cost", told + left, texts=1)
 
 
 def _describe_horizon(horizon: HorizonRecord) -> str:

@@ -128,6 +128,27 @@ class RecordingRecord(ReportPart):
     cause: str
 
 
+class TermCostRecord(ReportPart):
+    """An error, and how many states would be proved without it."""
+
+    term: str
+    value: str
+    states: Count
+
+
+class ErrorCostsRecord(ReportPart):
+    """What errors cost: of the states that are not proved, how many would be without each error, the costliest first.
+
+    `judged` of the states that are `not_proved` were judged again; `together` of them are proved without any error.
+    """
+
+    not_proved: Count
+    judged: Count
+    terms: list[TermCostRecord]
+    together: Count
+    left_out: list[str]
+
+
 class StatesRecord(VerifiedRecord):
     """The whole report."""
 
@@ -144,6 +165,7 @@ class StatesRecord(VerifiedRecord):
     horizon: HorizonRecord | None = None
     recording: list[RecordingRecord] | None = None
     possible: PossibleCommands | None = None
+    error_costs: ErrorCostsRecord | None = None
 
     @model_validator(mode="after")
     def _adds_up(self) -> Self:

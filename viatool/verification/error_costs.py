@@ -1,0 +1,162 @@
+"""What each term of the error model costs: the states that would be proved if the robot were ideal in it.
+
+Of every state that is not proved, each term is dropped in turn and the state is judged again. A state may be lost to
+several terms, each of which would save it, or to several at once, of which none alone would: so the numbers of terms
+neither add up to that of all terms together nor exclude each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.arrays import Booleans, Indices
+from viatool.errors import ConfigurationError
+from viatool.setting.setting import Setting
+from viatool.setting.wishes import Wishes
+
+_MOST = 2000
+"""States that are judged again at most; evenly spread ones of more."""
+
+
+@dataclass(frozen=True)
+class TermCost:
+    """A term and the states that it costs.
+
+    Parameters
+    ----------
+    term, value : str
+        Where it stands, such as ``timing.delay`` or ``eps of lidar``, and what it says.
+    states : int
+        That are proved without it, and not with it.
+    """
+
+    term: str
+    value: str
+    states: int
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorCosts:
+    """What the errors cost that a verdict allows for.
+
+    Parameters
+    ----------
+    states : ndarray
+        (D,) states, not proved, that were judged again.
+    not_proved : int
+        States that are not proved, of which they are some or all.
+    terms : tuple of TermCost
+        T of them, the costliest first; of equal ones in the order of the model.
+    proved : ndarray
+        (D, T) bool: whether a state is proved without a term.
+    together : int
+        States that are proved without any of the terms; the others are lost to the policy or to the bounds.
+    left_out : tuple of str
+        Terms that cannot be dropped alone, and why.
+    """
+
+    states: Indices
+    not_proved: int
+    terms: tuple[TermCost, ...]
+    proved: Booleans
+    together: int
+    left_out: tuple[str, ...] = ()
+
+    def column(self, states: int) -> NDArray[np.str_]:
+        """Return by which terms each of N states fails, (N,): those that would save it, with commas between."""
+        names = np.array([term.term for term in self.terms], dtype=np.str_)
+        told = [",".join(names[row]) for row in self.proved]
+        column = np.zeros(states, dtype=f"U{max(map(len, told), default=1) or 1}")
+        column[self.states] = told
+        return column
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain data for a report."""
+        return {
+            "not_proved": self.not_proved,
+            "judged": len(self.states),
+            "terms": [{"term": one.term, "value": one.value, "states": one.states} for one in self.terms],
+            "together": self.together,
+            "left_out": list(self.left_out),
+        }
+
+
+Ask = Callable[[Wishes, dict[str, float]], Setting]
+"""Makes the setting of other wishes and radii by channel."""
+Judge = Callable[[Setting, Indices], Booleans]
+"""Tells which of some states (D,) are proved in a setting."""
+
+
+def cost_of_errors(setting: Setting, wishes: Wishes, safe: Booleans, ask: Ask, judge: Judge) -> ErrorCosts:
+    """Drop each term in turn, and judge again the states that are not proved.
+
+    Parameters
+    ----------
+    setting : Setting
+        What was asked.
+    wishes : Wishes
+        How.
+    safe : ndarray
+        (N,) bool: the states that are proved.
+    ask, judge : callable
+        How another setting is made, and states are judged in it.
+    """
+    lost = np.flatnonzero(~safe)
+    rows = lost[np.unique(np.linspace(0, len(lost) - 1, _MOST).round().astype(int))] if len(lost) else lost
+    terms, proved, left_out = [], [], []
+    bare: tuple[Wishes, dict[str, float]] = (wishes, radii_of(setting))
+    for term, value, dropped in droppable(setting, wishes):
+        bare = dropped(*bare)
+        try:
+            without = ask(*dropped(wishes, radii_of(setting)))
+        except ConfigurationError as error:
+            left_out.append(f"{term}: {error.message}")
+            continue
+        found = judge(without, rows) if len(rows) else np.zeros(0, dtype=bool)
+        terms.append(TermCost(term, value, int(found.sum())))
+        proved.append(found)
+    together = int(judge(ask(*bare), rows).sum()) if len(rows) and proved else 0
+    order = sorted(range(len(terms)), key=lambda number: -terms[number].states)
+    table = np.array(proved, dtype=bool).reshape(len(proved), len(rows)).T
+    ranked = tuple(terms[number] for number in order)
+    return ErrorCosts(rows, len(lost), ranked, table[:, order], together, tuple(left_out))
+
+
+def radii_of(setting: Setting) -> dict[str, float]:
+    """Return the radius of every channel that is not fixed."""
+    fixed = {channel.name for channel in setting.spec.observation if channel.value is not None}
+    return {name: radius for name, radius in setting.errors.by_channel.items() if name not in fixed}
+
+
+Dropped = Callable[[Wishes, dict[str, float]], tuple[Wishes, dict[str, float]]]
+
+
+def droppable(setting: Setting, wishes: Wishes) -> Iterator[tuple[str, str, Dropped]]:
+    """Yield every error that a verdict allows for: its name, its value, and what drops it."""
+    units = setting.errors.units
+    for channel, radius in radii_of(setting).items():
+        if radius > 0.0:
+            yield f"eps of {channel}", f"{radius:g} {units[channel]}".rstrip(), _without_eps(channel)
+    if wishes.delay > 0.0:
+        yield "delay", f"{wishes.delay:g} s", lambda wished, radii: (replace(wished, delay=0.0), radii)
+    for place, value in wishes.errors.premises():
+        if not (place.startswith("sensor.") and place.endswith(".absolute")):  # those are eps
+            yield place, value, _without_term(place)
+
+
+def _without_eps(channel: str) -> Dropped:
+    place = f"sensor.{channel}.absolute"
+    return lambda wished, radii: (_without(wished, place), {**radii, channel: 0.0})
+
+
+def _without_term(place: str) -> Dropped:
+    return lambda wished, radii: (_without(wished, place), radii)
+
+
+def _without(wished: Wishes, place: str) -> Wishes:
+    return replace(wished, errors=wished.errors.without(place))
