@@ -20,8 +20,8 @@ def test_the_kinds_are_these():
     assert sorted(kinds()) == [
         "angular_velocity", "budget", "constant", "goal_bearing", "goal_cosine", "goal_distance", "goal_sine", "goal_x",
         "goal_x_map", "goal_y", "goal_y_map", "heading", "heading_cosine", "heading_sine", "lateral_velocity", "lidar",
-        "linear_velocity", "other", "pose_x", "pose_y", "previous_angular", "previous_lateral", "previous_linear",
-        "previous_raw", "steps_left",
+        "linear_velocity", "memory", "other", "pose_x", "pose_y", "previous_angular", "previous_lateral",
+        "previous_linear", "previous_raw", "steps_left",
     ]  # fmt: skip
 
 

@@ -49,6 +49,10 @@ def test_a_sidecar_describes_a_policy(title: str, tmp_path: Path) -> None:
         for name, size in zip(spec.input, sizes, strict=True):
             model.graph.input.append(helper.make_tensor_value_info(name, TensorProto.FLOAT, [1, size]))
         model.graph.node.insert(0, node("Concat", spec.input, ["x"], axis=1))
+    for source, made in spec.memory.items():
+        model.graph.input.append(helper.make_tensor_value_info(source, TensorProto.FLOAT, [1, 3]))
+        model.graph.output.append(helper.make_tensor_value_info(made, TensorProto.FLOAT, None))
+        model.graph.node.append(node("Tanh", [source], [made]))
     if spec.output is not None:
         model.graph.output[0].name = model.graph.node[-1].output[0] = spec.output
     policy = load_policy(save(model, tmp_path), sidecar)

@@ -1,4 +1,4 @@
-"""Gaussian heads: the mean is the action, picked by its name; and what would need memory over time is refused."""
+"""Gaussian heads: the mean is the action, picked by its name."""
 
 from __future__ import annotations
 
@@ -63,11 +63,3 @@ def test_an_output_of_mean_and_deviation_is_named_as_such(tmp_path: Path) -> Non
     with pytest.raises(PolicyError, match="has 4 actions, its specification describes 2") as refused:
         load_policy(save(model, tmp_path), described())
     assert "export the mean alone" in refused.value.hint
-
-
-def test_memory_over_time_is_refused_by_its_names(tmp_path: Path) -> None:
-    path = save(model_of([node("Tanh", ["x"], ["y"])]), tmp_path)
-    with pytest.raises(
-        PolicyError, match=r"'h' takes what 'h_out' gave in the step before.*neither driven nor"
-    ):
-        load_policy(path, described(memory={"h": "h_out"}))

@@ -19,6 +19,7 @@ from viatool.channels.goals import (
 )
 from viatool.channels.inputs import Inputs
 from viatool.channels.lidar import LidarReadings
+from viatool.channels.memory import Memory
 from viatool.channels.poses import Heading, HeadingCosine, HeadingSine, PoseX, PoseY
 from viatool.channels.previous import (
     PreviousAngular,
@@ -59,6 +60,7 @@ __all__ = [
     "LidarReadings",
     "LidarSpecification",
     "LinearVelocity",
+    "Memory",
     "Other",
     "PoseX",
     "PoseY",

@@ -165,6 +165,7 @@ class Channel(Strict):
     reciprocal: bool = False
     frames: Frames | None = None
     lidar: LidarSpecification | None = None
+    initial: FiniteFloat | tuple[FiniteFloat, ...] | None = None
 
     def __str__(self) -> str:
         """Return how messages name the channel."""
@@ -173,9 +174,11 @@ class Channel(Strict):
     @model_validator(mode="before")
     @classmethod
     def _sized(cls, given: Any) -> Any:
-        """Take the size of a LiDAR channel from its bins, where it is not said."""
+        """Take the size of a LiDAR from its bins, and that of a memory from its first numbers, where it is not said."""
         if not isinstance(given, dict) or "size" in given:
             return given
+        if isinstance(given.get("initial"), (list, tuple)):
+            return {**given, "size": len(given["initial"])}
         lidar = given.get("lidar")
         if isinstance(lidar, LidarSpecification):
             return {**given, "size": lidar.bins}
@@ -209,6 +212,10 @@ class Channel(Strict):
         if self.clip is not None and not self.clip[0] < self.clip[1]:
             raise ValueError(
                 f"channel '{self.name}' is clipped to [{self.clip[0]}, {self.clip[1]}], which is no range"
+            )
+        if self.initial is not None and self.kind != "memory":
+            raise ValueError(
+                f"channel '{self.name}' has `initial` numbers, which only a channel of kind 'memory' begins with"
             )
         if self.reciprocal and self.value == 0.0:
             raise ValueError(f"channel '{self.name}' has the value 0, which has no reciprocal")

@@ -54,7 +54,8 @@ def command(**given: Any) -> None:
         input_name=given["graph_input"],
         output_name=given["graph_output"],
     )
-    observations = load_observations(given["observations"], policy.input_size)
+    remembered = 0 if policy.spec is None else len(policy.spec.initial_memory)
+    observations = load_observations(given["observations"], policy.input_size, remembered)
     eps = radii(policy, given["eps"])
     settings = {name: given[name] for name in ("order", "approximation", "refine", "arithmetic")}
     reachable = reach(policy, observations, eps, **settings)

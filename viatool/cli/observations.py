@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 SUFFIXES = (".npy", ".npz", ".csv", ".txt")
 
 
-def load_observations(path: Path, size: int) -> NDArray[np.float64]:
+def load_observations(path: Path, size: int, remembered: int = 0) -> NDArray[np.float64]:
     """Read B observations from a file.
 
     Parameters
@@ -24,6 +24,8 @@ def load_observations(path: Path, size: int) -> NDArray[np.float64]:
         .npy, .npz (array ``observation``), or numbers in .csv or .txt, one observation on each line.
     size : int
         Length that every observation must have.
+    remembered : int
+        How many numbers at its end are the policy's memory, for the message.
 
     Returns
     -------
@@ -47,7 +49,8 @@ def load_observations(path: Path, size: int) -> NDArray[np.float64]:
         raise ConfigurationError(f"cannot read observations from '{path}': {reason}", hint) from error
     if observations.ndim != 2 or observations.shape[1] != size:
         raise ConfigurationError(
-            f"'{path}' holds an array of shape {observations.shape}, the policy takes (B, {size})",
+            f"'{path}' holds an array of shape {observations.shape}, the policy takes (B, {size})"
+            + (f", of which the last {remembered} are its memory" if remembered else ""),
             "give one observation per line",
         )
     if not np.isfinite(observations).all():

@@ -15,7 +15,7 @@ from viatool.doctor.edits import Edit, edits
 from viatool.doctor.interpretation import Background
 from viatool.doctor.recorded import Commander, RecordedBag, RecordedTable
 from viatool.doctor.search import Examine, Examined, Ranking, Repeat, rank
-from viatool.errors import TrajectoryError
+from viatool.errors import PolicyError, TrajectoryError
 from viatool.policy import Policy
 from viatool.policy.specified import specification_of
 from viatool.schedule import Progress, ignore, open_scheduler
@@ -172,6 +172,12 @@ def _recorded(
     policy: Policy, setting: Setting, trajectory: Trajectory | StrPath, bag: BagSettings | None
 ) -> tuple[Examine, str]:
     """Return what compares a recording with the policy under a specification, and what it is in words."""
+    if setting.spec.memory:
+        raise PolicyError(
+            f"the policy remembers ({', '.join(setting.spec.memory)}), and what it remembered was another under each "
+            "reading of its numbers",
+            "leave --trajectory out and drive it",
+        )
     commander = Commander(policy, setting.rules.kinematics, setting.robot)
     told = "given as arrays"
     if isinstance(trajectory, (str, os.PathLike)):

@@ -138,9 +138,7 @@ class ClosedLoop:
         arithmetic: Arithmetic = "float32",
     ) -> ClosedLoop:
         """Ask about a scenario of a map."""
-        spec, world_map = setting.spec, setting.world_map
-        observed = Quantities.of(spec.observation, setting.robot, spec.frames).require("measure", "enclose")
-        _check_velocities(observed, setting.rules.delay)
+        world_map, observed = setting.world_map, require_known_over_poses(setting)
         nowhere = ScenePoses.of(world_map, [scenario], np.zeros((1, 3)), np.zeros(1, np.int64))
         sensors = Sensors(
             observed,
@@ -331,6 +329,20 @@ class ClosedLoop:
             for quantity, place in zip(quantities, quantities.columns, strict=True)
             if isinstance(quantity, PreviousCommand) and quantity.axis == axis
         ]
+
+
+def require_known_over_poses(setting: Setting) -> Quantities:
+    """Return what a policy observes, refusing by name what is not known over a set of poses.
+
+    Raises
+    ------
+    PolicyError
+        Names the channel.
+    """
+    spec = setting.spec
+    observed = Quantities.of(spec.observation, setting.robot, spec.frames).require("measure", "enclose")
+    _check_velocities(observed, setting.rules.delay)
+    return observed
 
 
 def _check_velocities(observed: Quantities, delay: float) -> None:

@@ -64,7 +64,7 @@ def executed_networks(model: ModelFile, network: Network, runtime: Runtime) -> E
     PolicyError
         If onnxruntime cannot load the program, does not write what it runs, or runs nodes that cannot be read.
     """
-    collected = _Collected(model, runtime.ports, runtime.output, [network])
+    collected = _Collected(model, runtime.ports, runtime.outputs[0], [network])
     at = {level: collected.add(runtime.at(level).executed_model(), level) for level in get_args(Optimisation)}
     for level, proto in _executed_for_all_outputs(model, runtime.ports):
         collected.add(proto, level)

@@ -18,6 +18,7 @@ from viatool.policy.before_choice import before_choice
 from viatool.policy.executed import executed_networks
 from viatool.policy.graph import Graph, live, read_graph
 from viatool.policy.maps import Maps, maps_of
+from viatool.policy.memory import memory_program, with_memory
 from viatool.policy.model_file import ModelFile, Ports, actor_graph, open_model
 from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Network, Node, Product
 from viatool.policy.policy import check_inputs, check_sizes
@@ -235,7 +236,8 @@ def _look_inside(
     output_name = output_name or (spec.output if spec else None)
     if spec is not None and spec.choice is not None:
         model, output_name = before_choice(model, output_name)
-    graph, ports = actor_graph(model, input_name or (spec.input if spec else None), output_name)
+    memory = None if spec is None else spec.memory
+    graph, ports = actor_graph(model, input_name or (spec.input if spec else None), output_name, memory)
     found.ports, (found.action,) = ports, graph.outputs
     reading = read_network(graph, ports, model.folder)
     found.findings = reading.findings
@@ -243,11 +245,13 @@ def _look_inside(
         return
     found.network, found.maps = reading.network, maps_of(reading.network, spec, ports)
     if spec is not None:
+        found.specification = spec = with_memory(model.path, spec, ports)
         check_inputs(model.path, ports, spec, named=bool(input_name))
         check_sizes(model.path, reading.network, spec)
     found.network = with_action_map(reading.network, spec)
     runtime = runtime_of(model, graph, ports)
     found.self_check = check_executed(executed_networks(model, reading.network, runtime), runtime, spec)
+    memory_program(model, spec, ports)
 
 
 def _ports(model: ModelFile) -> tuple[tuple[Value, ...], tuple[Value, ...]]:

@@ -7,7 +7,7 @@ import math
 import os
 import re
 import stat
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate, pairwise
@@ -197,7 +197,10 @@ def _has_sane_names(message: Any) -> bool:
 
 
 def actor_graph(
-    model: ModelFile, input_names: str | Sequence[str] | None = None, output_name: str | None = None
+    model: ModelFile,
+    input_names: str | Sequence[str] | None = None,
+    output_name: str | None = None,
+    memory: Mapping[str, str] | None = None,
 ) -> tuple[Graph, Ports]:
     """Return the live part of the graph between its inputs and one output.
 
@@ -209,28 +212,50 @@ def actor_graph(
         The inputs that together are the observation, in its order; in the graph's order where they are not given.
     output_name : str, optional
         The action.
+    memory : mapping, optional
+        Inputs that take what an output gave in the step before; they are the last part of the observation.
 
     Raises
     ------
     PolicyError
         If the names are unknown, or are needed and not given, or an input's shape is not that of one observation.
     """
+    memory = memory or {}
     graph = read_graph(model.proto, model.folder)
     if not graph.outputs:
         raise PolicyError("the model has no output", _EXPORT_HINT)
-    if output_name is None:
-        output_name = _only_output(graph)
-    elif output_name not in graph.outputs:
+    unknown = [name for name in (output_name, *memory.values()) if name and name not in graph.outputs]
+    if unknown:
         raise PolicyError(
-            f"the model has no output '{output_name}'", f"choose one of {', '.join(graph.outputs)}"
+            f"the model has no output '{unknown[0]}'", f"choose one of {', '.join(graph.outputs)}"
         )
+    unknown = [name for name in memory if name not in graph.inputs]
+    if unknown:
+        raise PolicyError(
+            f"the model has no input '{unknown[0]}'", f"choose one of {', '.join(graph.inputs)}"
+        )
+    if output_name in memory.values():
+        raise PolicyError(
+            f"the output '{output_name}' is the action, and cannot be memory as well",
+            "name another output, or leave it out of `memory`",
+        )
+    if output_name is None:
+        output_name = _only_output(graph, [name for name in graph.outputs if name not in memory.values()])
     part = live(graph, output_name)
-    needed = list(part.inputs)
-    names = [input_names] if isinstance(input_names, str) else list(input_names or needed)
+    read = live(graph, output_name, *memory.values()).inputs
+    needed = [*(name for name in read if name not in memory), *memory]
+    named = [input_names] if isinstance(input_names, str) else list(input_names or needed)
+    names = [*(name for name in named if name not in memory), *memory]
     unknown = [name for name in names if name not in graph.inputs]
     if unknown:
         raise PolicyError(
             f"the model has no input '{unknown[0]}'", f"choose one of {', '.join(graph.inputs)}"
+        )
+    idle = [name for name in memory if name not in read]
+    if idle:
+        raise PolicyError(
+            f"the input '{idle[0]}' is said to be memory, but neither the action nor the memory depends on it",
+            "leave it out of `memory`",
         )
     if not needed:
         raise PolicyError(
@@ -243,7 +268,8 @@ def actor_graph(
             f"and those that are named are {', '.join(names)}",
             f"name each once, in the order of the channels, as `input: [{', '.join(needed)}]` in the specification",
         )
-    return part, _ports([_port(part.inputs[name]) for name in names])
+    batch = _names_of_a_batch(list(read.values()))
+    return part, _ports([_port(read[name], batch, remembered=name in memory) for name in names])
 
 
 def _ports(each: Sequence[Port]) -> Ports:
@@ -261,11 +287,16 @@ def _ports(each: Sequence[Port]) -> Ports:
     return ports
 
 
-def _only_output(graph: Graph) -> str:
-    """Return the only output that depends on an input; several need a choice, never a guess."""
-    if len(graph.outputs) == 1:
-        return graph.outputs[0]
-    depending = [name for name in graph.outputs if live(graph, name).inputs]
+def _only_output(graph: Graph, outputs: Sequence[str]) -> str:
+    """Return the only one of some outputs that depends on an input; several need a choice, never a guess."""
+    if not outputs:
+        raise PolicyError(
+            f"all outputs of the model are memory ({', '.join(graph.outputs)}), and none is the action",
+            "leave the action out of `memory`",
+        )
+    if len(outputs) == 1:
+        return outputs[0]
+    depending = [name for name in outputs if live(graph, name).inputs]
     if len(depending) == 1:
         return depending[0]
     means = [name for name in depending if _MEAN.search(name)]
@@ -277,7 +308,14 @@ def _only_output(graph: Graph) -> str:
     )
 
 
-def _port(value: onnx.ValueInfoProto) -> Port:
+def _names_of_a_batch(values: Sequence[onnx.ValueInfoProto]) -> frozenset[str]:
+    """Return what the free first axes of inputs are called; an axis of that name is the batch of other inputs."""
+    axes = [value.type.tensor_type.shape.dim for value in values]
+    return frozenset(each[0].dim_param for each in axes if len(each) > 1) - {""}
+
+
+def _port(value: onnx.ValueInfoProto, batch: Collection[str], *, remembered: bool) -> Port:
+    """Return an input of one observation: its batch is a free first axis or a named one, of a memory any free one."""
     if not value.type.HasField("tensor_type"):
         raise PolicyError(
             f"the input '{value.name}' is not a tensor", "export the actor with a vector as its input"
@@ -294,7 +332,11 @@ def _port(value: onnx.ValueInfoProto) -> Port:
         raise PolicyError(f"the input '{value.name}' has no shape", "export with the size of the observation")
     sizes = [int(axis.dim_value) if axis.HasField("dim_value") else None for axis in tensor.shape.dim]
     batched = len(sizes) > 1 and sizes[0] is None
-    shape = tuple(1 if batched and axis == 0 else size for axis, size in enumerate(sizes))
+    free = [axis for axis, size in enumerate(sizes) if size is None]
+    own = [axis for axis in free if tensor.shape.dim[axis].dim_param in batch]
+    only = own or (free if remembered else [])
+    at = 0 if batched else only[0] if len(only) == 1 and len(sizes) > 1 else None
+    shape = tuple(1 if axis == at else size for axis, size in enumerate(sizes))
     written = ", ".join("?" if size is None else str(size) for size in sizes)
     if any(size is None or size < 1 for size in shape):
         raise PolicyError(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from viatool.policy.before_choice import before_choice
 from viatool.policy.command_map import CommandMap
 from viatool.policy.executed import executed_networks
 from viatool.policy.maps import Maps, maps_of
+from viatool.policy.memory import memory_program, with_memory
 from viatool.policy.model_file import ModelFile, Ports, actor_graph, open_model
 from viatool.policy.network import Network
 from viatool.policy.reader import read_network, unsupported
@@ -52,6 +53,8 @@ class Policy:
         with the action map as well. Bounds of the deployed program hold for each of them.
     command_map : CommandMap, optional
         What makes a command of the actions, where the policy gives commands: it stands at the end of the networks.
+    memory : Runtime, optional
+        The program of what the policy remembers, where it does: the last part of the observation of the step after.
     """
 
     path: Path
@@ -64,6 +67,7 @@ class Policy:
     maps: Maps = field(default_factory=Maps)
     rewritten: tuple[Network, ...] = ()
     command_map: CommandMap | None = None
+    memory: Runtime | None = field(default=None, repr=False)
 
     def commanding(self, command_map: CommandMap) -> Policy:
         """Return the same policy with the command of a robot as what it gives, in networks and runs alike."""
@@ -130,6 +134,23 @@ class Policy:
             return self.runtime(rows)
         return np.zeros((0, self.output_size if self.command_map is None else self.command_map.actions))
 
+    def remember(self, observations: ArrayLike) -> Floats:
+        """Run the deployed program as `run` does, and return what it remembers: M numbers, as onnxruntime gives them.
+
+        Parameters
+        ----------
+        observations : array_like
+            ``(B, input_size)``, of which the last M numbers are the memory; `spec.initial_memory` at the beginning.
+
+        Returns
+        -------
+        ndarray
+            ``(B, M)``, the memory of the step after; M is 0 for a policy that remembers nothing.
+        """
+        rows = self._rows(observations)
+        size = 0 if self.spec is None else len(self.spec.initial_memory)
+        return np.zeros((len(rows), size)) if self.memory is None or not len(rows) else self.memory(rows)
+
     def _rows(self, observations: ArrayLike) -> Floats:
         rows = np.asarray(observations, dtype=np.float64)
         if rows.ndim != 2 or rows.shape[1] != self.input_size:
@@ -184,8 +205,10 @@ def load_policy(
     output_name = output_name or (spec.output if spec else None)
     if spec is not None and spec.choice is not None:
         model, output_name = before_choice(model, output_name)
-    network, runtime = load_actor(model, input_name or (spec.input if spec else None), output_name)
+    memory = None if spec is None else spec.memory
+    network, runtime = load_actor(model, input_name or (spec.input if spec else None), output_name, memory)
     if spec is not None:
+        spec = with_memory(model.path, spec, runtime.ports)
         check_inputs(model.path, runtime.ports, spec, named=bool(input_name))
         check_sizes(model.path, network, spec)
     executed = executed_networks(model, network, runtime)
@@ -202,11 +225,15 @@ def load_policy(
         found,
         maps_of(network, spec, runtime.ports),
         tuple(with_action_map(other, spec) for other in executed.rewritten),
+        memory=memory_program(model, spec, runtime.ports),
     )
 
 
 def load_actor(
-    model: ModelFile, input_name: str | Sequence[str] | None = None, output_name: str | None = None
+    model: ModelFile,
+    input_name: str | Sequence[str] | None = None,
+    output_name: str | None = None,
+    memory: Mapping[str, str] | None = None,
 ) -> tuple[Network, Runtime]:
     """Return the network and the program of a parsed model.
 
@@ -215,7 +242,7 @@ def load_actor(
     PolicyError
         Lists every node that is not supported.
     """
-    graph, ports = actor_graph(model, input_name, output_name)
+    graph, ports = actor_graph(model, input_name, output_name, memory)
     reading = read_network(graph, ports, model.folder)
     if reading.network is None:
         raise unsupported(str(model.path), reading.findings)
@@ -223,7 +250,7 @@ def load_actor(
 
 
 def check_inputs(path: Path, ports: Ports, spec: PolicySpecification, *, named: bool = False) -> None:
-    """Refuse a specification whose channels do not tell which of several inputs takes what, or that has memory.
+    """Refuse a specification whose channels do not tell which of several inputs takes what.
 
     Parameters
     ----------
@@ -239,24 +266,16 @@ def check_inputs(path: Path, ports: Ports, spec: PolicySpecification, *, named: 
     Raises
     ------
     PolicyError
-        If the inputs have no order, or one of them ends within a channel, naming each input with its size; if what
-        an output gives is taken by an input in the next step.
+        If the inputs have no order, or one of them ends within a channel, naming each input with its size.
     """
-    if spec.memory:
-        kept = ", ".join(f"'{source}' takes what '{made}' gave" for source, made in spec.memory.items())
-        raise PolicyError(
-            f"{path}: the specification has `memory` ({kept} in the step before), and memory over time is neither "
-            "driven nor verified",
-            "leave `memory` out and describe its input by a channel of kind `other`: bounds then hold for each state "
-            "of the memory that is given, and no run is driven",
-        )
     if len(ports.each) == 1:
         return
     takes = f"{path} takes several inputs ({ports.words})"
-    if spec.input is None and not named:
+    sensed = [name for name in ports.names if name not in spec.memory]
+    if spec.input is None and not named and len(sensed) > 1:
         raise PolicyError(
             f"{takes}, and its specification does not say in which order its channels describe them",
-            f"name them in the order of the channels, as `input: [{', '.join(ports.names)}]`",
+            f"name them in the order of the channels, as `input: [{', '.join(sensed)}]`",
         )
     if spec.frames is not None and spec.frames.count > 1:
         raise PolicyError(

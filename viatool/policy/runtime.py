@@ -54,7 +54,7 @@ class Runtime:
     Parameters
     ----------
     model : onnx.ModelProto
-        The model, complete, with one output.
+        The model, complete; what it gives is all of its outputs, one after another.
     ports : Ports
         Its inputs.
     optimisation : str
@@ -69,7 +69,8 @@ class Runtime:
 
     def __init__(self, model: onnx.ModelProto, ports: Ports, optimisation: Optimisation = "default") -> None:
         self.ports = ports
-        self.output: str = model.graph.output[0].name
+        self.outputs: tuple[str, ...] = tuple(value.name for value in model.graph.output)
+        self._inputs = frozenset(value.name for value in model.graph.input)
         self.optimisation = optimisation
         self._model = model.SerializeToString()
         has_batch_axis = all(len(port.shape) > 1 and port.shape[0] == 1 for port in ports.each)
@@ -132,7 +133,11 @@ class Runtime:
     def rows(self, observations: Floats) -> Floats:
         """Run observations one by one."""
         rows = self._typed(observations)[:, None]
-        return np.array([self._run(row, batch=False).ravel() for row in rows], dtype=np.float64)
+        return np.array([_in_a_row(self._run(row, batch=False), 1)[0] for row in rows], dtype=np.float64)
+
+    def apart(self, observation: Floats) -> dict[str, NDArray[Any]]:
+        """Run one observation (n,), and return each output by its name, as the model gives it."""
+        return dict(zip(self.outputs, self._run(self._typed(observation[None]), batch=False), strict=True))
 
     def batch(self, observations: Floats) -> Floats:
         """Run observations together.
@@ -146,20 +151,15 @@ class Runtime:
             raise PolicyError("the model has no batch axis", "run its observations one by one")
         rows = self._typed(observations)
         parts = [rows[start : start + _ROWS] for start in range(0, len(rows), _ROWS)]
-        results = [self._run(part, batch=True) for part in parts]
-        if any(result.size % len(part) for result, part in zip(results, parts, strict=True)):
-            raise PolicyError(
-                "the model mixes the observations of a batch", "run its observations one by one"
-            )
-        shaped = [result.reshape(len(part), -1) for result, part in zip(results, parts, strict=True)]
+        shaped = [_in_a_row(self._run(part, batch=True), len(part)) for part in parts]
         return np.concatenate(shaped).astype(np.float64)
 
     def _typed(self, observations: Floats) -> NDArray[Any]:
         with np.errstate(over="ignore"):
             return observations.astype(_NUMPY_TYPES[self.ports.precision])
 
-    def _run(self, rows: NDArray[Any], *, batch: bool) -> NDArray[Any]:
-        """Run one observation, or those of a batch: the inputs apart."""
+    def _run(self, rows: NDArray[Any], *, batch: bool) -> list[NDArray[Any]]:
+        """Run one observation, or those of a batch: the inputs apart, and the outputs."""
         if batch not in self._sessions:
             content = self._batch_model if batch else self._model
             assert content is not None
@@ -169,14 +169,22 @@ class Runtime:
                 (-1, *port.shape[1:]) if batch else port.shape
             )
             for port in self.ports.each
+            if port.name in self._inputs
         }
         try:
-            return np.asarray(self._sessions[batch].run(None, feed)[0])
+            return [np.asarray(given) for given in self._sessions[batch].run(None, feed)]
         except Exception as error:  # onnxruntime raises its own, undocumented classes
             raise PolicyError(
                 f"onnxruntime cannot run the policy: {_first_line(error)}",
                 "run the model in onnxruntime alone first",
             ) from error
+
+
+def _in_a_row(outputs: list[NDArray[Any]], count: int) -> NDArray[Any]:
+    """Return the numbers of all outputs for each of so many observations, one output after another."""
+    if any(output.size % count for output in outputs):
+        raise PolicyError("the model mixes the observations of a batch", "run its observations one by one")
+    return np.concatenate([output.reshape(count, -1) for output in outputs], axis=1)
 
 
 def _open(model: bytes, optimisation: Optimisation, written: Path | None = None) -> Any:

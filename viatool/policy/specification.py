@@ -17,6 +17,7 @@ from viatool.arrays import Floats, Indices
 from viatool.channels import kind_named, kinds
 from viatool.channels.channel import Channel, Frames, Positive
 from viatool.channels.inputs import Inputs
+from viatool.channels.memory import check_memory, first_numbers
 from viatool.errors import ConfigurationError
 from viatool.policy.action_channels import ActionChannel, ActionMap, Override
 from viatool.world.fields import Strict
@@ -56,6 +57,8 @@ class ObservationChannel(Channel):
         The radius of its uncertainty where none is given on the command line, in its unit.
     lidar : LidarSpecification, optional
         For ``kind: lidar``.
+    initial : float or tuple of float, optional
+        For ``kind: memory``: what an episode begins with; zeros where it is not said.
     """
 
     kind: Annotated[str, AfterValidator(_known), Field(json_schema_extra=_list_kinds)] = "other"
@@ -85,7 +88,8 @@ class PolicySpecification(Strict):
     overrides : list of Override
         Rules around the policy; the first that applies counts.
     memory : mapping
-        Inputs of the graph that take what an output gave in the step before, by name.
+        Inputs of the graph that take what an output gave in the step before, by name. Each is a channel of kind
+        ``memory`` of that name, behind all others; those that are not described are added when the policy is read.
     input : str or list of str, optional
         The graph's input that is the observation; of several (version 2) all, in the order in which the channels
         describe them: the numbers of one after those of another.
@@ -142,6 +146,7 @@ class PolicySpecification(Strict):
                         f"action_map.{name} has {len(values)} numbers for {len(self.action)} actions"
                     )
         self._check_version()
+        check_memory(self.memory, self.observation, self.frames, self.output)
         self._check_choice()
         self._check_overrides()
         return self
@@ -193,6 +198,21 @@ class PolicySpecification(Strict):
     def inputs(self) -> Inputs:
         """Return where the readings of the channels stand in the observation, and how they are encoded."""
         return Inputs.of(self.observation, self.frames)
+
+    @property
+    def sensed(self) -> list[ObservationChannel]:
+        """Return the channels that come from outside of the policy: all but its memory."""
+        return [channel for channel in self.observation if channel.kind != "memory"]
+
+    @property
+    def remembered(self) -> list[ObservationChannel]:
+        """Return the channels that hold the policy's memory, behind all others."""
+        return [channel for channel in self.observation if channel.kind == "memory"]
+
+    @property
+    def initial_memory(self) -> Floats:
+        """Return the M numbers with which the memory begins an episode."""
+        return first_numbers(self.remembered)
 
     @property
     def choice(self) -> ActionChannel | None:
@@ -273,7 +293,8 @@ class PolicySpecification(Strict):
         ----------
         eps : float or mapping or None
             One radius for all channels; or radii by channel name, where the name ``""`` gives the default of
-            the others. A channel that is given no radius takes its own ``eps``. Fixed channels get 0.
+            the others. A channel that is given no radius takes its own ``eps``. Fixed channels get 0, and so does a
+            memory that is not named, since it is as it was recorded.
 
         Returns
         -------
@@ -304,6 +325,8 @@ class PolicySpecification(Strict):
     def _radius(channel: ObservationChannel, given: Mapping[str, float]) -> float:
         if channel.value is not None:
             return 0.0
+        if channel.kind == "memory":
+            return float(given.get(channel.name, channel.eps or 0.0))
         radius = given.get(channel.name, given.get("", channel.eps))
         if radius is None:
             raise ConfigurationError(

@@ -40,7 +40,7 @@ def _facts(found: Inspection) -> list[tuple[str, str]]:
         ("written by", f"{found.producer or 'unknown'}, opset {found.opset}, IR version {found.ir_version}"),
         ("sha256", found.sha256),
         *_values("input", found.inputs, _roles(found)),
-        *_values("output", found.outputs, {} if found.action is None else {found.action: "the action"}),
+        *_values("output", found.outputs, _roles_of_outputs(found)),
         ("operators", ", ".join(f"{number} {name}" for name, number in found.operators.items()) or "none"),
     ]
     if found.layers:
@@ -65,12 +65,23 @@ def _roles(found: Inspection) -> dict[str, str]:
         return {found.ports.names[0]: "the observation"}
     spec = found.specification
     in_order = [value.name for value in found.inputs if value.name in found.ports.names]
-    is_told = spec is not None and spec.input is not None
+    is_told = spec is not None and (spec.input is not None or spec.memory)
     order = "" if is_told or in_order != list(found.ports.names) else ", joined in the graph's order"
+    memory = {} if spec is None else spec.memory
     return {
-        name: f"{place.start} to {place.stop - 1} of the observation{order}"
+        name: f"{place.start} to {place.stop - 1} of the observation"
+        + (f", memory: what {memory[name]} gave in the step before" if name in memory else order)
         for name, place in found.ports.places.items()
     }
+
+
+def _roles_of_outputs(found: Inspection) -> dict[str, str]:
+    """Return what each output of the model gives, as far as that is known."""
+    roles = {} if found.action is None else {found.action: "the action"}
+    spec = found.specification
+    if spec is not None:
+        roles |= {made: f"memory: taken by {source} in the next step" for source, made in spec.memory.items()}
+    return roles
 
 
 def _values(kind: str, values: Sequence[Value], roles: dict[str, str]) -> list[tuple[str, str]]:
@@ -114,6 +125,8 @@ def _print_specification(spec: PolicySpecification, console: Console) -> None:
         table.add_column(name, justify="right" if name in ("size", "eps") else "left")
     for channel in spec.observation:
         value = MISSING if channel.value is None else f"fixed to {channel.value:g}"
+        if channel.kind == "memory":
+            value = f"begins with {channel.initial or 0}"
         if channel.lidar is not None:
             value = f"{channel.lidar.minimum_range:g} to {channel.lidar.maximum_range:g}"
             value += f", {channel.lidar.lidar().words}" if taken else ""

@@ -14,7 +14,7 @@ from viatool.trajectory import Trajectory
 
 _ROWS = 65536  # states that are converted together, so that no second copy of all exists
 _ALIKE = 1e-3  # m/s and rad/s by which a command may differ between what was recorded and what was observed
-_LATE = 0.1  # of an interval by which two rows may be early or late and still follow one another
+LATE = 0.1  # of an interval by which two rows may be early or late and still follow one another
 
 
 def as_received(setting: Setting, trajectory: Trajectory) -> Trajectory:
@@ -37,13 +37,18 @@ def as_received(setting: Setting, trajectory: Trajectory) -> Trajectory:
             f"the trajectory has {size} observation entries, the policy takes {expected}",
             "verify with the policy that drove, or give the trajectory the columns of this one",
         )
-    fixed = setting.spec.fixed_values()
     received = np.empty(trajectory.observations.shape)
     for start in range(0, len(trajectory), _ROWS):
         rows = slice(start, start + _ROWS)
-        named = np.where(np.isnan(fixed), trajectory.observations[rows], fixed)
-        received[rows] = named.astype(setting.number)
+        received[rows] = numbers_received(setting, trajectory.observations[rows])
     return replace(trajectory, observations=received)
+
+
+def numbers_received(setting: Setting, observations: Floats) -> Floats:
+    """Return observations (B, n) as the program receives them; the first m of their entries, of (B, m)."""
+    fixed = setting.spec.fixed_values()[: observations.shape[1]]
+    named = np.where(np.isnan(fixed), observations, fixed)
+    return np.asarray(named.astype(setting.number), dtype=np.float64)
 
 
 def commands_under_way(setting: Setting, trajectory: Trajectory) -> Floats:
@@ -80,7 +85,7 @@ def commands_under_way(setting: Setting, trajectory: Trajectory) -> Floats:
     if not trajectory.connected:
         return dead_time.queue(newest)
     queue = np.full((len(newest), dead_time.commands, _axes(setting)), np.nan)
-    rows, follows = np.arange(len(newest)), _follows(setting, trajectory)
+    rows, follows = np.arange(len(newest)), follows_before(setting, trajectory)
     begins = _begins(trajectory)
     known = np.ones(len(newest), dtype=bool)
     for back in range(dead_time.commands):
@@ -160,7 +165,7 @@ def _recorded(setting: Setting, trajectory: Trajectory) -> Floats | None:
     ):
         return None  # as many values as numbers in a command: which of both was recorded, nothing tells
     before = np.full((len(trajectory), _axes(setting)), np.nan)
-    follows = _follows(setting, trajectory)
+    follows = follows_before(setting, trajectory)
     last = np.flatnonzero(follows) - 1
     before[follows] = setting.sent(trajectory.observations[last], trajectory.actions[last])
     before[_begins(trajectory)] = 0.0
@@ -177,11 +182,11 @@ def _begins(trajectory: Trajectory) -> Booleans:
     return np.asarray((trajectory.time == 0.0) & trajectory.from_rest)
 
 
-def _follows(setting: Setting, trajectory: Trajectory) -> Booleans:
+def follows_before(setting: Setting, trajectory: Trajectory) -> Booleans:
     """Tell which rows come one control interval after the row before them, (N,)."""
     interval = setting.rules.interval
     follows = np.zeros(len(trajectory), dtype=bool)
     late = np.abs(np.diff(trajectory.time) - interval)
-    follows[1:] = (np.diff(trajectory.episode) == 0) & (late < _LATE * interval)
+    follows[1:] = (np.diff(trajectory.episode) == 0) & (late < LATE * interval)
     follows &= trajectory.clocked
     return follows

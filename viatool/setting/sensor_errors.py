@@ -13,6 +13,7 @@ from viatool.uncertainty import ErrorModel
 
 Eps = float | Mapping[str, float] | None
 _SPECIFICATION = "specification"
+_MEMORY = "memory of the policy, as it was in each state"
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +69,8 @@ class SensorErrors:
                 sources[channel.name] = f"fixed to {channel.value:g} by the specification"
             elif channel.name in stated:
                 sources[channel.name] = model.source
+            elif channel.kind == "memory" and channel.name not in given:
+                sources[channel.name] = _MEMORY if channel.eps is None else _SPECIFICATION
             elif channel.name in given or "" in given:
                 sources[channel.name] = "--eps"
             else:
@@ -78,11 +81,11 @@ class SensorErrors:
 
     def to_json(self) -> float | dict[str, float]:
         """Return the one radius that was given for everything, else what was given and what the specification added."""
-        if set(self.given) == {""}:
-            return self.given[""]
         added = {
             name: self.by_channel[name] for name, source in self.sources.items() if source == _SPECIFICATION
         }
+        if set(self.given) == {""} and not added:
+            return self.given[""]
         return {**self.given, **added}
 
     def premises(self) -> tuple[Premise, ...]:

@@ -152,7 +152,6 @@ class Setting:
     ) -> Setting:
         """Put together what is asked of a policy of which only the specification exists yet; as `of`."""
         wishes = wishes or Wishes()
-        _refuse_unread(spec, name)
         wishes.errors.require(job or "this job", SUPPORTED.get(job, frozenset()))
         world_map = world_map.with_clearance(wishes.clearance, wishes.danger)
         spec, robot, premises = reconcile(Parties(spec, name, world_map, wishes))
@@ -186,6 +185,20 @@ class Setting:
     def radii(self) -> Floats:
         """Return the uncertainty of every observation entry, (n,)."""
         return self.errors.radii
+
+    @property
+    def memory_words(self) -> str:
+        """Return what is assumed of what the policy remembers, for a report."""
+        by_channel = self.errors.by_channel
+        parts = [
+            f"{channel.name} {channel.size}"
+            + (f" within {by_channel[channel.name]:g}" if by_channel[channel.name] else "")
+            for channel in self.spec.remembered
+        ]
+        return (
+            f"as it was in each state ({', '.join(parts)}): what earlier sensor errors would have made of it is not "
+            "asked about"
+        )
 
     def uncertain(self, observations: Floats) -> tuple[Floats, Floats]:
         """Return where the network's input lies around recorded ones (B, n): centres, and radii (n,) or (B, n).
@@ -235,15 +248,6 @@ class Setting:
     def bare(self) -> Setting:
         """Return the same without scenarios and generator, for workers whose states bring their own."""
         return replace(self, scenarios=(), world_map=replace(self.world_map, scenarios=(), generator=None))
-
-
-def _refuse_unread(spec: PolicySpecification, name: str) -> None:
-    """Refuse what a specification says and no verdict would take into account."""
-    if spec.memory:
-        raise PolicyError(
-            f"the specification of {name} has `memory`, which no verdict takes into account",
-            "leave `memory` out, and verify the policy without it",
-        )
 
 
 def _premises(world_map: WorldMap, rules: Rules, wishes: Wishes) -> tuple[Premise, ...]:

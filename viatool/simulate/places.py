@@ -76,8 +76,11 @@ def observe_places(policy: RunnablePolicy, setting: Setting, places: Places, *, 
         If there is no scenario, or the grid is too fine.
     EmptyEvaluationError
         If there is no free place.
+    PolicyError
+        If the policy observes what is not known of a place, such as its own memory.
     """
     world_map, scenarios = setting.world_map, setting.scenarios
+    _quantities(setting)  # refuses what is not known of places before anything is drawn
     if not scenarios:
         raise ConfigurationError(f"map '{world_map.path}' has no scenarios", "give a goal with --goal X,Y")
     scenes, outline = Scenes.of(world_map, scenarios), setting.rules.footprint
@@ -112,6 +115,10 @@ def observe_places(policy: RunnablePolicy, setting: Setting, places: Places, *, 
         ),
         connected=False,
     )
+
+
+def _quantities(setting: Setting) -> Quantities:
+    return Quantities.of(setting.spec.observation, setting.robot, setting.spec.frames).require("measure")
 
 
 def _grid(world_map: WorldMap, scenarios: int, places: Places) -> tuple[Floats, Indices]:
@@ -158,9 +165,7 @@ def _random(
 
 def _observe(policy: RunnablePolicy, setting: Setting, view: View) -> Floats:
     """Return what the policy observes: first after standing still, then after its own command."""
-    quantities = Quantities.of(setting.spec.observation, setting.robot, setting.spec.frames).require(
-        "measure"
-    )
+    quantities = _quantities(setting)
     seen: dict[Fan, Reals] = {}
 
     def eyes(fan: Fan, now: View) -> Reals:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from viatool.arrays import Floats, Indices
+from viatool.policy.memory import CarriedMemory
 from viatool.policy.specified import Specified, name_of, specification_of
 from viatool.schedule import Progress
 from viatool.setting.setting import Setting
@@ -29,6 +30,9 @@ class RunnablePolicy(Specified, Protocol):
 
     def outputs(self, observations: ArrayLike, /) -> Floats:
         """Return what the network gives, before the action map; asked where the policy observes it."""
+
+    def remember(self, observations: ArrayLike, /) -> Floats:
+        """Return what the program keeps for the next step, (B, M); asked where the policy has a memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +115,8 @@ def drive(
     -------
     Drive
         The states of all episodes, one after the other, in the order of the scenarios. Observations are the
-        float32 numbers that the policy received; actions are what it asked for, before the robot's limits.
+        float32 numbers that the policy received, its memory behind them; actions are what it asked for, before the
+        robot's limits.
 
     Raises
     ------
@@ -132,7 +137,7 @@ def drive(
         horizon=horizon,
         seed=seed,
         task=task,
-        channels=setting.spec.observation,
+        channels=setting.spec.sensed,
         frames=setting.spec.frames,
         conditions=conditions,
     )
@@ -153,14 +158,16 @@ def _record(
     count, ended = len(scenarios), 0
     recording = _Recording(count, simulator.robot.control_interval)
     begun = len(simulator)
-    observations = simulator.reset()
+    memory, sensed = CarriedMemory(setting.spec, begun, setting.number), simulator.reset()
     while len(simulator):
+        observations = memory.beside(sensed)
         actions = np.asarray(policy.run(observations), dtype=np.float64)
         recording.add_states(simulator, observations, actions)
+        memory.carry(policy, observations)
         raw = policy.outputs(observations) if simulator.observes_raw else None
         step = simulator.step(setting.sent(observations, actions), raw)
         recording.add_step(simulator, step)
-        observations = step.observation
+        sensed = step.observation
         done = np.flatnonzero(step.done)
         if not len(done):
             continue
@@ -172,10 +179,12 @@ def _record(
         renewed = step.done & going
         if renewed.any():
             begun += int(renewed.sum())
-            observations = simulator.reset(renewed)
+            sensed = simulator.reset(renewed)
+            memory.begin(renewed)
         if not going.all():
             simulator.keep(going)
-            observations = observations[going]
+            memory.keep(going)
+            sensed = sensed[going]
     return recording.drive(scenarios)
 
 

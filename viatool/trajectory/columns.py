@@ -19,6 +19,11 @@ def observation_columns(specification: PolicySpecification) -> list[str]:
     return _flat(numbered(channel.name, channel.size) for channel in specification.observation)
 
 
+def memory_columns(specification: PolicySpecification) -> list[str]:
+    """Return the last of the observation's columns, those that hold the policy's memory; none for one without."""
+    return _flat(numbered(channel.name, channel.size) for channel in specification.remembered)
+
+
 def action_columns(specification: PolicySpecification) -> list[str]:
     """Return one column name for each number that the policy gives; `command_` before it if an observation has it."""
     taken = set(observation_columns(specification))

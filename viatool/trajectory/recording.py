@@ -80,7 +80,8 @@ def load_bag(path: Path, specification: PolicySpecification | None, settings: Ba
     Returns
     -------
     Trajectory
-        One episode of unknown outcome, without actions; `notes` tell what was assumed and left out.
+        One episode of unknown outcome, without actions, and without what the policy remembered; `notes` tell what was
+        assumed and left out.
 
     Raises
     ------
@@ -131,7 +132,7 @@ def _observed(specification: PolicySpecification | None, settings: BagSettings) 
             "a bag is read with the policy's specification, but the policy has none",
             "describe it with --spec robot.yaml",
         )
-    observed = Quantities.of(specification.observation, frames=specification.frames).require("record")
+    observed = Quantities.of(specification.sensed, frames=specification.frames).require("record")
     several = [lidar.channel.name for lidar, _ in observed.lidars]
     if len(several) > 1:
         raise PolicyError(

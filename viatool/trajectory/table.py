@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viatool.errors import TrajectoryError
-from viatool.trajectory.columns import action_columns, numbered, observation_columns
+from viatool.trajectory.columns import action_columns, memory_columns, numbered, observation_columns
 from viatool.trajectory.rows import Rows
 from viatool.trajectory.scenario_text import read_scenario, write_scenario
 from viatool.trajectory.trajectory import Trajectory
@@ -183,7 +183,10 @@ def _find_columns(
         return _numbered_columns("observation", plain), _numbered_columns("action", actions)
     commanded = action_columns(specification)
     present = [name for name in commanded if name in header]
-    return observation_columns(specification), commanded if len(present) == len(commanded) else []
+    observed, remembered = observation_columns(specification), memory_columns(specification)
+    if not {*remembered} & {*header}:  # then it is computed from what is sensed
+        observed = observed[: len(observed) - len(remembered)]
+    return observed, commanded if len(present) == len(commanded) else []
 
 
 def _numbered_columns(name: str, found: Sequence[str]) -> list[str]:

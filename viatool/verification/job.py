@@ -10,6 +10,7 @@ from typing import Literal
 
 from viatool.arrays import Booleans, Indices
 from viatool.errors import ConfigurationError
+from viatool.loop.closed_loop import require_known_over_poses
 from viatool.loop.horizon import Horizon
 from viatool.policy import Policy, PolicySpecification, load_policy
 from viatool.schedule import Campaign, Progress, Scheduler, ignore, open_scheduler
@@ -175,7 +176,9 @@ def verify(
         world_map = world_map if isinstance(world_map, WorldMap) else load_map(Path(world_map))
         job = "verify" if horizon is None else "verify with a horizon"
         setting = Setting.of(policy, world_map, eps, wishes, scenarios, job=job)
-        horizon = Horizon(horizon) if isinstance(horizon, int) else horizon
+        if horizon is not None:
+            horizon = Horizon(horizon) if isinstance(horizon, int) else horizon
+            require_known_over_poses(setting)
     with clock.timed("trajectory"):
         trajectory = as_received(setting, source.states(policy, setting))
         asked = _states(setting, trajectory, followed=horizon is not None)

@@ -338,4 +338,5 @@ class Result(Asked):
             "braking": "not asked" if stop is None else f"{stop:g} m/s^2",
             "obstacles": f"do not move; whatever lies outside the arena is an obstacle{unknown}",
             "sensor_error": "any value within eps of each observation entry, independently",
+            **({"memory": self.setting.memory_words} if self.setting.spec.memory else {}),
         }

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from viatool.errors import ConfigurationError
 from viatool.policy import Policy
+from viatool.setting.recalled import recalled
 from viatool.setting.setting import Setting
 from viatool.simulate import Agreement, Conditions, Places, compare_with_map, drive, observe_places
 from viatool.trajectory import BagSettings, Trajectory, load_trajectory
@@ -55,8 +56,8 @@ class Source:
             conditions = Conditions(noise=self.noise, delay=setting.rules.delay)
             return drive(policy, setting, conditions=conditions, seed=self.seed).trajectory
         if isinstance(self.trajectory, Trajectory):
-            return self.trajectory
-        return load_trajectory(self.trajectory, setting.spec, self.bag)
+            return recalled(policy, setting, self.trajectory)
+        return recalled(policy, setting, load_trajectory(self.trajectory, setting.spec, self.bag))
 
     def compared(self, setting: Setting, states: Trajectory) -> tuple[Agreement, ...]:
         """Return how the LiDAR readings of recorded states agree with the map; nothing of states that are simulated."""

@@ -60,7 +60,8 @@ class EnvironmentOptions:
     observation : PolicySpecification or path, optional
         The columns of the observation: a specification, a YAML file of one, or a policy (ONNX) that carries one. By
         default those of the policies that `viatool train` exports: LiDAR bins, goal distance, cosine and sine of its
-        bearing, previous v and omega, and the budget of the CVaR constraint, which is 0.
+        bearing, previous v and omega, and the budget of the CVaR constraint, which is 0. What a policy remembers is not
+        among them: who drives carries it from step to step, as `viatool.policy.memory.CarriedMemory` does.
     task : NavigationTask, optional
         Rewards and goal radius.
     lidar : str, optional
@@ -113,7 +114,7 @@ class EnvironmentOptions:
             scenarios=self._scenarios(),
             horizon=self.horizon,
             task=self.task,
-            channels=self.specification.observation,
+            channels=self.specification.sensed,
             frames=self.specification.frames,
             conditions=Conditions(
                 self.noise, self.dropout, self.lidar_rate, self.delay, self.drift, self.acceleration
@@ -123,10 +124,11 @@ class EnvironmentOptions:
     def observation_space(self) -> Space[Any]:
         """Return the limits of the columns, (n,) float32."""
         quantities = Quantities.of(
-            self.specification.observation, self.world_map.robot, self.specification.frames
+            self.specification.sensed, self.world_map.robot, self.specification.frames
         ).require("bounds")
         low, high = quantities.bounds(Extent(*self.world_map.bounds))
-        width = ~np.isnan(self.specification.fixed_values())  # of a constant; a space needs some
+        fixed = self.specification.fixed_values()[: quantities.size]
+        width = ~np.isnan(fixed)  # of a constant; a space needs some
         return Box((low - width).astype(np.float32), (high + width).astype(np.float32), dtype=np.float32)
 
     def action_space(self) -> Space[Any]:
