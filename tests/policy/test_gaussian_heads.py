@@ -10,10 +10,21 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from tests.policy.enclosure import escapes
 from tests.policy.models import model_of, node, save, weights
+from viatool.channels import Extent
 from viatool.cli import main
+from viatool.doctor.commands import actions_swapped
+from viatool.doctor.interpretation import Background
 from viatool.errors import PolicyError
-from viatool.policy import ActionChannel, ObservationChannel, PolicySpecification, load_policy
+from viatool.policy import (
+    ActionChannel,
+    ObservationChannel,
+    PolicySpecification,
+    load_policy,
+    load_specification,
+)
+from viatool.world import Robot
 
 
 def head(names: tuple[str, ...] = ("mean", "log_std")) -> Any:
@@ -62,4 +73,78 @@ def test_an_output_of_mean_and_deviation_is_named_as_such(tmp_path: Path) -> Non
     model = model_of([node("Tanh", ["x"], ["y"])])
     with pytest.raises(PolicyError, match="has 4 actions, its specification describes 2") as refused:
         load_policy(save(model, tmp_path), described())
-    assert "export the mean alone" in refused.value.hint
+    assert "say which numbers are the actions (`entry: 0`" in refused.value.hint
+
+
+JOINED = """schema_version: 2
+observation: [{name: x, size: 4}]
+action:
+  - {name: v, kind: linear, lower: 0.0, upper: 0.5, scale: 0.25, offset: 0.25, entry: 1}
+  - {name: turn, kind: angular, lower: -1.0, upper: 1.0, entry: 0}
+"""
+
+
+def joined(rank: int = 2, opset: int = 17) -> Any:
+    """Mean and deviation of two actions in one row."""
+    nodes = [node("MatMul", ["x", "w"], ["o"]), node("Tanh", ["o"], ["flat"])]
+    nodes += [node("Reshape", ["flat", "shape"], ["y"])]
+    shape = np.array([1, 4] if rank == 2 else [1, 1, 4][-rank:])
+    return model_of(nodes, {"w": weights(5, 4, 4), "shape": shape}, opset=opset)
+
+
+@pytest.mark.parametrize("rank", [1, 2, 3])
+def test_entries_of_an_output_are_the_actions_and_the_others_are_dropped(rank: int, tmp_path: Path) -> None:
+    path, spec = save(joined(rank), tmp_path), tmp_path / "spec.yaml"
+    spec.write_text(JOINED, "utf-8")
+    policy = load_policy(path, spec)
+    rows = np.random.default_rng(0).normal(size=(5, 4)).astype(np.float32).astype(np.float64)
+    raw = np.array([run(path, row) for row in rows])
+    expected = np.clip(raw[:, [1, 0]] * [0.25, 1.0] + [0.25, 0.0], [0.0, -1.0], [0.5, 1.0])
+    assert policy.output_size == 2
+    np.testing.assert_allclose(policy(rows), expected, atol=1e-6)
+    np.testing.assert_allclose(policy.run(rows), expected, atol=1e-7)
+    np.testing.assert_array_equal(policy.outputs(rows), raw[:, [1, 0]])
+    assert "entries 1, 0 of the output, the others are dropped" in policy.maps.after
+    assert escapes(policy, samples=2000) == 0
+    shown = " ".join(CliRunner().invoke(main, ["inspect", str(path), "--spec", str(spec)]).output.split())
+    assert "y: float, the action: its entries 1, 0" in shown
+
+
+def run(path: Path, row: Any) -> Any:
+    import onnxruntime
+
+    session = onnxruntime.InferenceSession(path.read_bytes())
+    return session.run(None, {"x": row[None].astype(np.float32)})[0].ravel()
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "message"),
+    [
+        (", entry: 0", "", "action 'turn' has no `entry`, but 'v' has one"),
+        ("entry: 0", "entry: 1", "actions 'v' and 'turn' take the same entry, 1"),
+        ("entry: 0", "entry: 4", r"takes entry 4 of the output 'y', which has 4 \(0 to 3\)"),
+        ("entry: 0", "entry: -1", "greater than or equal to 0"),
+        ("schema_version: 2", "schema_version: 1", "needs `schema_version: 2`"),
+    ],
+)
+def test_entries_that_contradict_each_other_are_refused(
+    before: str, after: str, message: str, tmp_path: Path
+) -> None:
+    spec = tmp_path / "spec.yaml"
+    spec.write_text(JOINED.replace(before, after), "utf-8")
+    with pytest.raises(PolicyError, match=message):
+        load_policy(save(joined(), tmp_path), spec)
+
+
+def test_a_diagnosis_that_swaps_actions_leaves_the_entries_where_they_are(tmp_path: Path) -> None:
+    (tmp_path / "spec.yaml").write_text(JOINED, "utf-8")
+    spec = load_specification(tmp_path / "spec.yaml")
+    ((_, swapped),) = actions_swapped(spec, Background(Robot(), Extent(0.0, 0.0, 1.0, 1.0)))
+    assert [(action.name, action.entry) for action in swapped.action] == [("turn", 1), ("v", 0)]
+
+
+def test_the_deviation_in_an_output_of_its_own_is_left_out(tmp_path: Path) -> None:
+    path = save(head(), tmp_path)
+    policy = load_policy(path, described(output="mean"))
+    assert policy.output_size == 2
+    assert escapes(policy, samples=1000) == 0

@@ -18,7 +18,11 @@ def actions_swapped(spec: PolicySpecification, around: Background) -> Variants:
     """Yield two actions in the other order."""
     if len(spec.action) == 2:
         rules = [rule.model_copy(update={"command": rule.command[::-1]}) for rule in spec.overrides]
-        yield "actions swapped", spec.model_copy(update={"action": spec.action[::-1], "overrides": rules})
+        pairs = zip(
+            spec.action[::-1], spec.action, strict=True
+        )  # what each output is, which stays where it is
+        swapped = [other.model_copy(update={"entry": own.entry}) for other, own in pairs]
+        yield "actions swapped", spec.model_copy(update={"action": swapped, "overrides": rules})
 
 
 @reads("side of turns")

@@ -39,6 +39,8 @@ class ActionChannel(Strict):
     scale, offset : float
         What the robot's software does with the network's output: ``scale * output + offset``; in schema version 2 the
         result is clipped to the range.
+    entry : int, optional
+        Which number of the output it is, from 0, where others are dropped; else the actions are all of them in order.
     axes : tuple of str, optional
         Of a choice: the kinds of the numbers in each command.
     commands : tuple of tuple of float, optional
@@ -52,6 +54,7 @@ class ActionChannel(Strict):
     kind: ActionKind = "other"
     scale: FiniteFloat = 1.0
     offset: FiniteFloat = 0.0
+    entry: Annotated[int, Field(ge=0)] | None = None
     axes: tuple[CommandKind, ...] | None = None
     commands: tuple[tuple[FiniteFloat, ...], ...] | None = None
 
@@ -82,8 +85,8 @@ class ActionChannel(Strict):
             raise ValueError(
                 f"action '{self.name}' of kind 'choice' needs `axes` and at least two `commands`"
             )
-        if self.scale != 1.0 or self.offset != 0.0:
-            raise ValueError(f"action '{self.name}' of kind 'choice' has no scale and no offset")
+        if self.scale != 1.0 or self.offset != 0.0 or self.entry is not None:
+            raise ValueError(f"action '{self.name}' of kind 'choice' has no scale, no offset and no entry")
         twice = [axis for axis in self.axes if self.axes.count(axis) > 1]
         if twice:
             raise ValueError(f"action '{self.name}': axis '{twice[0]}' is given twice")

@@ -56,14 +56,14 @@ def before_choice(model: ModelFile, output: str | None) -> tuple[ModelFile, str 
     values = node.input[0]
     extended = onnx.ModelProto()
     extended.CopyFrom(model.proto)
-    told = _told_of(extended, values)
+    told = told_of(extended, values)
     _require_largest_of_all(model, node, name, told)
     if values not in outputs:
         extended.graph.output.add(name=values).type.tensor_type.elem_type = told[0]
     return replace(model, proto=extended), values
 
 
-def _told_of(proto: onnx.ModelProto, name: str) -> tuple[int, list[int | None]]:
+def told_of(proto: onnx.ModelProto, name: str) -> tuple[int, list[int | None]]:
     """Return the element type of a value, and its shape as far as it is known; nothing known is no axis at all."""
     try:
         inferred = onnx.shape_inference.infer_shapes(proto)

@@ -14,7 +14,7 @@ import onnx
 
 from viatool.errors import PolicyError, SelfCheckError, ViatoolError
 from viatool.policy.action_map import with_action_map
-from viatool.policy.before_choice import before_choice
+from viatool.policy.entries import SUFFIX, as_specified
 from viatool.policy.executed import executed_networks
 from viatool.policy.graph import Graph, live, read_graph
 from viatool.policy.maps import Maps, maps_of
@@ -234,11 +234,10 @@ def _look_inside(
 ) -> None:
     spec = found.specification
     output_name = output_name or (spec.output if spec else None)
-    if spec is not None and spec.choice is not None:
-        model, output_name = before_choice(model, output_name)
+    model, output_name = as_specified(model, spec, output_name)
     memory = None if spec is None else spec.memory
     graph, ports = actor_graph(model, input_name or (spec.input if spec else None), output_name, memory)
-    found.ports, (found.action,) = ports, graph.outputs
+    found.ports, found.action = ports, graph.outputs[0].removesuffix(SUFFIX)
     reading = read_network(graph, ports, model.folder)
     found.findings = reading.findings
     if reading.network is None:

@@ -56,6 +56,13 @@ def maps_of(network: Network, spec: PolicySpecification | None, ports: Ports | N
         parts.append("what the robot makes of the output is not known: there is no specification")
     elif (words := _scaling_in_words(scaling_of(spec))) is not None:
         parts.append(f"by the specification: {words}")
+    entries = (
+        [] if spec is None else [str(action.entry) for action in spec.action if action.entry is not None]
+    )
+    if entries:
+        parts.insert(
+            0, f"by the specification: entries {', '.join(entries)} of the output, the others are dropped"
+        )
     if spec is not None and spec.choice is not None:
         parts.append(
             f"by the specification: the largest of {spec.choice.outputs} outputs, of equal ones the first, names "

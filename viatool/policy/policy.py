@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 from viatool.arrays import Floats
 from viatool.errors import PolicyError, PolicyWarning
 from viatool.policy.action_map import apply_action_map, with_action_map
-from viatool.policy.before_choice import before_choice
 from viatool.policy.command_map import CommandMap
+from viatool.policy.entries import as_specified
 from viatool.policy.executed import executed_networks
 from viatool.policy.maps import Maps, maps_of
 from viatool.policy.memory import memory_program, with_memory
@@ -203,8 +203,7 @@ def load_policy(
     if spec is None:
         spec = model.specification()
     output_name = output_name or (spec.output if spec else None)
-    if spec is not None and spec.choice is not None:
-        model, output_name = before_choice(model, output_name)
+    model, output_name = as_specified(model, spec, output_name)
     memory = None if spec is None else spec.memory
     network, runtime = load_actor(model, input_name or (spec.input if spec else None), output_name, memory)
     if spec is not None:
@@ -322,7 +321,7 @@ def _remedy(what: str, found: int, expected: int) -> str:
     """Return what to do about sizes that differ."""
     if what == "actions" and found == 2 * expected:
         return (
-            "export the mean alone if the output holds it and a deviation for each action, as a Gaussian head gives; "
-            "else correct the actions of the specification"
+            "if the output holds a mean and a deviation for each action, as a Gaussian head gives, say which numbers "
+            "are the actions (`entry: 0`, `entry: 1`, ...); else correct the actions of the specification"
         )
     return "correct the channels of the specification, or give the policy that belongs to it"

@@ -148,6 +148,7 @@ class PolicySpecification(Strict):
         self._check_version()
         check_memory(self.memory, self.observation, self.frames, self.output)
         self._check_choice()
+        self._check_entries()
         self._check_overrides()
         return self
 
@@ -156,6 +157,7 @@ class PolicySpecification(Strict):
         if self.schema_version == 1:
             newer = [channel.name for channel in self.observation if channel.encoding or channel.frames]
             newer += [action.name for action in self.action if (action.scale, action.offset) != (1.0, 0.0)]
+            newer += [action.name for action in self.action if action.entry is not None]
             newer += [name for name in ("frames", "overrides", "memory") if getattr(self, name)]
             newer += [
                 c.name for c in self.observation if c.lidar is not None and c.lidar.field_of_view is None
@@ -175,6 +177,21 @@ class PolicySpecification(Strict):
         if choices and len(self.action) > 1:
             raise ValueError(
                 f"action '{choices[0]}' is a choice, so it is the only one, but there are {len(self.action)}"
+            )
+
+    def _check_entries(self) -> None:
+        """Refuse actions of which some say which number of the output they are and others do not, or two the same."""
+        entries = {action.name: action.entry for action in self.action if action.entry is not None}
+        silent = [action.name for action in self.action if action.entry is None]
+        if entries and silent:
+            raise ValueError(
+                f"action '{silent[0]}' has no `entry`, but '{next(iter(entries))}' has one: give all of them"
+            )
+        given = list(entries.values())
+        twice = [name for name, entry in entries.items() if given.count(entry) > 1]
+        if twice:
+            raise ValueError(
+                f"actions {' and '.join(map(repr, twice))} take the same entry, {entries[twice[0]]}"
             )
 
     def _check_overrides(self) -> None:

@@ -80,6 +80,8 @@ def _roles_of_outputs(found: Inspection) -> dict[str, str]:
     roles = {} if found.action is None else {found.action: "the action"}
     spec = found.specification
     if spec is not None:
+        entries = [str(action.entry) for action in spec.action if action.entry is not None]
+        roles |= {name: f"the action: its entries {', '.join(entries)}" for name in roles if entries}
         roles |= {made: f"memory: taken by {source} in the next step" for source, made in spec.memory.items()}
     return roles
 
