@@ -49,3 +49,6 @@ AS_RECEIVED = 2.0**-22
 
 The first takes at most 2^-24 of it; the second, in float64, far less than the rest.
 """
+
+FEW_ROUNDINGS = 2.0**-21
+"""Relative to the sizes of the terms: more than an encoding that is evaluated in float32 strays, in whatever form."""

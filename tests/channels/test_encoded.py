@@ -162,28 +162,29 @@ def test_an_angle_that_is_not_split_would_be_caught(monkeypatch):
     assert escapes(observed, cells, enclose(observed, cells), generator, np.zeros(1)).max() > 1.0
 
 
-@pytest.mark.parametrize("part", ["_FEW_ROUNDINGS", "_reciprocal_forms", "_clipped"])
+@pytest.mark.parametrize("part", ["FEW_ROUNDINGS", "_reciprocal_forms", "clipped"])
 def test_sampling_catches_encodings_that_leave_something_out(monkeypatch, part):
     import viatool.channels.encoding as module
 
     def without_rest(form, *ends):
         return replace(original(form, *ends), rest=0.0 * form.rest)
 
-    original = getattr(module, part)
+    place = Forms if part == "clipped" else module
+    original = getattr(place, part)
     generator = np.random.default_rng(0)
     value = generator.uniform(0.5, 1.5, (400, 1))
     slope = np.broadcast_to(np.array([0.3, 0.1, 0.0])[None, :, None], (400, 3, 1))
     form = Forms(value, slope, np.full((400, 1), 0.02))
     encoding = {
-        "_FEW_ROUNDINGS": Encoding(0.1, 0.3),
+        "FEW_ROUNDINGS": Encoding(0.1, 0.3),
         "_reciprocal_forms": Encoding(reciprocal=True),
-        "_clipped": Encoding(clip=(0.6, 1.2)),
+        "clipped": Encoding(clip=(0.6, 1.2)),
     }[part]
-    if part == "_FEW_ROUNDINGS":
+    if part == "FEW_ROUNDINGS":
         monkeypatch.setattr(module, part, 0.0)
         form = replace(form, slope=0.0 * slope, rest=0.0 * form.rest)
     else:
-        monkeypatch.setattr(module, part, without_rest)
+        monkeypatch.setattr(place, part, without_rest)
     found, worst = encoding.forms(form), 0.0
     for _ in range(50):
         z = generator.uniform(-1, 1, (400, 3))

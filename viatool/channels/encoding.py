@@ -12,10 +12,8 @@ import numpy as np
 
 from viatool.arrays import Floats, Reals
 from viatool.errors import EnclosureError
+from viatool.rounding import FEW_ROUNDINGS
 from viatool.sets.forms import Forms
-
-_FEW_ROUNDINGS = 2.0**-21
-"""Relative to the sizes of the terms: more than an evaluation in float32 strays, in whatever order and form."""
 
 
 @dataclass(frozen=True)
@@ -71,13 +69,13 @@ class Encoding:
             return inputs, inputs
         ends = [inputs, inputs]
         if not within:  # an input is a rounded one, and was large where what it may become is small
-            rounded = _FEW_ROUNDINGS * (np.abs(inputs) + abs(self.offset))
+            rounded = FEW_ROUNDINGS * (np.abs(inputs) + abs(self.offset))
             ends = [inputs - rounded, inputs + rounded]
         if self.clip is not None:
             low, high = (
                 np.float64(np.float32(end))
                 if within
-                else end + side * _FEW_ROUNDINGS * (abs(end) + abs(self.offset))
+                else end + side * FEW_ROUNDINGS * (abs(end) + abs(self.offset))
                 for end, side in zip(self.clip, (1.0, -1.0), strict=True)
             )
             ends = [np.where(inputs <= low, -np.inf, ends[0]), np.where(inputs >= high, np.inf, ends[1])]
@@ -110,7 +108,7 @@ class Encoding:
             np.where(np.isfinite(end), np.abs(self.scale * end) + abs(self.offset), 0.0)
             for end in (first, last)
         ]
-        spare = _FEW_ROUNDINGS * np.maximum(*size)
+        spare = FEW_ROUNDINGS * np.maximum(*size)
         if within:
             spare = -np.minimum(spare, 0.5 * np.abs(ends[1] - ends[0]))
         least, most = np.minimum(*ends) - spare, np.maximum(*ends) + spare
@@ -138,7 +136,7 @@ class Encoding:
         if self.reciprocal and self.clip is not None and not finite.all():
             low, high = _as_stored(*self.clip)
             still, ones = np.zeros_like(readings.slope), np.ones_like(readings.centre)
-            half = (0.5 * (high - low) + _FEW_ROUNDINGS * (abs(low) + abs(high))) * ones
+            half = (0.5 * (high - low) + FEW_ROUNDINGS * (abs(low) + abs(high))) * ones
             anything = Forms(0.5 * (low + high) * ones, still, half)
             return Forms.where(
                 finite,
@@ -151,9 +149,9 @@ class Encoding:
         size = np.abs(self.scale) * np.maximum(np.abs(readings.lower), np.abs(readings.upper)) + abs(
             self.offset
         )
-        rest = abs(self.scale) * readings.rest + _FEW_ROUNDINGS * size
+        rest = abs(self.scale) * readings.rest + FEW_ROUNDINGS * size
         found = Forms(scaled, self.scale * readings.slope, rest)
-        return found if self.clip is None else _clipped(found, *self.clip)
+        return found if self.clip is None else found.clipped(*self.clip)
 
 
 PLAIN = Encoding()
@@ -190,27 +188,6 @@ def _reciprocal_forms(readings: Forms) -> Forms:
     tangent = np.sign(lower) * 2.0 / np.sqrt(lower * upper)
     least, most = np.minimum(at_ends, tangent), np.maximum(at_ends, tangent)
     middle = 0.5 * (least + most)
-    spare = _FEW_ROUNDINGS * (np.abs(at_ends) + np.abs(tangent))
+    spare = FEW_ROUNDINGS * (np.abs(at_ends) + np.abs(tangent))
     rest = 0.5 * (most - least) + np.abs(slope) * readings.rest + spare
     return Forms(slope * readings.centre + middle, slope[:, None] * readings.slope, rest)
-
-
-def _clipped(forms: Forms, low: float, high: float) -> Forms:
-    """Keep forms that stay within a range; where they may leave it, take the chord's share of their slope."""
-    lower, upper = forms.lower, forms.upper
-    if ((lower >= low) & (upper <= high)).all():
-        return forms
-    ends = np.clip(lower, low, high), np.clip(upper, low, high)
-    width = upper - lower
-    share = np.where(width > 0.0, (ends[1] - ends[0]) / np.where(width > 0.0, width, 1.0), 0.0)
-    # of clip(x) - share x on [lower, upper]: piecewise linear, with corners at both ends of the range
-    corners = [lower, upper, np.clip(low, lower, upper), np.clip(high, lower, upper)]
-    left = np.stack([np.clip(corner, low, high) - share * corner for corner in corners])
-    least, most = left.min(axis=0), left.max(axis=0)
-    spare = _FEW_ROUNDINGS * (1.0 + np.abs(low) + np.abs(high))
-    middle = 0.5 * (least + most)
-    return Forms(
-        share * forms.centre + middle,
-        share[:, None] * forms.slope,
-        0.5 * (most - least) + share * forms.rest + spare,
-    )

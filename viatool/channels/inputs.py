@@ -159,14 +159,14 @@ class Inputs:
         itself, which allows for more than frames of the same reading do.
         """
         least, most = self.readings(inputs, within=within)
-        return self._enclosed(least - radii, most + radii, within)
+        return self.enclosed(least - radii, most + radii, within)
 
     def around(self, readings: Floats, radii: Floats, *, within: bool = False) -> tuple[Floats, Floats]:
         """Bound what the network takes of present readings (B, m) that err by at most (m,); as `box`."""
         lower, upper = (end[:, self.reading] for end in (readings - radii, readings + radii))
-        return self._enclosed(lower, upper, within)
+        return self.enclosed(lower, upper, within)
 
-    def _enclosed(self, lower: Floats, upper: Floats, within: bool) -> tuple[Floats, Floats]:
+    def enclosed(self, lower: Floats, upper: Floats, within: bool = False) -> tuple[Floats, Floats]:
         """Encode readings between two ends (B, n), each with the encoding of its column; overwrites them."""
         for number, channel in enumerate(self.channels):
             if channel.encoding:

@@ -87,8 +87,14 @@ class LidarReadings(Quantity):
         return self._ends
 
     @property
+    def sensor(self) -> Lidar:
+        """Return the LiDAR that is meant, without noise of its own."""
+        return self.channel.lidar.lidar() if self.channel.lidar else self.robot.lidar
+
+    @property
     def _ends(self) -> tuple[float, float]:
-        lidar = self.channel.lidar.lidar() if self.channel.lidar else self.robot.lidar
+        """Return the least and the largest number that the LiDAR gives."""
+        lidar = self.sensor
         readings = (
             lidar.minimum_range,
             lidar.maximum_range,

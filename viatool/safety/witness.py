@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import product
 from typing import Any, Protocol
 
@@ -15,6 +15,7 @@ from viatool.policy.network import Network
 from viatool.safety.judged_states import JudgedStates
 from viatool.safety.nearest import describe_nearest
 from viatool.schedule import check_time
+from viatool.setting.admissible import AdmissibleSets
 from viatool.setting.driven import DrivenPolicy
 from viatool.taylor.attained import climb
 from viatool.taylor.choices import margins
@@ -73,6 +74,10 @@ class Witnesses:
         """Return the number of counterexamples."""
         return len(self.state)
 
+    def select(self, which: Indices) -> Witnesses:
+        """Return some of the counterexamples."""
+        return Witnesses(*(getattr(self, each.name)[which] for each in fields(self)))
+
     def violation(
         self, row: int, world_map: WorldMap, scenario: Scenario | None, footprint: Footprint
     ) -> dict[str, Any]:
@@ -105,7 +110,7 @@ def search_witnesses(
     states: JudgedStates,
     doubtful: Indices,
     observations: Floats,
-    box: Box,
+    box: Box | AdmissibleSets,
     lower: Floats,
     upper: Floats,
     *,
@@ -124,7 +129,7 @@ def search_witnesses(
         (W,) the states to be searched, those that are not safe.
     observations : ndarray
         (N, n) float32 numbers that the policy received.
-    box : Box
+    box : Box or AdmissibleSets
         (N, n) what the network may take in each state.
     lower, upper : ndarray
         (N, A) bounds of the commands, which say where to aim.
@@ -159,9 +164,9 @@ def search_witnesses(
         hard = np.setdiff1d(np.arange(len(rows)), easy.state)
         if len(hard):
             rows, some, seen = rows[hard], some.select(hard), seen[hard]
-            around = Box(box.lower[rows], box.upper[rows])
-            aims = (lower[rows], upper[rows])
-            within = to_float32_within(_candidates(policy, some, seen, around, aims, generator), seen, around)
+            around, aims = box.rows(rows), (lower[rows], upper[rows])
+            found = _candidates(policy, some, seen, around, aims, generator)
+            within = _received(found, seen, around)
             parts.append(_of_states(confirm(policy, some, within), rows))
         if progress is not None:
             progress(min(start + _CHUNK, len(doubtful)), len(doubtful))
@@ -172,7 +177,7 @@ def _candidates(
     policy: SearchablePolicy,
     states: JudgedStates,
     observations: Floats,
-    box: Box,
+    box: Box | AdmissibleSets,
     commands: tuple[Floats, Floats],
     generator: np.random.Generator,
 ) -> Floats:
@@ -187,14 +192,24 @@ def _candidates(
     count, each, size = found.shape
     lower, upper = (np.repeat(end, each, axis=0) for end in (box.lower, box.upper))
     pushed = driven.overrides.around(found.reshape(-1, size), lower, upper)
+    if isinstance(box, AdmissibleSets):
+        repeated = box.rows(np.repeat(np.arange(count), each))
+        pushed = [repeated.nearest(points) for points in pushed]
     return np.concatenate([found, *(points.reshape(count, each, size) for points in pushed)], axis=1)
 
 
+def _received(points: Floats, nominal: Floats, box: Box | AdmissibleSets) -> Floats:
+    """Return points (B, K, n) of sets as the float32 numbers that a program receives."""
+    if isinstance(box, Box):
+        return to_float32_within(points, nominal, box)
+    return points.astype(np.float32).astype(np.float64)
+
+
 def _towards_each_choice(
-    network: Network, observations: Floats, box: Box, generator: np.random.Generator
+    network: Network, observations: Floats, box: Box | AdmissibleSets, generator: np.random.Generator
 ) -> Floats:
     """Return for each of O choices observations (B, K, n) that rather select it."""
-    corners = np.where(generator.choice([False, True], size=observations.shape), box.upper, box.lower)
+    corners = box.random_corner(generator)
     found = [observations]
     for seed in np.eye(network.output_size):
         wanted = np.broadcast_to(seed, (len(observations), len(seed)))
@@ -272,7 +287,7 @@ class _Search:
         policy: SearchablePolicy,
         states: JudgedStates,
         observations: Floats,
-        box: Box,
+        box: Box | AdmissibleSets,
         lower: Floats,
         upper: Floats,
     ) -> None:
@@ -284,7 +299,7 @@ class _Search:
         """Return the most promising observations (B, K, n) of every state."""
         aim = self._nearest_of_box()
         found = [self.observations]
-        starts = [self.observations, self._random(generator), self._random(generator)]
+        starts = [self.observations, *(self.box.random_corner(generator) for _ in range(2))]
         for _ in range(_ROUNDS):
             directions = [self._descent(aim), *self._diagonals(aim)]
             found += [self._climb(start, direction) for start in starts for direction in directions]
@@ -317,11 +332,6 @@ class _Search:
     def _climb(self, start: Floats, direction: Floats) -> Floats:
         """Go from corner to corner along the gradient of a combination of commands, (B, n)."""
         return climb(self.network, self.box, direction, start, steps=_STEPS)[0]
-
-    def _random(self, generator: np.random.Generator) -> Floats:
-        """Return a random corner of each box, (B, n)."""
-        upper = generator.choice([False, True], size=self.observations.shape)
-        return np.where(upper, self.box.upper, self.box.lower)
 
     def _actions(self, points: Floats) -> Floats:
         flat = self.network(points.reshape(-1, points.shape[-1]))

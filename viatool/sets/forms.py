@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viatool.arrays import Booleans, Floats, Plane
+from viatool.rounding import FEW_ROUNDINGS
 from viatool.sets.bounds import require_ordered
 
 
@@ -120,3 +121,29 @@ class Forms:
     def upper(self) -> Floats:
         """Return upper bounds, (C, K)."""
         return np.asarray(self.centre + np.abs(self.slope).sum(axis=1) + self.rest)
+
+    def clipped(self, low: float | Floats, high: float | Floats) -> Forms:
+        """Keep quantities within ranges, (C, K) or one; where they may leave it, take the chord's share of their slope.
+
+        Notes
+        -----
+        Sound: yes, also of a clip in float32.
+        """
+        lower, upper = self.lower, self.upper
+        if ((lower >= low) & (upper <= high)).all():
+            return self
+        ends = np.clip(lower, low, high), np.clip(upper, low, high)
+        width = upper - lower
+        share = np.where(width > 0.0, (ends[1] - ends[0]) / np.where(width > 0.0, width, 1.0), 0.0)
+        # of clip(x) - share x on [lower, upper]: piecewise linear, with corners at both ends of the range
+        corners = [lower, upper, np.clip(low, lower, upper), np.clip(high, lower, upper)]
+        left = np.stack([np.clip(corner, low, high) - share * corner for corner in corners])
+        least, most = left.min(axis=0), left.max(axis=0)
+        known = (np.where(np.isfinite(end), np.abs(end), 0.0) for end in (low, high))
+        spare = FEW_ROUNDINGS * (1.0 + sum(known))
+        middle = 0.5 * (least + most)
+        return Forms(
+            share * self.centre + middle,
+            share[:, None] * self.slope,
+            0.5 * (most - least) + share * self.rest + spare,
+        )

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 
 from viatool.arrays import Floats
+from viatool.channels import Quantities
+from viatool.channels.reading_errors import ReadingErrors
 from viatool.errors import ConfigurationError, PolicyError
 from viatool.motion.law import Axis
 from viatool.policy import ActionChannel, Policy, PolicySpecification
@@ -172,6 +175,7 @@ class Setting:
             premises=premises,
             uncertainty=wishes.errors,
         )
+        _ = setting.reading_errors  # refuses what a channel does not have
         if scenarios is not None:  # those of a map were looked at when it was read
             _check_goals(setting)
         return setting
@@ -199,6 +203,24 @@ class Setting:
             f"as it was in each state ({', '.join(parts)}): what earlier sensor errors would have made of it is not "
             "asked about"
         )
+
+    @cached_property
+    def reading_errors(self) -> ReadingErrors:
+        """How every reading errs: within the radii, and by the other terms of the error model."""
+        quantities = Quantities.of(self.spec.observation, self.robot, self.spec.frames)
+        model = self.uncertainty
+        return ReadingErrors.of(quantities, self.radii, model.sensor, model.source)
+
+    def observed(self, observations: Floats) -> tuple[Floats, Floats]:
+        """Return the least and the largest number (B, n) that the network may take around recorded ones (B, n).
+
+        Notes
+        -----
+        Sound: yes, also where the errors are no box; rounding is counted.
+        """
+        if self.reading_errors.is_box:
+            return self.spec.inputs.box(observations, self.radii)
+        return self.reading_errors.sets(observations).hull
 
     def uncertain(self, observations: Floats) -> tuple[Floats, Floats]:
         """Return where the network's input lies around recorded ones (B, n): centres, and radii (n,) or (B, n).

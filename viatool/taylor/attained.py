@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 
 from viatool.arrays import Floats
@@ -11,8 +13,18 @@ from viatool.taylor.propagation import Box
 from viatool.taylor.refinement import Extrema
 
 
+class Searchable(Protocol):
+    """P sets of observations, of which a search needs points that are in them."""
+
+    def nearest(self, points: Floats) -> Floats:
+        """Return points of the sets near given ones, (P, n)."""
+
+    def corner(self, slope: Floats, point: Floats) -> Floats:
+        """Return where linear functions of slopes (P, n) are large, (P, n), seen from points (P, n)."""
+
+
 def climb(
-    network: Network, box: Box, seed: Floats, start: Floats, *, steps: int = 4
+    network: Network, box: Searchable, seed: Floats, start: Floats, *, steps: int = 4
 ) -> tuple[Floats, Floats]:
     """Go from corner to corner of boxes along the gradient of a combination of the actions.
 
@@ -21,7 +33,7 @@ def climb(
     network : Network
         n inputs, A outputs.
     box : Box
-        P boxes.
+        P boxes, or other sets that can be searched.
     seed : ndarray
         ``(P, A)``: the combination ``seed . actions`` that shall grow.
     start : ndarray
@@ -41,11 +53,11 @@ def climb(
     Each step jumps to the corner that the gradient at the present point names; after a step that does not improve, the
     next starts half-way. **Sound:** as an inner bound, yes.
     """
-    best = point = np.clip(start, box.lower, box.upper)
+    best = point = box.nearest(start)
     value = (network(best) * seed).sum(axis=1)
     for _ in range(steps):
         slope = gradient(network, point, seed)
-        corner = np.where(slope > 0, box.upper, np.where(slope < 0, box.lower, point))
+        corner = box.corner(slope, point)
         reached = (network(corner) * seed).sum(axis=1)
         better = reached > value
         best = np.where(better[:, None], corner, best)

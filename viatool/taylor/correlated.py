@@ -16,6 +16,7 @@ from viatool.arrays import Booleans, Floats, Indices
 from viatool.policy.network import Network
 from viatool.rounding import ENGINE_ROUNDOFF, SLIGHTLY_MORE
 from viatool.taylor.deviation import enclose_program, runtime_deviation
+from viatool.taylor.elsewhere import FewSymbols, few_hull
 from viatool.taylor.forms import Dense
 from viatool.taylor.head import hulls_through, split_head
 from viatool.taylor.model import TaylorModel
@@ -165,6 +166,7 @@ def reach_correlated(
     *,
     arithmetic: Literal["float32", "real"] = "float32",
     thorough: bool = False,
+    few: tuple[FewSymbols, ...] = (),
 ) -> CorrelatedReach:
     """Enclose the actions of a policy over correlated inputs.
 
@@ -178,6 +180,8 @@ def reach_correlated(
         As in `viatool.reach`.
     thorough : bool
         Add the dual bounds of `duality`, for about three times the cost.
+    few : tuple of FewSymbols
+        Inputs of which a few alone lie where they widen the model.
 
     Returns
     -------
@@ -197,6 +201,8 @@ def reach_correlated(
         if thorough:
             extrema = refine_by_pieces(trunk, extrema_of(box, *hulls[-1]), passes)
             hulls[-1] = unfold(extrema.bound, network.output_size)
+        if few:
+            hulls[-1] = passes[-1].met(few_hull(passes[-1].model, few)).hull
         hulls = hulls_through(head, hulls)
         exact = widen(*hulls[-1], np.zeros_like(hulls[-1][0]))
         program = enclose_program(network, hulls).around(*exact) if arithmetic == "float32" else exact

@@ -56,6 +56,19 @@ class Box:
         """Return some of the boxes."""
         return Box(self.lower[which], self.upper[which])
 
+    def nearest(self, points: Floats) -> Floats:
+        """Return the points of the boxes that are nearest to given ones, (B, n)."""
+        return np.clip(points, self.lower, self.upper)
+
+    def corner(self, slope: Floats, point: Floats) -> Floats:
+        """Return where a linear function of a slope (B, n) is the largest, (B, n); where it is flat, as a point."""
+        return np.where(slope > 0, self.upper, np.where(slope < 0, self.lower, point))
+
+    def random_corner(self, generator: np.random.Generator) -> Floats:
+        """Return a random corner of each box, (B, n)."""
+        high = generator.choice([False, True], size=self.lower.shape)
+        return np.where(high, self.upper, self.lower)
+
 
 @dataclass(frozen=True, eq=False)
 class Enclosure:

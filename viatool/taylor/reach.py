@@ -169,6 +169,11 @@ class ReachableSet:
         }
         return cls(**known)
 
+    def rows(self, which: Indices) -> ReachableSet:
+        """Return some of the sets."""
+        columns: dict[str, Any] = {each.name: getattr(self, each.name) for each in fields(self)}
+        return ReachableSet(**{name: None if part is None else part[which] for name, part in columns.items()})
+
     def spread(self, known: Booleans) -> ReachableSet:
         """Return B sets of which some are known, (B,); the others have NaN bounds, and all is possible."""
         spread: dict[str, Any] = {}

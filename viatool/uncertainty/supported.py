@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 SUPPORTED: dict[str, frozenset[str]] = {
-    "verify": frozenset({"sensor.absolute"}),
+    "verify": frozenset({"sensor.absolute", "sensor.relative", "sensor.bias", "sensor.missing"}),
     "verify with a horizon": frozenset({"sensor.absolute"}),
     "certify": frozenset({"sensor.absolute"}),
     "simulate": frozenset(),

@@ -205,7 +205,7 @@ class Result(Asked):
             One row for each of the states, and `EPISODE_COLUMNS` with one for each episode.
         """
         observations = self.observations[rows]
-        lower, upper = self.setting.spec.inputs.box(observations, self.radii)
+        lower, upper = self.setting.observed(observations)
         return {
             "pose": self.poses[rows],
             "observation": observations,
@@ -337,6 +337,6 @@ class Result(Asked):
             "delay": f"{rules.delay:g} s" if rules.delay else "none",
             "braking": "not asked" if stop is None else f"{stop:g} m/s^2",
             "obstacles": f"do not move; whatever lies outside the arena is an obstacle{unknown}",
-            "sensor_error": "any value within eps of each observation entry, independently",
+            "sensor_error": self.setting.reading_errors.words,
             **({"memory": self.setting.memory_words} if self.setting.spec.memory else {}),
         }

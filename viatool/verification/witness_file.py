@@ -21,6 +21,7 @@ from viatool.safety.judged_states import JudgedStates
 from viatool.safety.nearest import describe_nearest
 from viatool.safety.scene_poses import ScenePoses
 from viatool.safety.witness import Witnesses
+from viatool.setting.admissible import explain
 from viatool.setting.criteria import criterion_of
 from viatool.setting.rules import Rules
 from viatool.setting.setting import Setting
@@ -146,6 +147,11 @@ def _entries(result: Result, found: Witnesses, crashes: Crashes | None = None) -
                 }
                 for k in range(step)
             ]
+        errors = explain(
+            result.setting.reading_errors, trajectory.observations[state], found.observation[row]
+        )
+        if crashes is None and errors:
+            about["errors"] = errors
         violation = found.violation(row, result.world_map, scenario, result.rules.footprint)
         entries.append(about | violation | {"scenario": json.loads(write_scenario(scenario) or "null")})
     return entries

@@ -1,0 +1,285 @@
+"""How the readings of an observation err, and the sets of observations that follow from a recorded one.
+
+The reading of a channel goes through its errors in this order: its share of the value, its own error and what it has in
+common with the others of its scan are added; a LiDAR keeps what comes out within its limits; and a ray that returns
+nothing reads what it reads then, whatever the errors are. As with eps, the recorded reading takes the place of the true
+one: an observation may be any that could have been made of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from viatool.arrays import Booleans, Floats, Hull, Indices
+from viatool.channels.inputs import Inputs
+from viatool.channels.lidar import LidarReadings
+from viatool.channels.quantities import Quantities
+from viatool.errors import ConfigurationError
+from viatool.rounding import SLIGHTLY_MORE, UNIT_ROUNDOFF
+from viatool.sets.forms import Forms
+from viatool.sets.observations import Few, ObservationSets
+from viatool.uncertainty.error_model import SensorTerms
+from viatool.world import Lidar
+
+
+@dataclass(frozen=True, eq=False)
+class Missing:
+    """Bins of one scan of which up to `count` have a ray that returns nothing.
+
+    Parameters
+    ----------
+    count : int
+        How many rays at once.
+    columns : ndarray
+        (E,) the inputs that hold the bins.
+    lidar : Lidar
+        Says how rays make bins.
+    """
+
+    count: int
+    columns: Indices
+    lidar: Lidar
+
+    @property
+    def reading(self) -> float:
+        """Return what a ray reads that returns nothing."""
+        lidar = self.lidar
+        return lidar.maximum_range if lidar.no_return is None else lidar.no_return
+
+    @property
+    def is_one(self) -> bool:
+        """Tell whether a bin is one ray, so that its reading is known when the ray returns nothing."""
+        return self.lidar.each == 1 or self.lidar.reduce == "first"
+
+    def bounds(self, lower: Floats, upper: Floats) -> Hull:
+        """Bound what bins (B, E) read of which a ray returns nothing, of bounds of what they read else.
+
+        Notes
+        -----
+        Sound: yes. Of the least of several rays nothing is known of the others: they may read anything up to the
+        maximum. A mean changes by what a ray reads then instead of anything within the limits, once for each.
+        """
+        lidar, reading = self.lidar, self.reading
+        if self.is_one:
+            return np.full_like(lower, reading), np.full_like(upper, reading)
+        ends = min(lidar.minimum_range, reading), max(lidar.maximum_range, reading)
+        if lidar.reduce == "minimum":
+            return np.minimum(lower, reading), np.maximum(upper, ends[1])
+        share = min(self.count, lidar.each) / lidar.each
+        down = share * min(reading - lidar.maximum_range, 0.0)
+        up = share * max(reading - lidar.minimum_range, 0.0)
+        return np.maximum(lower + down, np.minimum(lower, ends[0])), np.minimum(
+            upper + up, np.maximum(upper, ends[1])
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class ReadingErrors:
+    """What bounds the errors of every reading that stands in an observation of n inputs.
+
+    Parameters
+    ----------
+    inputs : Inputs
+        Which reading stands in each input.
+    absolute, relative, bias : ndarray
+        (n,) own error, in the unit of the sensor; share of the value; and the error in common, in the sensor's unit.
+    scan : ndarray
+        (n,) which inputs have a bias in common: a number for each channel and instant.
+    limits : tuple of ndarray
+        (n,) least and largest range that a LiDAR gives; infinite for other sensors.
+    missing : tuple of Missing
+        Scans whose rays may return nothing.
+    """
+
+    inputs: Inputs
+    absolute: Floats
+    relative: Floats
+    bias: Floats
+    scan: Indices
+    limits: tuple[Floats, Floats]
+    missing: tuple[Missing, ...] = ()
+
+    @classmethod
+    def of(
+        cls, quantities: Quantities, absolute: Floats, terms: Mapping[str, SensorTerms], source: str
+    ) -> ReadingErrors:
+        """Return the errors of what is observed.
+
+        Parameters
+        ----------
+        quantities : Quantities
+            What the n inputs hold.
+        absolute : ndarray
+            (n,) the radii that took effect.
+        terms : mapping
+            What else is bounded, by the name of the channel.
+        source : str
+            What messages call the file.
+
+        Raises
+        ------
+        ConfigurationError
+            If a channel does not have what a term is about.
+        """
+        inputs = quantities.inputs
+        size = inputs.size
+        relative, bias = np.zeros(size), np.zeros(size)
+        limits = np.full(size, -np.inf), np.full(size, np.inf)
+        scan = np.unique(np.stack([inputs.channel, inputs.age]), axis=1, return_inverse=True)[1].reshape(-1)
+        missing: list[Missing] = []
+        for number, quantity in enumerate(quantities):
+            channel = quantity.channel
+            asked = terms.get(channel.name, SensorTerms())
+            columns = np.flatnonzero(inputs.channel == number)
+            beyond = {name: getattr(asked, name) or 0 for name in ("relative", "bias", "missing")}
+            if not any(beyond.values()):
+                continue
+            where = f"{source}: sensor.{channel.name}"
+            if channel.value is not None:
+                raise ConfigurationError(
+                    f"{where}: the channel is fixed to {channel.value:g} by the specification, so nothing errs",
+                    "leave the channel out of the error model",
+                )
+            relative[columns], bias[columns] = beyond["relative"], beyond["bias"]
+            if isinstance(quantity, LidarReadings):
+                lidar = quantity.sensor
+                limits[0][columns], limits[1][columns] = lidar.minimum_range, lidar.maximum_range
+            if beyond["missing"]:
+                missing += _missing(quantity, inputs, columns, int(beyond["missing"]), where)
+        return cls(inputs, absolute, relative, bias, scan, limits, tuple(missing))
+
+    @property
+    def is_box(self) -> bool:
+        """Tell whether every reading errs by itself, by a number that does not depend on it."""
+        return not (self.relative.any() or self.bias.any() or self.missing)
+
+    @property
+    def words(self) -> str:
+        """Return in words what is bounded."""
+        if self.is_box:
+            return "any value within eps of each observation entry, independently"
+        parts = ["any value within eps of each observation entry"]
+        parts += ["and a share of it"] if self.relative.any() else []
+        parts += ["a bias that all readings of a scan have in common"] if self.bias.any() else []
+        if self.missing:
+            counts = max(scan.count for scan in self.missing)
+            parts.append(f"and up to {counts} of the rays of a scan return nothing, whichever they are")
+        return ", ".join(parts)
+
+    @cached_property
+    def common(self) -> Floats:
+        """What each common error, one for each scan with a bias, adds to every reading, (S, n)."""
+        scans = np.unique(self.scan[self.bias > 0.0])
+        return np.asarray((self.scan == scans[:, None]) * self.bias)
+
+    def own(self, least: Floats, most: Floats) -> Hull:
+        """Bound readings (B, n) with all that each of them errs by itself."""
+        with np.errstate(invalid="ignore"):
+            below, above = (
+                np.where(self.relative > 0.0, self.relative * np.abs(end), 0.0) + self.absolute
+                for end in (least, most)
+            )
+        return least - below, most + above
+
+    def kept(self, least: Floats, most: Floats) -> Hull:
+        """Return the limits (B, n) within which a sensor keeps its readings, and what was recorded beyond them."""
+        return (
+            np.minimum(self.limits[0], least - self.absolute),
+            np.maximum(self.limits[1], most + self.absolute),
+        )
+
+    def sets(self, inputs: Floats) -> ObservationSets:
+        """Return everything that may be observed where inputs (B, n) were recorded. **Sound:** yes; rounding counts.
+
+        Raises
+        ------
+        EnclosureError
+            If what a network takes of a reading has no bounds.
+        """
+        least, most = self.inputs.readings(inputs)
+        ends, limits = self.own(least, most), self.kept(least, most)
+        total = ends[0] - self.bias, ends[1] + self.bias
+        bounds = np.clip(total[0], *limits), np.clip(total[1], *limits)
+        changed = self._changed
+        finite = np.isfinite(ends[0]) & np.isfinite(ends[1])
+        lower, upper = self._encoded(*bounds, changed)
+        forms = self._forms(ends, limits, finite, (lower, upper))
+        few = []
+        for scan in self.missing:
+            some = scan.bounds(bounds[0][:, scan.columns], bounds[1][:, scan.columns])
+            whole = least.copy(), most.copy()
+            whole[0][:, scan.columns], whole[1][:, scan.columns] = some
+            low, high = self._encoded(*whole, changed)
+            few.append(Few(scan.count, scan.columns, low[:, scan.columns], high[:, scan.columns]))
+        return ObservationSets(forms, lower, upper, tuple(few))
+
+    @cached_property
+    def _changed(self) -> Booleans:
+        """Which inputs err by more than a box around what was recorded, (n,)."""
+        changed = (self.relative > 0.0) | (self.bias > 0.0)
+        for scan in self.missing:
+            changed[scan.columns] = True
+        return changed
+
+    def _encoded(self, least: Floats, most: Floats, changed: Booleans) -> Hull:
+        """Bound what the network takes of readings between two ends, with its rounding to float32 where they err so."""
+        lower, upper = self.inputs.enclosed(least.copy(), most.copy())
+        spare = 2.0 * UNIT_ROUNDOFF["float32"] * np.maximum(np.abs(lower), np.abs(upper)) * changed
+        return lower - spare, upper + spare
+
+    def _forms(self, ends: Hull, limits: Hull, finite: Booleans, hull: Hull) -> Forms:
+        """Return inputs as forms of the common errors; those without a common error are as free as their bounds."""
+        alone = Forms.between(*hull)
+        slope = np.zeros((len(ends[0]), len(self.common), ends[0].shape[1]))
+        free = Forms(alone.centre, slope, alone.rest * SLIGHTLY_MORE)
+        if not len(self.common):
+            return free
+        parts = [free.centre.copy(), free.slope.copy(), free.rest.copy()]
+        for number, channel in enumerate(self.inputs.channels):
+            columns = np.flatnonzero((self.inputs.channel == number) & (self.bias > 0.0))
+            if not columns.size:
+                continue
+            there = finite[:, columns]
+            low, high = (np.where(there, end[:, columns], 1.0) for end in ends)
+            middle, half = 0.5 * (low + high), 0.5 * (high - low)
+            shared = np.broadcast_to(self.common[:, columns], (len(low), *self.common[:, columns].shape))
+            readings = Forms(middle, shared.copy(), half * SLIGHTLY_MORE + 1e-15 * np.abs(middle))
+            kept = [np.where(there, end[:, columns], 1.0) for end in limits]
+            with channel.named_in_errors():
+                seen = channel.encoding.forms(readings.clipped(*kept))
+            size = np.maximum(np.abs(seen.lower), np.abs(seen.upper))
+            seen = Forms(seen.centre, seen.slope, seen.rest + 2.0 * UNIT_ROUNDOFF["float32"] * size)
+            chosen = Forms.where(there, seen, Forms(*(_columns(part, columns) for part in parts)))
+            parts[0][:, columns], parts[1][:, :, columns], parts[2][:, columns] = (
+                chosen.centre,
+                chosen.slope,
+                chosen.rest,
+            )
+        return Forms(*parts).checked()
+
+
+def _columns(part: Floats, columns: Indices) -> Floats:
+    return np.asarray(part[..., columns])
+
+
+def _missing(quantity: object, inputs: Inputs, columns: Indices, count: int, where: str) -> Sequence[Missing]:
+    """Return the scans of a channel whose rays may return nothing, one for each instant."""
+    if not isinstance(quantity, LidarReadings):
+        raise ConfigurationError(
+            f"{where}.missing: the channel is no LiDAR, so it has no rays", "leave it out"
+        )
+    lidar = quantity.sensor
+    found = []
+    for age in np.unique(inputs.age[columns]):
+        scan = columns[inputs.age[columns] == age]
+        if len(np.unique(inputs.reading[scan])) < len(scan):
+            raise ConfigurationError(
+                f"{where}.missing: the network takes the same scan twice",
+                "leave out frames that repeat a scan",
+            )
+        found.append(Missing(count, scan, lidar))
+    return found
