@@ -171,8 +171,8 @@ class ReachableSet:
 
     def rows(self, which: Indices) -> ReachableSet:
         """Return some of the sets."""
-        columns: dict[str, Any] = {each.name: getattr(self, each.name) for each in fields(self)}
-        return ReachableSet(**{name: None if part is None else part[which] for name, part in columns.items()})
+        parts: dict[str, Any] = {each.name: getattr(self, each.name) for each in fields(self)}
+        return replace(self, **{name: part[which] for name, part in parts.items() if part is not None})
 
     def spread(self, known: Booleans) -> ReachableSet:
         """Return B sets of which some are known, (B,); the others have NaN bounds, and all is possible."""
