@@ -35,6 +35,13 @@ if TYPE_CHECKING:
 @engine_options
 @options.noise_option
 @condition_options
+@options.errors_option
+@click.option(
+    "--adversary",
+    is_flag=True,
+    help="Let an adversary choose the errors of --errors: as large as they may be, and of some those that lead nearest "
+    "to an obstacle. Without it chance draws them evenly.",
+)
 @options.clearance_option
 @options.danger_option
 @options.interval_option
@@ -103,15 +110,21 @@ def _simulate(given: Mapping[str, Any]) -> Simulation:
     from viatool.setting.setting import Setting
     from viatool.setting.wishes import Wishes
     from viatool.simulate import simulate
+    from viatool.simulate.engines import job_of
+    from viatool.uncertainty import as_error_model
 
+    errors = as_error_model(given["errors"])
+    if given["adversary"] and not errors:
+        raise click.UsageError("--adversary chooses errors within a model: give it with --errors")
     policy = load_policy(given["policy"], given["spec_path"])
     world_map = options.open_map(given["map_path"], given["unknown"])
     scenarios = options.draw_scenarios(world_map, given["scenarios"], given["seed"])
     wishes = Wishes(
         **{name: given[name] for name in ("clearance", "danger", "interval", "footprint", "robot", "prefer")},
         delay=given["delay"] or 0.0,
+        errors=errors,
     )
-    setting = Setting.of(policy, world_map, 0.0, wishes, scenarios)
+    setting = Setting.of(policy, world_map, 0.0, wishes, scenarios, job=job_of(given["engine"]))
     with show_progress(quiet=given["quiet"]) as progress:
         return simulate(
             policy,
@@ -122,6 +135,7 @@ def _simulate(given: Mapping[str, Any]) -> Simulation:
             seed=given["seed"],
             workers=given["workers"],
             lidar=given["lidar"],
+            adversary=given["adversary"],
             progress=progress,
         )
 

@@ -182,8 +182,13 @@ class Setting:
 
     @property
     def driving_premises(self) -> tuple[Premise, ...]:
-        """Return what took effect of a drive, in which nothing is proved and errors are drawn, not bounded."""
-        return tuple(premise for premise in self.premises if not premise.name.startswith("eps of "))
+        """Return what took effect of a drive, in which errors are drawn: those of a model, within its bounds."""
+        drawn = self.uncertainty.source
+        return tuple(
+            premise
+            for premise in self.premises
+            if not premise.name.startswith("eps of ") or premise.source == drawn
+        )
 
     @property
     def radii(self) -> Floats:

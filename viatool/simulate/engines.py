@@ -53,6 +53,11 @@ def make_simulator(
     return BulletSimulator(world_map, robots, workers=workers, lidar=lidar or "rays", **settings)  # type: ignore[arg-type]
 
 
+def job_of(engine: str) -> str:
+    """Return what simulating with an engine is called where error models are refused."""
+    return "simulate" if engine == "kinematic" else f"simulate with {engine}"
+
+
 def check_engine(engine: str, lidar: str | None = None) -> None:
     """Refuse an engine that does not exist, or a LiDAR that it does not have."""
     if engine not in ENGINES:

@@ -9,11 +9,16 @@ from typing import Any
 import numpy as np
 
 from viatool.arrays import Booleans, Floats, Indices
+from viatool.errors import ConfigurationError
 from viatool.motion.arcs import drive_arc
+from viatool.motion.twists import HeldTwist
 from viatool.simulate.models import track_of
+from viatool.simulate.motor_flaws import MotorFlaws, chosen_of, placed
 from viatool.simulate.simulator import Simulator
 from viatool.world import WorldMap
 
+CHOICES = 6
+"""Of errors of the motors and clocks, among which an adversary chooses in each interval."""
 _FINE = 0.01  # seconds over which a changing speed is taken as its mean
 
 
@@ -40,14 +45,56 @@ class NavigationSimulator(Simulator):
         self._track = track_of(self.robot) if self.conditions.acceleration is not None else 0.0
         self._rims = np.zeros((robots, 2))  # speeds of both wheels' rims, right and left, in m/s
         self._touching = np.zeros(robots, dtype=bool)  # bodies are not modelled
+        self._motors = self._flawed()
+        if self._motors is not None:
+            self._state = self._motors.at_rest(self.poses)
+
+    def _flawed(self) -> MotorFlaws | None:
+        """Return how motors and clocks err; None for ideal ones."""
+        stated = {term.partition(".")[0] for _, term, _, _ in self.errors.stated()}
+        if not stated & {"actuation", "timing"}:
+            return None
+        kinematics, interval = self.kinematics, self.robot.control_interval
+        assert isinstance(kinematics, HeldTwist)
+        if self.conditions.acceleration is not None:
+            raise ConfigurationError(
+                f"{self.errors.source}: says how motors and clock err, and an acceleration of wheels is given as well",
+                "leave one of them out",
+            )
+        return MotorFlaws(kinematics, self.errors, interval, self.conditions.delay)
 
     def keep(self, which: Booleans) -> None:
         """Go on with some of the robots only, (E,) bool; the others leave the simulation."""
         super().keep(which)
         self._rims, self._touching = self._rims[which], self._touching[which]
+        if self._motors is not None:
+            self._state = self._state.select(which)
 
     def _place(self, index: Indices) -> None:
         self._rims[index] = 0.0
+        if self._motors is not None:
+            self._state = placed(self._state, index, self._motors.at_rest(self.poses[index]))
+
+    def _drive(self, before: Floats) -> Booleans:
+        """Let all robots follow their commands until the next observation, with motors that err."""
+        motors = self._motors
+        if motors is None:
+            return super()._drive(before)
+        outcomes = []
+        for _ in range(CHOICES if self.adversary else 1):
+            choice = motors.choose(len(self), self._chance, corners=self.adversary)
+            given = motors.give(self._state, self.previous, choice)
+            outcomes.append((motors.follow(given, choice), choice.interval + given.age))
+        states = [state for state, _ in outcomes]
+        clearance = [
+            self.scenes.footprint_clearance(state.poses, self.robot.footprint, self.scene) for state in states
+        ]
+        worst = np.stack(clearance).argmin(axis=0)
+        self._state = chosen_of(states, worst)
+        passed = np.stack([seconds for _, seconds in outcomes])[worst, np.arange(len(self))] - self._state.age
+        self.time = self.time + passed
+        self.poses, self._velocity = self._state.poses, self._state.velocity
+        return self._touching
 
     def _move(self, commands: Sequence[tuple[float, Floats]]) -> tuple[Floats, Booleans]:
         poses = self.poses

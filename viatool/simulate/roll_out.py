@@ -14,11 +14,13 @@ from viatool.policy.memory import CarriedMemory
 from viatool.policy.specified import Specified, name_of, specification_of
 from viatool.schedule import Progress
 from viatool.setting.setting import Setting
+from viatool.simulate.adversary import choose_observations
 from viatool.simulate.conditions import Conditions
 from viatool.simulate.engines import largest_batch, make_simulator
 from viatool.simulate.simulator import Simulator, Step
 from viatool.simulate.task import NavigationTask
 from viatool.trajectory import Trajectory
+from viatool.uncertainty import ErrorModel
 from viatool.world import Scenario, WorldMap
 
 
@@ -82,6 +84,8 @@ def drive(
     task: NavigationTask | None = None,
     workers: int = 1,
     lidar: str | None = None,
+    errors: ErrorModel | None = None,
+    adversary: bool = False,
     progress: Progress | None = None,
 ) -> Drive:
     """Drive a policy through scenarios, many at once, until each ends.
@@ -108,6 +112,10 @@ def drive(
         Processes of the physics engine; they do not change what comes out.
     lidar : str, optional
         How the physics engine casts rays, "rays" or "analytic".
+    errors : ErrorModel, optional
+        Errors within bounds, beside those of the conditions.
+    adversary : bool
+        Whether an adversary chooses the errors, not chance.
     progress : Progress, optional
         Told the episodes that have ended and all of them.
 
@@ -140,6 +148,8 @@ def drive(
         channels=setting.spec.sensed,
         frames=setting.spec.frames,
         conditions=conditions,
+        errors=errors,
+        adversary=adversary,
     )
     try:
         return _record(policy, simulator, chosen, setting, progress)
@@ -156,10 +166,12 @@ def _record(
 ) -> Drive:
     """Drive all scenarios; a robot that is done takes the next one, or leaves."""
     count, ended = len(scenarios), 0
-    recording = _Recording(count, simulator.robot.control_interval)
+    recording = _Recording(count)
     begun = len(simulator)
     memory, sensed = CarriedMemory(setting.spec, begun, setting.number), simulator.reset()
     while len(simulator):
+        if simulator.adversary:
+            sensed = choose_observations(policy, simulator, setting, memory.beside)
         observations = memory.beside(sensed)
         actions = np.asarray(policy.run(observations), dtype=np.float64)
         recording.add_states(simulator, observations, actions)
@@ -191,8 +203,7 @@ def _record(
 class _Recording:
     """Collects the states of episodes that run side by side; the scene of a robot is its episode."""
 
-    def __init__(self, episodes: int, interval: float) -> None:
-        self.interval = interval
+    def __init__(self, episodes: int) -> None:
         self.states: list[tuple[Indices, Floats, Floats, Floats, Floats]] = []
         self.clearances: list[Floats] = []
         self.outcomes = np.full(episodes, "timeout", dtype="U9")
@@ -202,8 +213,9 @@ class _Recording:
 
     def add_states(self, simulator: Simulator, observations: Floats, actions: Floats) -> None:
         """Record the states of one instant."""
-        time = np.asarray(simulator.steps * self.interval, dtype=np.float64)
-        self.states.append((simulator.scene.copy(), time, simulator.poses.copy(), observations, actions))
+        self.states.append(
+            (simulator.scene.copy(), simulator.time.copy(), simulator.poses.copy(), observations, actions)
+        )
 
     def add_step(self, simulator: Simulator, step: Step) -> None:
         """Record what followed."""

@@ -41,6 +41,8 @@ class Simulation(Asked):
         Their figures.
     seconds : float
         Wall time.
+    adversary : bool
+        Whether an adversary chose the errors of the model.
     """
 
     policy: Policy
@@ -52,6 +54,7 @@ class Simulation(Asked):
     drive: Drive
     statistics: Statistics
     seconds: float
+    adversary: bool = False
 
     @property
     def premises(self) -> tuple[Premise, ...]:
@@ -85,6 +88,7 @@ def simulate(
     seed: int = 0,
     workers: int = 1,
     lidar: str | None = None,
+    adversary: bool = False,
     progress: Progress | None = None,
 ) -> Simulation:
     """Drive a policy through scenarios and sum up what happened; everything is as for `drive`."""
@@ -98,6 +102,8 @@ def simulate(
         seed=seed,
         workers=workers,
         lidar=lidar,
+        errors=setting.uncertainty,
+        adversary=adversary,
         progress=progress,
     )
     return Simulation(
@@ -110,4 +116,5 @@ def simulate(
         drive=driven,
         statistics=summarise_drive(driven, setting),
         seconds=time.perf_counter() - started,
+        adversary=adversary,
     )

@@ -24,7 +24,9 @@ from viatool.simulate.models import track_of
 from viatool.simulate.observation import Observer, navigation_channels
 from viatool.simulate.odometry import DelayLine, Odometry
 from viatool.simulate.scenarios import FixedScenarios, RandomScenarios
+from viatool.simulate.sensor_flaws import SensorFlaws
 from viatool.simulate.task import NavigationTask
+from viatool.uncertainty import ErrorModel
 from viatool.world import Obstacles, Scenario, ScenarioGenerator, WorldMap
 
 
@@ -88,6 +90,10 @@ class Simulator(ABC):
         What makes the robot less than ideal.
     frames : Frames, optional
         How many whole observations are stacked.
+    errors : ErrorModel, optional
+        Errors that are drawn within bounds, beside those of the conditions.
+    adversary : bool
+        Whether they are as large as they may be, and the motors' of some those that lead nearest to an obstacle.
 
     Attributes
     ----------
@@ -95,6 +101,8 @@ class Simulator(ABC):
         (E, 3), (E, 2) and (E, A): x, y, theta; x, y; the last command as sent to the motors.
     steps : ndarray
         (E,) since the last reset.
+    time : ndarray
+        (E,) seconds since the last reset.
     scenes, scene : Scenes, ndarray
         The geometry, and which of its scenes each robot is in, (E,).
 
@@ -121,6 +129,8 @@ class Simulator(ABC):
         channels: Sequence[ObservationChannel] | None = None,
         conditions: Conditions | None = None,
         frames: Frames | None = None,
+        errors: ErrorModel | None = None,
+        adversary: bool = False,
     ) -> None:
         self.world_map = world_map
         self.robot = world_map.robot
@@ -135,8 +145,11 @@ class Simulator(ABC):
             self.conditions.dropout,
             frames,
         )
-        noise_seed, scenario_seed, drift_seed = np.random.SeedSequence(seed).spawn(3)
+        noise_seed, scenario_seed, drift_seed, flaw_seed = np.random.SeedSequence(seed).spawn(4)
         self._noise = _noise(noise_seed)
+        self.errors, self.adversary = errors or ErrorModel(), adversary
+        self._chance = np.random.default_rng(flaw_seed)
+        self._flaws = SensorFlaws(self.errors, self.observer.quantities, adversary) if self.errors else None
         self._source: FixedScenarios | RandomScenarios = (
             RandomScenarios(world_map, robots, scenario_seed)
             if scenarios is None
@@ -149,6 +162,8 @@ class Simulator(ABC):
         self.goals = np.zeros((robots, 2))
         self.previous = np.zeros((robots, axes))
         self.steps = np.zeros(robots, np.int64)
+        self.time: Floats = np.zeros(robots)
+        self._offered = np.zeros((0, robots, 0))
         self._velocity = np.zeros((robots, 3))
         self._raw = np.zeros((robots, self.observer.quantities.outputs))
         slow = self.conditions.lidar_rate is not None  # then a scan is held until the next one
@@ -157,6 +172,7 @@ class Simulator(ABC):
         self._observation = np.zeros((robots, self.observer.size))
         inputs = self.observer.quantities.inputs
         self._past = np.zeros((robots, inputs.memory, inputs.places[-1].stop))  # readings, the newest first
+        self._earlier = self._past.copy()  # of the present ones
         drift = self.conditions.drift
         track = track_of(self.robot) if drift > 0.0 else 1.0
         self._odometry = Odometry(robots, drift, track, drift_seed)
@@ -207,7 +223,8 @@ class Simulator(ABC):
 
     def reseed(self, seed: int) -> None:
         """Begin anew with a seed, as a new simulator would; `reset` has to follow."""
-        noise_seed, scenario_seed, drift_seed = np.random.SeedSequence(seed).spawn(3)
+        noise_seed, scenario_seed, drift_seed, flaw_seed = np.random.SeedSequence(seed).spawn(4)
+        self._chance = np.random.default_rng(flaw_seed)
         self._noise = _noise(noise_seed)
         self._source.reseed(scenario_seed)
         self._odometry.reseed(drift_seed)
@@ -254,11 +271,14 @@ class Simulator(ABC):
             self._velocity[index] = 0.0
             self._raw[index] = 0.0
             self.steps[index] = 0
+            self.time[index] = 0.0
+            if self._flaws is not None:
+                self.poses[index] = self._flaws.started(self.poses[index], self._chance)
             self._place(index)
             self._odometry.reset(index, self.poses[index])
             self._sent.reset(index)
-            readings = self.observer.quantities.read(self._view(index))
-            self._past[index] = readings[:, None]
+            readings = self._read(self._view(index))
+            self._past[index] = self._earlier[index] = readings[:, None]
             self._observation[index] = self.observer.quantities.observe(readings)
         return self._observation.copy()
 
@@ -281,9 +301,7 @@ class Simulator(ABC):
         before = self.poses
         if self.observes_raw:
             self._raw = np.asarray(self.previous if raw is None else raw, dtype=np.float64)
-        sent = self._sent.send(self.previous)
-        self.poses, touching = self._move(sent)
-        self._velocity = self._moving(before, sent[-1][1])
+        touching = self._drive(before)
         self._odometry.follow(before, self.poses)
         self.steps += 1
         clearance = self.scenes.footprint_clearance(self.poses, self.robot.footprint, self.scene)
@@ -293,10 +311,11 @@ class Simulator(ABC):
         success = (distance < self.task.goal_radius) & ~collision
         terminated = success | collision
         view = self._view(slice(None))
-        readings = self.observer.quantities.read(view)
+        readings = self._read(view)
+        self._earlier = self._past
         self._observation = self.observer.quantities.observe(readings, self._past)
         nearest = self.observer.nearest(view, readings)
-        self._past = np.concatenate([readings[:, None], self._past[:, :-1]], axis=1)[:, : self._past.shape[1]]
+        self._past = _with(readings, self._past)
         return Step(
             observation=self._observation.copy(),
             reward=self.task.reward(self.previous, nearest, success, collision),
@@ -309,6 +328,31 @@ class Simulator(ABC):
             goal_distance=distance,
         )
 
+    def _drive(self, before: Floats) -> Booleans:
+        """Let all robots follow their commands until the next observation; return which bodies touch, (E,) bool."""
+        sent = self._sent.send(self.previous)
+        self.poses, touching = self._move(sent)
+        self._velocity = self._moving(before, sent[-1][1])
+        self.time = np.asarray((self.steps + 1) * self.robot.control_interval, dtype=np.float64)
+        return touching
+
+    def _read(self, view: View) -> Floats:
+        """Return what the sensors of some robots read, (W, m), with all errors."""
+        readings = self.observer.quantities.read(view)
+        return readings if self._flaws is None else self._flaws.readings(readings, self._chance)
+
+    def offer(self, count: int) -> Floats:
+        """Return observations (C, E, n) of the present, each with other errors, of which `take` takes one."""
+        self._offered = np.stack([self._read(self._view(slice(None))) for _ in range(count)])
+        return np.stack([self.observer.quantities.observe(seen, self._earlier) for seen in self._offered])
+
+    def take(self, which: Indices) -> Floats:
+        """Take one of the offered observations, (E,), as what the robots observe, and return it, (E, n)."""
+        readings = self._offered[which, np.arange(len(self))]
+        self._observation = self.observer.quantities.observe(readings, self._earlier)
+        self._past = _with(readings, self._earlier)
+        return self._observation.copy()
+
     def keep(self, which: Booleans) -> None:
         """Go on with some of the robots only, (E,) bool; the others leave the simulation."""
         names = (
@@ -318,6 +362,8 @@ class Simulator(ABC):
             "goals",
             "previous",
             "steps",
+            "time",
+            "_earlier",
             "_observation",
             "_past",
             "_velocity",
@@ -337,7 +383,7 @@ class Simulator(ABC):
             self.scene[index],
             self.goals[index],
             self.previous[index],
-            self._odometry.poses[index],
+            self._believed(index),
             self.steps[index],
             self.task.horizon,
             self._velocity[index],
@@ -345,9 +391,19 @@ class Simulator(ABC):
             eyes=lambda fan, view: self._see(fan, index, view),
         )
 
+    def _believed(self, index: Indices | slice) -> Floats:
+        """Return where some robots think they are, (W, 3)."""
+        poses = self._odometry.poses[index]
+        return poses if self._flaws is None else self._flaws.believed(poses, self._chance)
+
     def _see(self, fan: Fan, index: Indices | slice, view: View) -> Reals:
         """Return what the rays of some robots read, (W, R) m: of the last scan, with its errors."""
+        turn = None if self._flaws is None else self._flaws.turn(fan, len(view), self._chance)
+        if turn is not None:
+            view = replace(view, poses=view.poses + turn[:, None] * np.array([0.0, 0.0, 1.0]))
         ranges = self.observer.disturb(self._ranges(fan, index, view), fan, self._noise)
+        if self._flaws is not None:
+            ranges = self._flaws.rays(ranges, fan, self._chance)
         rate = self.conditions.lidar_rate
         if rate is None:
             return ranges
@@ -360,6 +416,11 @@ class Simulator(ABC):
         turns = rate * self.robot.control_interval * np.stack([self.steps[index] - 1, self.steps[index]])
         earlier, now = np.floor(turns + 1e-9)
         return np.asarray(now > earlier)
+
+
+def _with(readings: Floats, past: Floats) -> Floats:
+    """Return what was read in the steps before, (E, T, m), with readings (E, m) as the newest."""
+    return np.concatenate([readings[:, None], past[:, :-1]], axis=1)[:, : past.shape[1]]
 
 
 def _noise(seed: np.random.SeedSequence) -> np.random.Generator:

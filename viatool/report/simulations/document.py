@@ -79,7 +79,10 @@ class SimulationDocument(Cased, Annotated, Located, Tabled):
         from viatool.simulate.conditions import Conditions
 
         known = Conditions.__dataclass_fields__
-        return Conditions(**{n: v for n, v in self.record.conditions.items() if n in known}).words()
+        told = Conditions(**{n: v for n, v in self.record.conditions.items() if n in known}).words()
+        errors = self.record.errors
+        drawn = [] if errors is None else [f"errors of {errors.source}, chosen by {errors.chosen_by}"]
+        return [*told, *drawn]
 
     @property
     def subject(self) -> Sequence[str]:

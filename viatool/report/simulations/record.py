@@ -80,6 +80,14 @@ class EpisodeRecord(ReportPart):
     path_length_ratio: float
 
 
+class DrawnErrors(ReportPart):
+    """The error model within which errors were drawn: its file, its terms, and who drew them."""
+
+    source: str
+    chosen_by: str
+    terms: dict[str, str]
+
+
 class SimulationRecord(RunRecord):
     """The whole simulation."""
 
@@ -87,6 +95,7 @@ class SimulationRecord(RunRecord):
     lidar: str
     robot: RobotRecord
     conditions: dict[str, Any]
+    errors: DrawnErrors | None = None
     seed: int
     success: EpisodeCount
     collision: EpisodeCount

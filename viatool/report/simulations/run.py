@@ -59,6 +59,7 @@ def _content(simulation: Simulation) -> dict[str, Any]:
             "speeds": robot.speeds,
         },
         "conditions": asdict(simulation.conditions),
+        **({"errors": _errors(simulation)} if simulation.setting.uncertainty else {}),
         "seed": simulation.seed,
         "success": _share(found.success),
         "collision": _share(found.collision),
@@ -81,6 +82,16 @@ def _content(simulation: Simulation) -> dict[str, Any]:
         "seconds": round(simulation.seconds, 3),
         "versions": installed_versions(),
         "premises": [premise.to_json() for premise in simulation.premises],
+    }
+
+
+def _errors(simulation: Simulation) -> dict[str, Any]:
+    """Return the error model, and who chose the errors within it."""
+    model = simulation.setting.uncertainty
+    return {
+        "source": model.source,
+        "chosen_by": "an adversary" if simulation.adversary else "chance",
+        "terms": dict(model.premises()),
     }
 
 
