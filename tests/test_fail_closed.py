@@ -75,7 +75,7 @@ def question(**changes):
 
 def case(poses=FREE, previous=SLOW, **changes):
     asked = rules(**changes)
-    return JudgedStates(asked, ScenePoses.of(ROOM, [None], poses, ROWS), asked.dead_time.queue(previous))
+    return JudgedStates(asked, ScenePoses.of(ROOM, [None], poses, ROWS), asked.queue(previous))
 
 
 def cells(poses=FREE, radii=SMALL, before_lower=0.0 * SLOW, before_upper=SLOW):

@@ -59,7 +59,7 @@ def machine(generator, kinematics, terms, rim=0.0):
         delay=tuple(steps(0, 60)) if has("delay") else (0.0, 0.0),
         age=float(H * generator.integers(0, 25)) if has("age") else 0.0,
     )
-    return Machine(move, actuation, timing, 1.0 if has("brake") else None, rim)
+    return Machine(move, limits(kinematics), actuation, timing, 1.0 if has("brake") else None, rim)
 
 
 @dataclass

@@ -22,7 +22,7 @@ def drive(seed, kinematics, terms, rim=0.0):
         error = generator.uniform(0.0, 0.05, (RUNS, 3))
         off = error * generator.uniform(-1.0, 1.0, (RUNS, 3))
         known = runs.had + off - error - 1e-12, runs.had + off + error + 1e-12
-    return runs, ActuatedMotion(asked, ends, (runs.before, runs.before), known)
+    return runs, ActuatedMotion(asked, (runs.before, runs.before), known)
 
 
 def outside(runs, course):

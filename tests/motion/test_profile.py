@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.motion.varying import integrate, signs
-from viatool.motion.profile import VelocityProfile, sagitta_of, swath
+from viatool.motion.profile import VelocityProfile
 
 FINE, RUNS = 24, 200
 KINDS = ("differential", "sliding", "turning", "forth and back")
@@ -47,10 +47,8 @@ def excess(kind, seeds):
         whole = profile.edges[:, -1]
         start, end = np.sort(generator.uniform(0.0, 1.0, (2, len(profile))) * whole, axis=0)
         start, end = np.where(generator.random(len(whole)) < 0.3, 0.0, start), np.minimum(end, whole)
-        spread = profile.spread(end)
-        (first, _), (last, _) = profile.place(start), profile.place(end)
-        sagitta = sagitta_of(profile.extent(start, end)[0], np.abs(last - first))
-        tail, head, away = swath(first, last, spread)
+        spread = profile.spread(start, end)
+        tail, head, beyond = spread.swath(profile.place(start)[0], profile.place(end)[0])
         at = 0.5 * (start + end)
         middle, faced = profile.place(at)
         moved, turned = np.maximum(profile.extent(start, at), profile.extent(at, end))
@@ -60,7 +58,7 @@ def excess(kind, seeds):
             if not some.any():
                 continue
             beside = distance(places[:, some], tail[cell], head[cell]).max()
-            worst[0] = max(worst[0], beside - (sagitta + away + spread.aside)[cell])
+            worst[0] = max(worst[0], beside - (beyond + spread.aside)[cell])
             apart = np.abs(headings[:, some] - faced[cell]).max()
             worst[1] = max(worst[1], apart - (spread.apart + turned)[cell])
             rest = np.abs(places[:, some] - middle[cell]).max()

@@ -37,7 +37,7 @@ def placed_runs(seed, kinematics, terms, footprint):
         off = error * generator.uniform(-0.99, 0.99, (RUNS, 3))
         known = runs.had + off - error, runs.had + off + error
     before = np.maximum(runs.before - around, ends[0]), np.minimum(runs.before + around, ends[1])
-    course = ActuatedMotion(asked, ends, before, known)
+    course = ActuatedMotion(asked, before, known)
     placed = ScenePoses.of(world, [None], centre, np.zeros(RUNS, dtype=np.int64))
     size = generator.uniform(0.0, 0.3, runs.new.shape) * generator.choice([0.0, 1.0], (RUNS, 1))
     share = generator.uniform(0.0, 1.0, runs.new.shape)

@@ -17,6 +17,7 @@ from viatool.errors import PolicyError
 from viatool.loop.observation import Sensors
 from viatool.loop.retreat import keep_away
 from viatool.loop.waiting import after_waiting
+from viatool.motion.actuated import ActuatedMotion, Machine
 from viatool.motion.manoeuvre import Manoeuvre
 from viatool.policy import Policy
 from viatool.policy.network import Network
@@ -184,6 +185,8 @@ class ClosedLoop:
         """
         cells.checked()
         require_ordered("commands", lower, upper)
+        if self.rules.machine is not None:
+            return self._holds_for(self.rules.machine, cells, lower, upper)
         rules, boxes, count = self.rules, cells.poses, len(cells)
         kept = np.ones(count, dtype=bool)
         for index, manoeuvre in enumerate(rules.waiting, start=1):
@@ -199,6 +202,30 @@ class ClosedLoop:
     def all_hold(self, cells: StateBoxes, pieces: CommandPieces) -> Booleans:
         """Tell in which cells every piece of the commands keeps every free pose clear, (C,). **Sound:** yes."""
         return pieces.everywhere(self.holds(cells.select(pieces.state), pieces.lower, pieces.upper))
+
+    def _holds_for(self, machine: Machine, cells: StateBoxes, lower: Floats, upper: Floats) -> Booleans:
+        """Tell in which cells a robot with motors and timing of its own keeps every pose clear, (C,). **Sound:** yes.
+
+        Of its velocity is known what the command before tells, and what the robot can have. Cells of which a part is
+        not free are not settled.
+        """
+        rules, count = self.rules, len(cells)
+        before = np.full((2, count, rules.commands_before, len(rules.lower)), np.nan)
+        if rules.commands_before:
+            before[0, :, -1], before[1, :, -1] = cells.previous_lower, cells.previous_upper
+        kept = np.zeros(count, dtype=bool)
+        for some in self._chunks(count, 16 * _CHUNK):
+            check_time()
+            kept[some] = prove_clearance(
+                self.at(cells.poses.select(some)),
+                lower[some],
+                upper[some],
+                rules.clearance.collision,
+                ActuatedMotion(machine, (before[0, some], before[1, some])),
+                rules.footprint,
+                _EFFORT,
+            ).proved
+        return kept
 
     def _any_commands(self, count: int) -> tuple[Floats, Floats]:
         """Return the ends (C, A) of all commands that the robot carries out."""
@@ -341,15 +368,21 @@ def require_known_over_poses(setting: Setting) -> Quantities:
     """
     spec = setting.spec
     observed = Quantities.of(spec.observation, setting.robot, spec.frames).require("measure", "enclose")
-    _check_velocities(observed, setting.rules.delay)
+    _check_velocities(observed, setting.rules)
     return observed
 
 
-def _check_velocities(observed: Quantities, delay: float) -> None:
-    """Refuse a measured velocity where commands act late: it is not that of the command before."""
+def _check_velocities(observed: Quantities, rules: Rules) -> None:
+    """Refuse a measured velocity where motors take time or commands act late: it is not that of the command before."""
     late = [quantity.channel for quantity in observed if isinstance(quantity, MeasuredVelocity)]
-    if delay > 0.0 and late:
+    if not late or (rules.delay == 0.0 and rules.machine is None):
+        return
+    if rules.machine is None:
         raise PolicyError(
-            f"{late[0]} is not known over a set of poses when commands act {delay:g} s late",
+            f"{late[0]} is not known over a set of poses when commands act {rules.delay:g} s late",
             "leave out --delay, or verify recorded states alone",
         )
+    raise PolicyError(
+        f"{late[0]} is not known over a set of poses when motors and timing are those of an error model",
+        "leave out the sections actuation and timing, or verify recorded states alone",
+    )

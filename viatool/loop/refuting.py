@@ -81,7 +81,7 @@ def refute(loop: ClosedLoop, cells: StateBoxes, commands: CommandBounds, *, seed
     radii = np.maximum(setting.radii - AS_RECEIVED * (1.0 + np.abs(readings).max(axis=0)), 0.0)
     box = Box(*loop.sensors.quantities.inputs.around(readings, radii, within=True))
     placed = replace(loop.geometry, poses=poses, scene=np.zeros(len(row), np.int64), radii=None)
-    judged = JudgedStates(rules, placed, rules.dead_time.queue(previous[row]))
+    judged = JudgedStates(rules, placed, rules.queue(previous[row]))
     check_time()
     found = search_witnesses(
         loop.driven, judged, np.arange(len(row)), observations, box,
@@ -107,7 +107,7 @@ def _worst_poses(loop: ClosedLoop, boxes: PoseBoxes, place: Floats, previous: Fl
     before = np.repeat(previous, len(_TURNS), axis=0)
     actions = rules.clip(loop.driven(observe(loop, flat, before)))
     placed = replace(loop.geometry, poses=flat, scene=np.zeros(len(flat), np.int64), radii=None)
-    judged = JudgedStates(rules, placed, rules.dead_time.queue(before))
+    judged = JudgedStates(rules, placed, rules.queue(before))
     left = judged.clearance(judged.paths(actions[:, None], _FRACTIONS)).reshape(count, len(_TURNS), -1)
     free = _clearance(loop, poses) > rules.clearance.collision + _FREE  # corners may be nearer when turned
     least = np.where(free, left.min(axis=2), np.inf)

@@ -27,7 +27,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 
@@ -42,9 +41,11 @@ _STAGES = 4
 """In which the velocity settles within a phase as long as an interval."""
 _STOPPING = 6
 """In which it falls to 0."""
+_MOST_HISTORY = 30
+"""Commands that tell of the velocity at most; a robot that is slower to forget is one of which less is known."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Machine:
     """A robot with motors and timing of its own.
 
@@ -52,6 +53,8 @@ class Machine:
     ----------
     kinematics : HeldTwist
         What a command is.
+    limits : tuple of ndarray
+        (A,) least and largest command that it carries out.
     actuation : Actuation
         How its motors follow.
     timing : Timing
@@ -63,6 +66,7 @@ class Machine:
     """
 
     kinematics: HeldTwist
+    limits: tuple[Floats, Floats]
     actuation: Actuation
     timing: Timing
     deceleration: float | None = None
@@ -70,8 +74,33 @@ class Machine:
 
     @property
     def history(self) -> int:
-        """Return how many of the commands before are of use where the velocity is not known."""
-        return self.timing.commands + (not self.actuation.at_once)
+        """Return how many of the commands before count: those that may still act, and those that the velocity tells of.
+
+        With so many the velocity has settled, whatever it was before them.
+        """
+        if self.actuation.at_once:
+            return self.timing.commands
+        whole = self.reachable
+        needed = float(self.actuation.settling(whole, whole)) / self.timing.interval[0]
+        return self.timing.commands + min(max(1, math.ceil(needed)), _MOST_HISTORY)
+
+    @cached_property
+    def reachable(self) -> tuple[Floats, Floats]:
+        """Return the ends (3,) of the velocities that the robot can have."""
+        return self.actuation.targets(*self.velocities(*self.limits))
+
+    def velocities(self, lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
+        """Return the ends (..., 3) of the velocities that commands between ends (..., A) ask for."""
+        parts = self.kinematics.parts
+        return np.stack(parts(lower), axis=-1), np.stack(parts(upper), axis=-1)
+
+    def stopping(self, velocity: Floats) -> Floats:
+        """Return how long the robot takes at most to stop from velocities (..., 3), without a lag: more from more."""
+        assert self.deceleration is not None
+        motors = self.actuation.of("deceleration")[:, 0]
+        brake = min(self.deceleration, motors[0], motors[1] if self.kinematics.slides else math.inf)
+        speed, turn = np.hypot(velocity[..., 0], velocity[..., 1]), np.abs(velocity[..., 2])
+        return np.asarray(np.maximum((speed + self.rim * turn) / brake, turn / motors[2]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,8 +111,6 @@ class ActuatedMotion(VaryingMotion):
     ----------
     machine : Machine
         What they have in common.
-    limits : tuple of ndarray
-        (A,) least and largest command that they carry out.
     before : tuple of ndarray
         (B, H, A) ends of the commands before, the oldest first; NaN where one is not known, and may be any. At least as
         many as may still act.
@@ -93,7 +120,6 @@ class ActuatedMotion(VaryingMotion):
     """
 
     machine: Machine
-    limits: tuple[Floats, Floats]
     before: tuple[Floats, Floats]
     velocity: tuple[Floats, Floats] | None = None
 
@@ -113,7 +139,7 @@ class ActuatedMotion(VaryingMotion):
         last = np.full(len(self), self.machine.timing.last)
         if self.machine.deceleration is None:
             return last
-        lower, upper = (np.broadcast_to(end, (len(self), len(end))) for end in self.limits)
+        lower, upper = (np.broadcast_to(end, (len(self), len(end))) for end in self.machine.limits)
         box = self._held(np.arange(len(self)), lower, upper)[1]
         return last + self._stopping(box) + 3.0 * self._brake_lag
 
@@ -126,32 +152,29 @@ class ActuatedMotion(VaryingMotion):
         """See `VaryingMotion.profile`, and the module for why."""
         stages, box = self._held(state, lower, upper)
         if self.machine.deceleration is not None:
-            stages = [*stages, *self._stop(box, self.end[state] - self.machine.timing.last)]
-        ends = [np.zeros(len(state)), *(stage.end for stage in stages)]
-        boxes = [self._slipping(stage) for stage in stages]
-        return VelocityProfile(
-            np.stack(ends, axis=1),
-            np.stack([low for low, _ in boxes], axis=1),
-            np.stack([high for _, high in boxes], axis=1),
+            stages.append(self._stop(box, self.end[state] - self.machine.timing.last))
+        ends, lows, highs = (
+            np.concatenate([getattr(part, name) for part in stages]) for name in ("end", "lower", "upper")
         )
-
-    def velocities(self, lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
-        """Return the ends (..., 3) of the velocities that commands between ends (..., A) ask for."""
-        parts = self.machine.kinematics.parts
-        return np.stack(parts(lower), axis=-1), np.stack(parts(upper), axis=-1)
+        edges = np.concatenate([np.zeros((1, len(state))), ends]).T
+        largest = np.maximum(np.abs(lows), np.abs(highs))
+        slip = self.machine.actuation.slip * SLIGHTLY_MORE * np.hypot(largest[..., 0], largest[..., 1])
+        lows[..., 1] -= slip
+        highs[..., 1] += slip
+        return VelocityProfile(edges, lows.swapaxes(0, 1), highs.swapaxes(0, 1))
 
     def _held(
         self, state: Indices, lower: Floats, upper: Floats
-    ) -> tuple[list[_Stage], tuple[Floats, Floats]]:
+    ) -> tuple[list[_Stages], tuple[Floats, Floats]]:
         """Follow some robots (C,) until the next command would act: stages, and the box of velocities then."""
         known, box = self._waiting
-        stages = [_Stage(stage.end[state], stage.lower[state], stage.upper[state]) for stage in known]
+        stages = [_Stages(part.end[:, state], part.lower[:, state], part.upper[:, state]) for part in known]
         box = box[0][state], box[1][state]
         older = self._older[0][state], self._older[1][state]
         for phase in self.phases:
             if phase.end > 0.0 and 0 in phase.commands:
                 added, box = self._follow(phase, box, self._targets(phase, older, (lower, upper)))
-                stages += added
+                stages.append(added)
         return stages, box
 
     @cached_property
@@ -159,27 +182,52 @@ class ActuatedMotion(VaryingMotion):
         """The commands before, any where one is not known; (B, H, A) each."""
         lower, upper = self.before
         known = np.isfinite(lower) & np.isfinite(upper)
-        return np.where(known, lower, self.limits[0]), np.where(known, upper, self.limits[1])
+        least, most = self.machine.limits
+        return np.where(known, lower, least), np.where(known, upper, most)
 
     @cached_property
-    def _waiting(self) -> tuple[list[_Stage], tuple[Floats, Floats]]:
+    def _waiting(self) -> tuple[list[_Stages], tuple[Floats, Floats]]:
         """What happens to all B robots before the new command may act: stages, and the box of velocities then."""
-        count = len(self)
-        any_ = self.machine.actuation.targets(*self.velocities(*self.limits))
-        box = np.broadcast_to(any_[0], (count, 3)), np.broadcast_to(any_[1], (count, 3))
-        stages: list[_Stage] = []
-        before = [phase for phase in self.phases if phase.end <= 0.0]
-        for phase in before:
-            _, box = self._follow(phase, box, self._targets(phase, self._older, None))
-        if self.velocity is not None:
-            lower, upper = self.velocity
-            known = np.isfinite(lower) & np.isfinite(upper)
-            box = np.where(known, lower, box[0]), np.where(known, upper, box[1])
-        for phase in self.phases[len(before) :]:
-            if 0 not in phase.commands:
+        stages, box = [], self.observed
+        for phase in self.phases:
+            if phase.end > 0.0 and 0 not in phase.commands:
                 added, box = self._follow(phase, box, self._targets(phase, self._older, None))
-                stages += added
+                stages.append(added)
         return stages, box
+
+    @cached_property
+    def longest(self) -> Floats:
+        """A bound of the length of all paths, whatever the command, (B,) metres; cheaper than that of profiles.
+
+        The share that is left falls linearly for S, or with a lag tau; its integral is at most ``S / 2 + tau``.
+        """
+        machine, ends = self.machine, [*self.machine.reachable]
+        if self.velocity is not None:
+            ends += list(self.velocity)
+        largest = np.zeros((len(self), 3))
+        for end in ends:
+            largest = np.fmax(
+                largest, np.abs(end)
+            )  # NaN where a velocity is not known, and is one of the others
+        seconds = np.full(len(self), machine.timing.last)
+        if machine.deceleration is not None:
+            seconds = seconds + 0.5 * machine.stopping(largest) + self._brake_lag
+        speed = np.hypot(largest[:, 0], largest[:, 1]) * (1.0 + machine.actuation.slip)
+        return np.asarray(speed * seconds * SLIGHTLY_MORE)
+
+    @cached_property
+    def observed(self) -> tuple[Floats, Floats]:
+        """The velocities that the robots may have at the observation, (B, 3) each."""
+        least, most = self.machine.reachable
+        box = np.broadcast_to(least, (len(self), 3)), np.broadcast_to(most, (len(self), 3))
+        for phase in self.phases:
+            if phase.end <= 0.0:
+                _, box = self._follow(phase, box, self._targets(phase, self._older, None))
+        if self.velocity is None:
+            return box
+        lower, upper = self.velocity
+        known = np.isfinite(lower) & np.isfinite(upper)
+        return np.where(known, lower, box[0]), np.where(known, upper, box[1])
 
     def _targets(
         self, phase: Phase, older: tuple[Floats, Floats], new: tuple[Floats, Floats] | None
@@ -190,11 +238,11 @@ class ActuatedMotion(VaryingMotion):
         if 0 in phase.commands and new is not None:
             lower, upper = [*lower, new[0]], [*upper, new[1]]
         least, most = np.stack(lower).min(axis=0), np.stack(upper).max(axis=0)
-        return self.machine.actuation.targets(*self.velocities(least, most))
+        return self.machine.actuation.targets(*self.machine.velocities(least, most))
 
     def _follow(
         self, phase: Phase, box: tuple[Floats, Floats], target: tuple[Floats, Floats]
-    ) -> tuple[list[_Stage], tuple[Floats, Floats]]:
+    ) -> tuple[_Stages, tuple[Floats, Floats]]:
         """Draw velocities (C, 3) towards targets for a phase: its stages, and the box at its end."""
         machine, length = self.machine, phase.end - phase.start
         motors = machine.actuation
@@ -205,19 +253,18 @@ class ActuatedMotion(VaryingMotion):
                 np.where(once, target[1], np.maximum(target[1], box[1])),
             )
         settled = np.minimum(motors.settling(box, target), length)
-        pieces = 0 if motors.at_once else math.ceil(_STAGES * length / machine.timing.interval[1])
-        after = [settled * (piece / pieces) for piece in range(pieces)] + [settled] * (pieces > 0)
-        after = [*(after or [np.zeros(len(settled))]), np.full(len(settled), length)]
-        lows = [motors.lowest(box[0], target[0], seconds[:, None]) for seconds in after]
-        highs = [motors.highest(box[1], target[1], seconds[:, None]) for seconds in after]
-        stages = []
-        for index, seconds in enumerate(after[1:], start=1):
-            low = np.minimum(lows[index - 1], lows[index])
-            high = np.maximum(highs[index - 1], highs[index])
-            if phase.stopping:
-                low, high = np.minimum(low, 0.0), np.maximum(high, 0.0)
-            stages.append(_Stage(phase.start + seconds, low, high))
-        return stages, (lows[-1], highs[-1])
+        pieces = math.ceil(_STAGES * length / machine.timing.interval[1])
+        if motors.at_once or phase.end <= 0.0:  # of the past the end alone is of interest
+            pieces = 0
+        shares = np.arange(pieces + 1)[:, None] / max(pieces, 1)
+        after = np.concatenate([shares * settled, np.full((1, len(settled)), length)])  # (S + 1, C)
+        lows = motors.lowest(box[0], target[0], after[..., None])
+        highs = motors.highest(box[1], target[1], after[..., None])
+        last = lows[-1], highs[-1]
+        low, high = np.minimum(lows[:-1], lows[1:]), np.maximum(highs[:-1], highs[1:])
+        if phase.stopping:
+            low, high = np.minimum(low, 0.0), np.maximum(high, 0.0)
+        return _Stages(phase.start + after[1:], low, high), last
 
     @property
     def _brake_lag(self) -> float:
@@ -226,44 +273,25 @@ class ActuatedMotion(VaryingMotion):
 
     def _stopping(self, box: tuple[Floats, Floats]) -> Floats:
         """Return how long robots take at most to stop from boxes of velocities, (C,) seconds, without a lag."""
-        machine = self.machine
-        assert machine.deceleration is not None
-        motors = machine.actuation.of("deceleration")[:, 0]
-        brake = min(machine.deceleration, motors[0], motors[1] if machine.kinematics.slides else math.inf)
-        largest = np.maximum(np.abs(box[0]), np.abs(box[1]))
-        turn = largest[:, 2]
-        stop = (np.hypot(largest[:, 0], largest[:, 1]) + machine.rim * turn) / brake
-        return np.asarray(np.maximum(stop, turn / motors[2]) * SLIGHTLY_MORE)
+        return self.machine.stopping(np.maximum(np.abs(box[0]), np.abs(box[1]))) * SLIGHTLY_MORE
 
-    def _stop(self, box: tuple[Floats, Floats], longest: Floats) -> list[_Stage]:
+    def _stop(self, box: tuple[Floats, Floats], longest: Floats) -> _Stages:
         """Stop from boxes of velocities, (C, 3), within the longest time of the states, (C,)."""
-        begin, lag = self.machine.timing.last, np.asarray(self._brake_lag)
+        lag = np.asarray(self._brake_lag)
         low, high = np.minimum(box[0], 0.0), np.maximum(box[1], 0.0)
         stop = self._stopping(box)
-        with np.errstate(divide="ignore"):
-            rate = 1.0 / stop
-        own = stop + 2.0 * lag
-        after = [own * (piece / _STOPPING) for piece in range(_STOPPING + 1)]
+        after = (stop + 2.0 * lag) * (np.arange(_STOPPING + 1)[:, None] / _STOPPING)
         if lag > 0.0:
-            after += [longest - lag, longest]
-        stages = []
-        for seconds, following in pairwise(after):
-            share = (remaining(np.ones(len(stop)), seconds, rate, lag) * SLIGHTLY_MORE)[:, None]
-            share = np.minimum(share, 1.0)
-            stages.append(_Stage(begin + following, low * share, high * share))
-        return stages
-
-    def _slipping(self, stage: _Stage) -> tuple[Floats, Floats]:
-        """Return the velocities of a stage with what nobody commands."""
-        largest = np.maximum(np.abs(stage.lower), np.abs(stage.upper))
-        slip = self.machine.actuation.slip * np.hypot(largest[:, 0], largest[:, 1]) * SLIGHTLY_MORE
-        aside = np.where(np.array([False, True, False]), slip[:, None], 0.0)
-        return stage.lower - aside, stage.upper + aside
+            after = np.concatenate([after, [longest - lag, longest]])
+        with np.errstate(divide="ignore"):
+            share = remaining(np.ones_like(after), after, 1.0 / stop, lag)[:-1] * SLIGHTLY_MORE
+        share = np.minimum(share, 1.0)[..., None]
+        return _Stages(self.machine.timing.last + after[1:], low * share, high * share)
 
 
 @dataclass(frozen=True, eq=False)
-class _Stage:
-    """One stage of C profiles: its end in seconds, (C,), and its velocities, (C, 3)."""
+class _Stages:
+    """S stages of C profiles: their ends in seconds, (S, C), and velocities, (S, C, 3)."""
 
     end: Floats
     lower: Floats

@@ -30,6 +30,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 
@@ -139,12 +140,16 @@ class Actuation:
     @property
     def is_ideal(self) -> bool:
         """Tell whether nothing differs from a robot that has the velocity it is told to have."""
-        return self == Actuation()
+        return self == IDEAL_MOTORS
 
     def of(self, name: str) -> Floats:
         """Return a number (3,) or a pair of bounds (3, 2) of the three responses."""
-        assert name in {field.name for field in fields(Response)}
-        return np.array([getattr(response, name) for response in self.responses])
+        return self._stacked[name]
+
+    @cached_property
+    def _stacked(self) -> dict[str, Floats]:
+        names = [field.name for field in fields(Response)]
+        return {name: np.array([getattr(one, name) for one in self.responses]) for name in names}
 
     def targets(self, lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
         """Return what velocities (..., 3) that are commanded between two ends are drawn to; rounded outward."""
@@ -176,6 +181,9 @@ class Actuation:
         farthest = np.maximum(np.abs(target[1] - begin[0]), np.abs(begin[1] - target[0]))
         rate = np.minimum(self.of("acceleration")[:, 0], self.of("deceleration")[:, 0])
         return np.asarray((farthest / rate + 3.0 * self.of("lag")[:, 1]).max(axis=-1))
+
+
+IDEAL_MOTORS = Actuation()
 
 
 def remaining(distance: Floats, seconds: Floats, rate: Floats, lag: Floats) -> Floats:

@@ -4,10 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from viatool.arrays import Floats
-
 _SAME = 1e-9  # relative to the interval: a dead time of whole intervals, up to rounding
 
 
@@ -47,7 +43,3 @@ class DeadTime:
     def commands(self) -> int:
         """Return W, how many commands are on their way."""
         return len(self.durations)
-
-    def queue(self, given: Floats) -> Floats:
-        """Return what is on its way when one command was given again and again: (B, 2) as (B, W, 2)."""
-        return np.repeat(given[:, None], self.commands, axis=1)

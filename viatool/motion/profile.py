@@ -22,8 +22,10 @@ one arc after another. Of another path with u and w, ``|w - w_c| <= r_w``, whate
    So the places of all paths until t lie within the centre path's, a segment of half-length *along* in the direction
    m, and a disc of radius *aside*. A robot that is faster or slower than the centre is ahead of it or behind it, not
    beside it: it is this which keeps corridors passable.
-3. *Chords.* Between two instants the centre path has a length L and ends that are d apart. Any point of such a curve
-   has distances from both ends that add up to at most L, so it lies within ``sqrt(L^2 - d^2) / 2`` of the chord.
+3. *Chords.* A curve of length L whose ends are d apart lies within ``sqrt(L^2 - d^2) / 2`` of its chord, as the
+   distances of any of its points from both ends add up to at most L. Both ends of the segment move on such curves, with
+   the velocities ``u_c e(theta_c) -+ r_a e(m)``, of sizes up to ``|u_c -+ r_a| + r_a |theta_c - m|``. So a robot that
+   drives forward is not taken to fall back behind where it was.
 
 All integrals are sums over stages of closed forms, as boxes are constant in each.
 """
@@ -110,67 +112,92 @@ class VelocityProfile:
         between = self.held(end) - self.held(start)
         return (np.abs(velocity) * between).sum(axis=1), (np.abs(turn) * between).sum(axis=1)
 
-    def spread(self, until: Floats) -> PathSpread:
-        """Bound how far other paths are from the centre path at all instants until some, (C,); see the module."""
-        held, (_, turn) = self.held(until), self.centre
+    def spread(self, start: Floats, end: Floats) -> PathSpread:
+        """Bound how far other paths are from the centre path between two instants, (C,); see the module."""
+        velocity, turn = self.centre
         radius = 0.5 * (self.upper - self.lower)
-        own = radius[..., 2] * held
-        apart = np.cumsum(own, axis=1)
-        swung = np.minimum(
-            (apart - 0.5 * own) * held, _FARTHEST_APART * held
-        )  # of the heading, over the stage
-        aside = (self.fastest * swung).sum(axis=1)
-        ahead, left = radius[..., 0] * held, radius[..., 1] * held
+        before, until = self.held(start), self.held(end)
+        apart, swung = _headings(radius[..., 2], until)
+        ahead, left = radius[..., 0] * until, radius[..., 1] * until
         slides = left.sum(axis=1) > ahead.sum(axis=1)
-        major = np.where(slides[:, None], left, ahead)
-        along = major.sum(axis=1)
-        turned = turn * held
+        major = np.where(slides[:, None], radius[..., 1], radius[..., 0])
+        along = (major * until).sum(axis=1)
+        turned = turn * until
         middle = np.cumsum(turned, axis=1) - 0.5 * turned  # the heading in the middle of each stage
-        mean = (major * middle).sum(axis=1) / np.where(along > 0.0, along, 1.0)
+        mean = (major * until * middle).sum(axis=1) / np.where(along > 0.0, along, 1.0)
         across = major * (np.abs(middle - mean[:, None]) + 0.25 * np.abs(turned))
-        aside = aside + np.where(slides, ahead.sum(axis=1), left.sum(axis=1)) + across.sum(axis=1)
-        return PathSpread(mean + 0.5 * np.pi * slides, along, aside, apart[:, -1])
+        aside = (self.fastest * swung + across * until).sum(axis=1)
+        aside = aside + np.where(slides, ahead.sum(axis=1), left.sum(axis=1))
+        forward = np.where(slides[:, None], -1j * velocity, velocity)
+        slow, fast = (
+            ((np.abs(forward + side * major) + across) * (until - before)).sum(axis=1) for side in (-1.0, 1.0)
+        )
+        first = (major * before).sum(axis=1)
+        return PathSpread(mean + 0.5 * np.pi * slides, first, along, slow, fast, aside, apart)
 
 
 @dataclass(frozen=True, eq=False)
 class PathSpread:
-    """How far all paths of C cells are from the centre path, at equal instants.
+    """How far all paths of C cells are from the centre path, at equal instants between two.
 
     Parameters
     ----------
     direction : ndarray
         (C,) radians, in the frame in which paths begin: where `along` points.
-    along, aside : ndarray
-        (C,) metres by which they are ahead or behind at most, and beyond that in any direction.
+    first, along : ndarray
+        (C,) metres by which they are ahead or behind at most, at the first and at the last instant.
+    slow, fast : ndarray
+        (C,) metres that the places on either end of these segments move by at most in between.
+    aside : ndarray
+        (C,) metres by which they are beyond that in any direction.
     apart : ndarray
         (C,) radians by which their headings differ at most.
     """
 
     direction: Floats
+    first: Floats
     along: Floats
+    slow: Floats
+    fast: Floats
     aside: Floats
     apart: Floats
+
+    def swath(self, start: Plane, end: Plane) -> tuple[Plane, Plane, Floats]:
+        """Return segments which, widened by a radius (C,), hold the places that are ahead or behind centres (C,).
+
+        At each instant these lie on a segment. Its ends move from where they are at the first instant to where they are
+        at the last one, so they leave the chords in between by a sagitta at most; and both chords lie within the
+        segment from the rearmost to the foremost of their four ends, and as far from it as these are.
+        """
+        unit = np.exp(1j * self.direction)
+        rear = np.stack([start - self.first * unit, end - self.along * unit])
+        front = np.stack([start + self.first * unit, end + self.along * unit])
+        bent = np.maximum(
+            sagitta_of(self.slow, np.abs(rear[1] - rear[0])),
+            sagitta_of(self.fast, np.abs(front[1] - front[0])),
+        )
+        every = np.concatenate([rear, front])
+        progress = (every * unit.conj()).real
+        index = np.arange(every.shape[1])
+        tail, head = every[progress.argmin(axis=0), index], every[progress.argmax(axis=0), index]
+        chord = head - tail
+        length = np.abs(chord)
+        share = ((every - tail) * chord.conj()).real / np.where(length > 0.0, np.square(length), 1.0)
+        away = np.abs(every - tail - np.clip(share, 0.0, 1.0) * chord).max(axis=0)
+        return tail, head, bent + away
+
+
+def _headings(radius: Floats, held: Floats) -> tuple[Floats, Floats]:
+    """Return by how much headings differ at the end, (C,) radians, and what that adds for each m/s, (C, K) seconds."""
+    own = radius * held
+    apart = np.cumsum(own, axis=1)
+    return apart[:, -1], np.minimum((apart - 0.5 * own) * held, _FARTHEST_APART * held)
 
 
 def sagitta_of(length: Floats, chord: Floats) -> Floats:
     """Bound how far curves of some length leave the chord between their ends, (C,) metres."""
     spare = _CHORD_ROUNDING * np.square(length)
     return np.asarray(0.5 * np.sqrt(np.maximum(np.square(length) - np.square(chord), 0.0) + spare))
-
-
-def swath(first: Plane, last: Plane, spread: PathSpread) -> tuple[Plane, Plane, Floats]:
-    """Return segments which, widened by a radius (C,), hold chords that are moved to and fro by `along`.
-
-    The four ends of the moved chord are the corners of a parallelogram of which the segment is a diagonal. With the
-    chord's part d along the direction and h across, the other two corners are ``2 along h / (d + 2 along)`` away.
-    """
-    unit = np.exp(1j * spread.direction)
-    chord = (last - first) * unit.conj()
-    shift = np.where(chord.real >= 0.0, 1.0, -1.0) * spread.along * unit
-    both = 2.0 * spread.along
-    reach = np.abs(chord.real) + both
-    away = both * np.abs(chord.imag) / np.where(reach > 0.0, reach, 1.0)
-    return first - shift, last + shift, away
 
 
 class VaryingMotion(ABC):

@@ -85,6 +85,13 @@ class Timing:
             )
 
     @property
+    def words(self) -> str:
+        """Return it in words."""
+        least, most = self.delay
+        old = f" on observations up to {self.age:g} s old" if self.age else ""
+        return f"{least:g} to {most:g} s{old}, commands {self.interval[0]:g} to {self.interval[1]:g} s apart"
+
+    @property
     def latest(self) -> float:
         """Return D, after how many seconds a command acts at the latest."""
         return self.delay[1] + self.age

@@ -219,6 +219,11 @@ def check_lookahead(lookahead: Lookahead, rules: Rules, lattice: Lattice) -> Mes
     ConfigurationError
         If there are too many cells, or the robot acts with a delay.
     """
+    if rules.varies:
+        raise ConfigurationError(
+            "with motors and timing of an error model it is not known for how long cells stay certified",
+            "leave out the sections actuation and timing, or --steps and --forever",
+        )
     if rules.delay:
         raise ConfigurationError(
             "with a delay it is not known for how long cells stay certified",

@@ -52,29 +52,31 @@ def draw_replay(world_map: WorldMap, file: WitnessFile, found: Replay) -> Figure
     grid = figure.add_gridspec(rows, columns)
     judged = file.judged(world_map)
     paths = judged.paths(found.actions[:, None], np.linspace(0.0, 1.0, 17))[:, 0]
+    tracks = paths.reshape(len(paths), -1, 17, 3) if judged.motion is not None else paths[:, None]
     for place, row in enumerate(chosen.tolist()):
         axes = figure.add_subplot(grid[divmod(place, columns)])
-        _draw_one(axes, _blocked(world_map, file, found.poses[row], row), paths[row], file, found, row)
+        _draw_one(axes, _blocked(world_map, file, found.poses[row], row), tracks[row], file, found, row)
     figure.legend(handles=_legend(), loc="outside lower center", ncols=2, fontsize=9, frameon=False)
     return figure
 
 
 def _draw_one(
-    axes: Axes, blocked: BaseGeometry, path: Floats, file: WitnessFile, found: Replay, row: int
+    axes: Axes, blocked: BaseGeometry, tracks: Floats, file: WitnessFile, found: Replay, row: int
 ) -> None:
-    """Draw one path, and what has to be free where it comes nearest."""
+    """Draw the paths (R, T, 3) of one, and what has to be free where it comes nearest."""
     collision, pose = file.rules.clearance.collision, found.poses[row]
     verdict = "unsafe" if found.violates[row] else "safe"
     needed = _outline(file, pose).buffer(collision / np.cos(np.pi / (4 * _ARC)), quad_segs=_ARC)
     draw_region(axes, blocked, facecolor=WALL, edgecolor=INK, alpha=1.0, zorder=1)
     draw_region(axes, needed, facecolor=COLOUR[verdict], edgecolor=COLOUR[verdict], alpha=0.3, zorder=2)
     draw_region(axes, needed.intersection(blocked), facecolor=INK, alpha=0.6, zorder=3)
-    axes.plot(*path[:, :2].T, color=INK, lw=1.2, zorder=4)
+    for track in tracks:
+        axes.plot(*track[:, :2].T, color=INK, lw=1.2, zorder=4)
     x, y, heading = file.poses[row]
     marker = (3, 0, float(np.degrees(heading)) - 90.0)
     axes.plot(x, y, marker=marker, ms=8, mfc="white", mec=INK, mew=1.0, ls="", zorder=6)
     axes.plot(*pose[:2], marker="x", ms=6, color=COLOUR[verdict], ls="", zorder=7)
-    half = 1.6 * (collision + file.rules.footprint.reach) + float(np.abs(path[:, :2] - pose[:2]).max())
+    half = 1.6 * (collision + file.rules.footprint.reach) + float(np.abs(tracks[..., :2] - pose[:2]).max())
     axes.set(xlim=(pose[0] - half, pose[0] + half), ylim=(pose[1] - half, pose[1] + half), aspect="equal")
     axes.set(facecolor=FLOOR, xticks=[], yticks=[])
     state = one_line(str(file.entries[row].get("state", row)))

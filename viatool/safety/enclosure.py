@@ -91,6 +91,22 @@ class MotionBoxes:
         """Return some of the cells."""
         return replace(self, state=self.state[which], lower=self.lower[which], upper=self.upper[which])
 
+    def corners(self) -> MotionBoxes:
+        """Return every corner of the commands of every cell as a cell, and their middle."""
+        count, (lower, upper) = 2**self.axes, self.commands
+        bits = (np.arange(count)[:, None] >> np.arange(self.axes)) & 1
+        commands = [*(np.where(corner, upper, lower) for corner in bits), 0.5 * (lower + upper)]
+        ends = [
+            [np.hstack([command, end[:, self.axes :]]) for command in commands]
+            for end in (self.lower, self.upper)
+        ]
+        return replace(
+            self,
+            state=np.tile(self.state, len(commands)),
+            lower=np.concatenate(ends[0]),
+            upper=np.concatenate(ends[1]),
+        )
+
     def halved(self, axis: Indices) -> MotionBoxes:
         """Return both halves of every cell, cut across its given axis (C,)."""
         middle = 0.5 * (self.lower + self.upper)

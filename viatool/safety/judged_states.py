@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viatool.arrays import Booleans, Floats
+from viatool.motion.actuated import ActuatedMotion
+from viatool.motion.corner_runs import CORNER_MARGIN, drive_corners
 from viatool.safety.proof import Proof, prove_clearance
 from viatool.safety.scene_poses import ScenePoses
 from viatool.setting.rules import Rules
@@ -29,18 +31,22 @@ class JudgedStates:
         Where the robot stands when the policy observes.
     under_way : ndarray or None
         (B, W, 2) commands that act one after the other before the new one does, the oldest first; NaN where a
-        command is not known. Needed when the rules have a dead time.
+        command is not known. Needed when the rules have a dead time. A robot with motors and timing of its own takes
+        older ones as well, which tell of its velocity (`Rules.commands_before`).
+    velocity : tuple of ndarray or None
+        (B, 3) ends of the velocity that the robot was measured to have; NaN where it was not.
     """
 
     rules: Rules
     observing: ScenePoses
     under_way: Floats | None = None
+    velocity: tuple[Floats, Floats] | None = None
 
     def __post_init__(self) -> None:
-        expected = self.rules.dead_time.commands
+        expected = self.rules.commands_before
         found = 0 if self.under_way is None else self.under_way.shape[1]
-        if expected and found != expected:
-            raise ValueError(f"{found} commands are on their way, the dead time holds {expected}")
+        if expected and (found < expected if self.rules.varies else found != expected):
+            raise ValueError(f"{found} commands are on their way or before, {expected} count")
 
     def __len__(self) -> int:
         """Return the number of states."""
@@ -49,15 +55,34 @@ class JudgedStates:
     def select(self, which: NDArray[Any]) -> JudgedStates:
         """Return some of the states."""
         under_way = None if self.under_way is None else self.under_way[which]
-        return replace(self, observing=self.observing.select(which), under_way=under_way)
+        velocity = None if self.velocity is None else (self.velocity[0][which], self.velocity[1][which])
+        return replace(self, observing=self.observing.select(which), under_way=under_way, velocity=velocity)
+
+    @cached_property
+    def motion(self) -> ActuatedMotion | None:
+        """What the robots may do; None for those that have the velocity they are told to have."""
+        machine = self.rules.machine
+        if machine is None:
+            return None
+        before = self._before
+        return ActuatedMotion(machine, (before, before), self.velocity)
+
+    @property
+    def _before(self) -> Floats:
+        """Return the commands before that count, (B, W, A)."""
+        count, axes = self.rules.commands_before, len(self.rules.lower)
+        if self.under_way is None or not count:
+            return np.zeros((len(self), 0, axes))
+        return self.under_way[:, -count:]
 
     @cached_property
     def waits(self) -> tuple[tuple[float, ScenePoses, Floats], ...]:
         """Return the W waits before the new command acts: seconds, where each begins, and the command (B, 2) held."""
         found, here = [], self.observing
-        for index, seconds in enumerate(self.rules.dead_time.durations):
+        durations = self.rules.dead_time.durations
+        for back, seconds in zip(range(len(durations), 0, -1), durations, strict=True):
             assert self.under_way is not None
-            held = self.under_way[:, index]
+            held = self.under_way[:, -back]
             found.append((seconds, here, held))
             here = here.moved(self.rules.kinematics.advance(here.poses, held, seconds))
         return tuple(found)
@@ -72,10 +97,25 @@ class JudgedStates:
 
     @property
     def known(self) -> Booleans:
-        """Tell of which states every command on its way is known, (B,); nothing is proved of the others."""
-        if not self.waits or self.under_way is None:
+        """Tell of which states every command on its way is known, (B,); nothing is refuted of the others.
+
+        Of a robot with motors and timing of its own those that are not known may be any, and proofs hold for all.
+        """
+        machine = self.rules.machine
+        count = self.rules.dead_time.commands if machine is None else machine.timing.commands
+        if not count or self.under_way is None:
             return np.ones(len(self), dtype=bool)
-        return np.asarray(np.isfinite(self.under_way).all(axis=(1, 2)))
+        return np.asarray(np.isfinite(self.under_way[:, -count:]).all(axis=(1, 2)))
+
+    @property
+    def provable(self) -> Booleans:
+        """Tell of which states something can be proved, (B,)."""
+        return self.known if self.motion is None else np.ones(len(self), dtype=bool)
+
+    @property
+    def margin(self) -> float:
+        """Return by how many metres a run has to fail so that it fails for certain."""
+        return 0.0 if self.motion is None else CORNER_MARGIN
 
     def prove_waiting(self, threshold: float) -> Proof:
         """Decide whether the footprint keeps its clearance during the dead time, for B states."""
@@ -98,14 +138,27 @@ class JudgedStates:
         Returns
         -------
         ndarray
-            (B, A, (W + 1) F, 3), the waits first.
+            (B, A, (W + 1) F, 3), the waits first. Of robots with motors and timing of their own (B, A, R F', 3), the R
+            runs of `viatool.motion.corner_runs`, at no more than F instants each, or at all of them if F is large.
         """
+        if self.motion is not None:
+            return self._corners(actions, len(fractions))[0]
         acting = self.rules.manoeuvre.path(self.acting.poses[:, None, None], actions[:, :, None], fractions)
         waits = [
             manoeuvre.path(here.poses[:, None, None], held[:, None, None], fractions)
             for manoeuvre, (_, here, held) in zip(self.rules.waiting, self.waits, strict=True)
         ]
         return np.concatenate([*(np.broadcast_to(wait, acting.shape) for wait in waits), acting], axis=2)
+
+    def _corners(self, actions: Floats, most: int) -> tuple[Floats, Floats]:
+        """Return poses (B, A, R F, 3) and seconds (B, A, R F) of runs at the corners of the model."""
+        assert self.motion is not None
+        runs = drive_corners(self.motion, self.observing.poses, actions)
+        count = runs.seconds.shape[3]
+        some = np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int))
+        poses, seconds = runs.poses[:, :, :, some], runs.seconds[:, :, :, some]
+        shape = (*actions.shape[:2], -1)
+        return poses.reshape(*shape, 3), seconds.reshape(shape)
 
     def clearance(self, paths: Floats) -> Floats:
         """Return the exact clearance of the footprint at poses (B, ..., 3), as (B, ...) metres."""
@@ -135,10 +188,13 @@ class JudgedStates:
         Sound: as an upper bound of the least clearance, under rounding only; the instant is found by
         sampling.
         """
-        paths = self.paths(actions, DENSE_FRACTIONS)
+        if self.motion is None:
+            paths, clock = self.paths(actions, DENSE_FRACTIONS), self._clock(actions)
+        else:
+            paths, clock = self._corners(actions, len(DENSE_FRACTIONS))
         clearances = self.clearance(paths)
         at = clearances.argmin(axis=2)[..., None]
-        seconds = np.take_along_axis(self._clock(actions), at, axis=2)[..., 0]
+        seconds = np.take_along_axis(clock, at, axis=2)[..., 0]
         poses = np.take_along_axis(paths, at[..., None], axis=2)[:, :, 0]
         return np.take_along_axis(clearances, at, axis=2)[..., 0], seconds, poses
 

@@ -114,7 +114,7 @@ def _hold(
 ) -> Booleans:
     """Return (N,) where a test holds, looking at the contested states alone; of no other does it have to."""
     holds = ~contested
-    rows = np.flatnonzero(contested & states.known)
+    rows = np.flatnonzero(contested & states.provable)
     for start in range(0, len(rows), _CHUNK):
         some = rows[start : start + _CHUNK]
         holds[some] = test(states.select(some), lower[some], upper[some], distance)
@@ -127,9 +127,9 @@ def _proved(states: JudgedStates, lower: Floats, upper: Floats, distance: float)
 
 def _contested(states: JudgedStates, distance: float) -> Booleans:
     """Return (N,) which states are not settled, looking at some at a time."""
-    contested, known = np.ones(len(states), dtype=bool), np.flatnonzero(states.known)
-    for start in range(0, len(known), _CHUNK):
-        some = known[start : start + _CHUNK]
+    contested, rows = np.ones(len(states), dtype=bool), np.flatnonzero(states.provable)
+    for start in range(0, len(rows), _CHUNK):
+        some = rows[start : start + _CHUNK]
         contested[some] = ~settle(states.select(some), distance)
     return contested
 
@@ -154,15 +154,26 @@ def settle(states: JudgedStates, threshold: float) -> Booleans:
     Sound: yes. Clearance changes by at most the way that is driven, which settles most states with one
     distance; the rest get the proof of `prove_clearance` over the full range of commands.
     """
-    rules, here = states.rules, states.acting
+    rules, motion = states.rules, states.motion
+    here = states.acting if motion is None else states.observing
     lower, upper = (np.broadcast_to(end, (len(states), len(end))) for end in (rules.lower, rules.upper))
     away = here.scenes.clearance(here.poses[:, :2], here.scene) - rules.footprint.reach
-    way = rules.manoeuvre.longest(rules.lower, rules.upper)
-    near = ~(away > threshold + way + 1e-6 * here.scale)
-    settled = states.prove_waiting(threshold).proved
-    near &= settled
+    if motion is None:
+        way: Floats | float = rules.manoeuvre.longest(rules.lower, rules.upper)
+        settled = states.prove_waiting(threshold).proved
+    else:
+        way = motion.longest
+        settled = np.ones(len(states), dtype=bool)
+    near = ~(away > threshold + way + 1e-6 * here.scale) & settled
+    some = states.select(near)
     settled[near] = prove_clearance(
-        here.select(near), lower[near], upper[near], threshold, rules.manoeuvre, rules.footprint, _COARSE
+        here.select(near),
+        lower[near],
+        upper[near],
+        threshold,
+        some.motion or rules.manoeuvre,
+        rules.footprint,
+        _COARSE,
     ).proved
     return settled
 
@@ -190,6 +201,10 @@ def prove(states: JudgedStates, lower: Floats, upper: Floats, threshold: float) 
     """
     rules = states.rules
     require_ordered("commands", lower, upper)  # before they are clipped, which would hide it
+    if states.motion is not None:
+        return prove_clearance(
+            states.observing, rules.clip(lower), rules.clip(upper), threshold, states.motion, rules.footprint
+        )
     proof = prove_clearance(
         states.acting, rules.clip(lower), rules.clip(upper), threshold, rules.manoeuvre, rules.footprint
     )

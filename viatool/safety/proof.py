@@ -11,7 +11,7 @@ from viatool.motion.manoeuvre import Manoeuvre
 from viatool.motion.profile import VaryingMotion
 from viatool.safety.enclosure import MotionBoxes, enclose
 from viatool.safety.scene_poses import ScenePoses
-from viatool.safety.varying import enclose_varying
+from viatool.safety.varying import enclose_varying, keep_at_best
 from viatool.sets.bounds import require_ordered
 from viatool.world import Footprint
 
@@ -112,6 +112,10 @@ def prove_clearance(
         crowded = np.bincount(cells.state, minlength=len(lower)) > effort.cells
         hopeless = cells.state[~(shares.sum(axis=1) >= effort.tolerance)]
         crowded[hopeless] = True
+        if isinstance(manoeuvre, VaryingMotion) and len(cells):
+            tried = cells.corners() if level == 0 else cells
+            best = keep_at_best(tried, placed, manoeuvre, footprint)
+            crowded[tried.state[best < threshold]] = True
         if level == effort.levels:
             crowded[cells.state] = True
         proved[crowded] = False
@@ -120,7 +124,4 @@ def prove_clearance(
         if not len(cells):
             break
         cells = cells.halved(shares.argmax(axis=1))
-    attained = not isinstance(
-        manoeuvre, VaryingMotion
-    )  # else cells are given up that nothing is said to attain
-    return Proof(proved & ~refuted, refuted & attained)
+    return Proof(proved & ~refuted, refuted)

@@ -20,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 
 from viatool.arrays import Floats, Plane
-from viatool.motion.profile import PathSpread, VaryingMotion, VelocityProfile, sagitta_of, swath
+from viatool.motion.profile import PathSpread, VaryingMotion, VelocityProfile
 from viatool.rounding import DISTANCE_ROUNDING
 from viatool.safety.enclosure import ClearanceEnclosure, MotionBoxes
 from viatool.safety.scene_poses import ScenePoses
@@ -34,8 +34,7 @@ def enclose_varying(
 
     Notes
     -----
-    Sound: yes, by the derivation at the top of this module. `attained` is not attained: it is what the middle command
-    keeps at the middle instant at most, by these bounds, so that below the threshold no cut helps.
+    Sound: yes, by the derivation at the top of this module. Nothing is said to be attained.
     """
     here, end = placed.select(cells.state), motion.end[cells.state]
     radii = np.zeros((len(cells), 3))
@@ -44,30 +43,43 @@ def enclose_varying(
         radii = 0.5 * (cells.offsets[1] - cells.offsets[0])
     rim = footprint.reach if footprint.kind == "polygon" else 0.0
     (lower, upper), (first, last) = cells.commands, cells.fractions
+    start, end = first * end, last * end
     profile = motion.profile(cells.state, lower, upper)
-    spread = profile.spread(last * end)
-    clearance, between = _centre_keeps(profile, spread, first * end, last * end, here, footprint)
-    turned = spread.along + rim + profile.extent(0.0 * end, last * end)[0]
+    spread, before = profile.spread(start, end), profile.spread(start, start)
+    clearance, between = _centre_keeps(profile, spread, start, end, here, footprint)
+    around = _around(spread, footprint)
+    turned = spread.along + rim + profile.extent(0.0 * end, end)[0]
     elsewhere = np.hypot(radii[:, 0], radii[:, 1]) + turned * radii[:, 2]
-    shares = np.column_stack([motion.shares(lower, upper, last * end, rim), between])
+    in_time = between + around - _around(before, footprint)
+    shares = np.column_stack([motion.shares(lower, upper, end, rim), in_time])
     if cells.offsets is not None:
         shares = np.column_stack([shares, radii[:, :2], turned * radii[:, 2]])
     held = (cells.lower <= cells.upper).all(axis=1)  # ends that are crossed, or NaN, bound nothing
-    least = np.where(held, clearance - between - elsewhere - _around(spread, footprint), -np.inf)
-    cut = held & ((first > 0.0) | (last < 1.0))  # few: most cells are decided whole
-    at_best = np.full(len(cells), np.inf)
-    if cut.any():
-        at_best[cut] = _at_best(cells.select(cut), here.select(cut), motion, footprint)
-    return ClearanceEnclosure(least, at_best, shares)
+    least = np.where(held, clearance - between - elsewhere - around, -np.inf)
+    return ClearanceEnclosure(least, np.full(len(cells), np.inf), shares)
 
 
-def _at_best(cells: MotionBoxes, here: ScenePoses, motion: VaryingMotion, footprint: Footprint) -> Floats:
-    """Return what the bounds say of the middle command at the middle instant, (C,): no part of a cell has more."""
+def keep_at_best(
+    cells: MotionBoxes, placed: ScenePoses, motion: VaryingMotion, footprint: Footprint
+) -> Floats:
+    """Return what the bounds leave to the middle commands of cells, in the middle and at the end, (C,) metres.
+
+    Notes
+    -----
+    Sound: no. Cutting a cell is in vain where one of its parts cannot be proved.
+    """
+    here, end = placed.select(cells.state), motion.end[cells.state]
+    if cells.offsets is not None:
+        here = here.moved(here.poses + 0.5 * (cells.offsets[0] + cells.offsets[1]))
     middle = 0.5 * (cells.commands[0] + cells.commands[1])
-    at = 0.5 * (cells.fractions[0] + cells.fractions[1]) * motion.end[cells.state]
+    first, last = (fraction * end for fraction in cells.fractions)
     profile = motion.profile(cells.state, middle, middle)
-    spread = profile.spread(at)
-    return _centre_keeps(profile, spread, at, at, here, footprint)[0] - _around(spread, footprint)
+    least = np.full(len(cells), np.inf)
+    for at in (0.5 * (first + last), last):
+        spread = profile.spread(at, at)
+        clearance, between = _centre_keeps(profile, spread, at, at, here, footprint)
+        least = np.minimum(least, clearance - between - _around(spread, footprint))
+    return least
 
 
 def _around(spread: PathSpread, footprint: Footprint) -> Floats:
@@ -99,12 +111,10 @@ def _centre_keeps(
         halves = (profile.extent(*ends) for ends in ((start, at), (at, end)))
         moved = np.maximum(*(way + footprint.reach * turned for way, turned in halves))
         return here.scenes.footprint_clearance(pose, footprint, here.scene) - slack, moved
-    first, last = (profile.place(at)[0] for at in (start, end))
-    beside = sagitta_of(profile.extent(start, end)[0], np.abs(last - first))
-    first, last, away = swath(first, last, spread)
-    starts, ends = (_points(origin + ahead * place) for place in (first, last))
+    tail, head, beside = spread.swath(*(profile.place(at)[0] for at in (start, end)))
+    starts, ends = (_points(origin + ahead * place) for place in (tail, head))
     clearance = here.scenes.segment_clearance(starts, ends, here.scene)
-    return clearance - footprint.radius - slack, beside + away
+    return clearance - footprint.radius - slack, beside
 
 
 def _points(places: Plane) -> Floats:

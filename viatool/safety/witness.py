@@ -266,7 +266,7 @@ def confirm(policy: SearchablePolicy, states: JudgedStates, candidates: Floats) 
     clearances, seconds, poses = states.closest_approach(actions)
     rows, best = np.arange(count), clearances.argmin(axis=1)
     left = clearances[rows, best]
-    failed = (left < states.rules.clearance.collision - MARGIN) | (left <= 0.0)
+    failed = (left < states.rules.clearance.collision - MARGIN - states.margin) | (left <= 0.0)
     rows, best = rows[failed], best[failed]
     picked: list[Any] = [array[rows, best] for array in (candidates, actions, seconds, poses, clearances)]
     return Witnesses(rows, *picked)

@@ -8,7 +8,10 @@ import numpy as np
 
 from viatool.arrays import Booleans, Floats
 from viatool.channels import PreviousCommand, Quantities
+from viatool.channels.velocities import MeasuredVelocity
 from viatool.errors import ConfigurationError, EmptyEvaluationError, TrajectoryError
+from viatool.motion.twists import PARTS
+from viatool.rounding import AS_RECEIVED
 from viatool.setting.setting import Setting
 from viatool.trajectory import Trajectory
 
@@ -52,7 +55,7 @@ def numbers_received(setting: Setting, observations: Floats) -> Floats:
 
 
 def commands_under_way(setting: Setting, trajectory: Trajectory) -> Floats:
-    """Return the commands that are on their way to the motors in each state, the oldest first.
+    """Return the commands before each state that count, the oldest first: those on their way, and for the velocity.
 
     Parameters
     ----------
@@ -76,22 +79,28 @@ def commands_under_way(setting: Setting, trajectory: Trajectory) -> Floats:
     -----
     Sound: yes, in that nothing is guessed. The newest command is the one that was recorded in the state before, or that
     the policy observed as its previous one; older ones are those of the states before. Before a simulated episode the
-    robot stands. Poses that were picked have no history: all commands on their way are the observed one.
+    robot stands. Poses that were picked have no history: all commands on their way are the observed one; of a robot
+    with motors and timing of its own that one alone is then known.
     """
-    dead_time = setting.rules.dead_time
-    if not dead_time.commands:
+    count, machine = setting.rules.commands_before, setting.rules.machine
+    if not count:
         return np.zeros((len(trajectory), 0, _axes(setting)))
+    if machine is not None and not machine.timing.commands and not _told(setting, trajectory):
+        return np.full((len(trajectory), count, _axes(setting)), np.nan)
     newest = commands_before(setting, trajectory)
+    if not trajectory.connected and machine is None:
+        return setting.rules.queue(newest)
+    queue = np.full((len(newest), count, _axes(setting)), np.nan)
     if not trajectory.connected:
-        return dead_time.queue(newest)
-    queue = np.full((len(newest), dead_time.commands, _axes(setting)), np.nan)
+        queue[:, -1] = newest
+        return queue
     rows, follows = np.arange(len(newest)), follows_before(setting, trajectory)
     begins = _begins(trajectory)
     known = np.ones(len(newest), dtype=bool)
-    for back in range(dead_time.commands):
+    for back in range(count):
         at = np.maximum(rows - back, 0)
-        queue[known, dead_time.commands - 1 - back] = newest[at[known]]
-        queue[known & begins[at], : dead_time.commands - 1 - back] = 0.0
+        queue[known, count - 1 - back] = newest[at[known]]
+        queue[known & begins[at], : count - 1 - back] = 0.0
         known = known & follows[at]
     return queue
 
@@ -127,6 +136,49 @@ def commands_before(setting: Setting, trajectory: Trajectory) -> Floats:
     either = np.where(np.isnan(recorded), observed, recorded)
     contradicts = np.abs(either - observed) > _ALIKE  # False for NaN: there is nothing to compare
     return np.where(contradicts.any(axis=1, keepdims=True), np.nan, either)
+
+
+def _told(setting: Setting, trajectory: Trajectory) -> bool:
+    """Tell whether the command before is observed or recorded at all."""
+    return _observed(setting, trajectory) is not None or _recorded(setting, trajectory) is not None
+
+
+def velocities_measured(setting: Setting, trajectory: Trajectory) -> tuple[Floats, Floats] | None:
+    """Return the ends (N, 3) of the velocity that the robot has in each state, as far as the policy observes it.
+
+    Parameters
+    ----------
+    setting : Setting
+        Says how far a measured velocity errs: by the eps of its channel, and by what its sensor's terms add.
+    trajectory : Trajectory
+        N states.
+
+    Returns
+    -------
+    tuple of ndarray or None
+        Ahead, to the left, and turning; NaN where it is not measured. None if nothing is, or none of it counts.
+
+    Notes
+    -----
+    Sound: yes, if the velocity is within eps of what was recorded; its rounding to float32 is counted.
+    """
+    if setting.rules.machine is None:
+        return None
+    quantities = Quantities.of(setting.spec.observation, setting.robot, setting.spec.frames)
+    lower, upper = np.full((2, len(trajectory), 3), np.nan)
+    least, most = setting.spec.inputs.readings(trajectory.observations)
+    for one in quantities:
+        if isinstance(one, MeasuredVelocity) and one.channel.value is None:
+            column = int(quantities.inputs.newest(one.channel.name)[0])
+            part, low, high = PARTS.index(one.part), least[:, column], most[:, column]
+            largest = np.maximum(np.abs(low), np.abs(high))
+            error = setting.radii[column] + AS_RECEIVED * (1.0 + largest)
+            stated = setting.uncertainty.sensor.get(one.channel.name)
+            if stated is not None:  # of the true velocity, which is at most (|m| + e) / (1 - share)
+                share, error = stated.relative or 0.0, error + (stated.bias or 0.0)
+                error = error + share * (largest + error) / (1.0 - share)
+            lower[:, part], upper[:, part] = low - error, high + error
+    return None if np.isnan(lower).all() else (lower, upper)
 
 
 def _observed(setting: Setting, trajectory: Trajectory) -> Floats | None:
@@ -184,9 +236,11 @@ def _begins(trajectory: Trajectory) -> Booleans:
 
 def follows_before(setting: Setting, trajectory: Trajectory) -> Booleans:
     """Tell which rows come one control interval after the row before them, (N,)."""
-    interval = setting.rules.interval
+    interval, timing = setting.rules.interval, setting.rules.timing
+    least, most = (interval, interval) if timing is None else timing.interval
+    passed = np.diff(trajectory.time)
     follows = np.zeros(len(trajectory), dtype=bool)
-    late = np.abs(np.diff(trajectory.time) - interval)
-    follows[1:] = (np.diff(trajectory.episode) == 0) & (late < LATE * interval)
+    in_time = (passed - most < LATE * interval) & (least - passed < LATE * interval)
+    follows[1:] = (np.diff(trajectory.episode) == 0) & in_time
     follows &= trajectory.clocked
     return follows

@@ -6,17 +6,24 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from viatool.arrays import Floats
 from viatool.errors import ConfigurationError
+from viatool.motion.actuated import Machine
+from viatool.motion.actuation import IDEAL_MOTORS, Actuation
 from viatool.motion.dead_time import DeadTime
 from viatool.motion.kinematics import DIFFERENTIAL, kinematics_of
 from viatool.motion.law import Kinematics
 from viatool.motion.manoeuvre import Manoeuvre
-from viatool.setting.criteria import Criterion, criterion_of
+from viatool.motion.timing import Timing
+from viatool.motion.twists import HeldTwist
+from viatool.setting.criteria import PROVING, Criterion, criterion_of
+from viatool.setting.motors import actuation_of, timing_of
+from viatool.uncertainty import ErrorModel
 from viatool.world import Clearance, Footprint, WorldMap
 
 MOST_COMMANDS = 1000
@@ -46,6 +53,10 @@ class Rules:
         Dead time in seconds, for which the commands before go on.
     kinematics : Kinematics
         How the robot moves.
+    actuation : Actuation
+        How its motors follow commands.
+    timing : Timing or None
+        When commands act, if that varies; None for exactly `delay` and `interval`.
     """
 
     criterion: str
@@ -57,6 +68,8 @@ class Rules:
     deceleration: float
     delay: float = 0.0
     kinematics: Kinematics = DIFFERENTIAL
+    actuation: Actuation = IDEAL_MOTORS
+    timing: Timing | None = None
 
     @classmethod
     def of(
@@ -67,6 +80,7 @@ class Rules:
         interval: float | None = None,
         footprint: Footprint | str | float | Sequence[Sequence[float]] | None = None,
         delay: float = 0.0,
+        errors: ErrorModel | None = None,
     ) -> Rules:
         """Return the rules of a map and its robot, with what the user overrides.
 
@@ -75,6 +89,7 @@ class Rules:
         ConfigurationError
             If the criterion or the robot's kinematics is not known, or a number is out of its range.
         """
+        errors = errors or ErrorModel()
         robot = world_map.robot
         kinematics = followed(kinematics_of(robot.kinematics))
         lower, upper = kinematics.limits(robot)
@@ -92,6 +107,13 @@ class Rules:
                 "give a shorter delay, in seconds",
             )
         asked.check(robot)
+        actuation = actuation_of(errors, kinematics)
+        timing = timing_of(errors, interval, delay)
+        if not asked.proves and (timing is not None or not actuation.is_ideal):
+            raise ConfigurationError(
+                f"{errors.source}: criterion '{criterion}' does not take motors and timing into account",
+                f"choose one of {', '.join(PROVING)}",
+            )
         return cls(
             criterion=asked.name,
             clearance=world_map.clearance,
@@ -100,8 +122,10 @@ class Rules:
             upper=upper,
             interval=interval,
             deceleration=robot.deceleration,
-            delay=delay,
+            delay=delay if timing is None else timing.delay[1],
             kinematics=kinematics,
+            actuation=actuation,
+            timing=timing,
         )
 
     @property
@@ -114,6 +138,32 @@ class Rules:
         """Return the path on which the clearance counts."""
         held = Manoeuvre(self.interval, kinematics=self.kinematics)
         return self.asked.path(held, self.deceleration, self.footprint)
+
+    @property
+    def varies(self) -> bool:
+        """Tell whether velocities differ from what is commanded, or commands from when they are expected."""
+        return self.timing is not None or not self.actuation.is_ideal
+
+    @cached_property
+    def machine(self) -> Machine | None:
+        """Return the robot whose velocities vary within bounds; None for one that has those it is told to have."""
+        if not (self.varies and self.asked.proves):
+            return None
+        assert isinstance(self.kinematics, HeldTwist)
+        timing = self.timing or Timing((self.interval, self.interval), (self.delay, self.delay))
+        path = self.manoeuvre
+        return Machine(
+            self.kinematics, (self.lower, self.upper), self.actuation, timing, path.deceleration, path.rim
+        )
+
+    @property
+    def commands_before(self) -> int:
+        """Return how many of the commands before the new one count."""
+        return self.dead_time.commands if self.machine is None else self.machine.history
+
+    def queue(self, given: Floats) -> Floats:
+        """Return the commands before if one was given again and again: (B, A) as (B, commands, A)."""
+        return np.repeat(given[:, None], self.commands_before, axis=1)
 
     @property
     def dead_time(self) -> DeadTime:

@@ -159,7 +159,7 @@ class Setting:
         world_map = world_map.with_clearance(wishes.clearance, wishes.danger)
         spec, robot, premises = reconcile(Parties(spec, name, world_map, wishes))
         world_map = world_map.with_robot(robot)
-        rules = Rules.of(world_map, wishes.criterion, delay=wishes.delay)
+        rules = Rules.of(world_map, wishes.criterion, delay=wishes.delay, errors=wishes.errors)
         commands = command_map(spec, rules.kinematics, robot, name)
         errors = SensorErrors.of(spec, eps, wishes.errors)
         chosen = world_map.scenarios if scenarios is None else tuple(scenarios)

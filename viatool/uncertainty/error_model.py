@@ -32,6 +32,8 @@ Bound = Annotated[float, BeforeValidator(_number), Field(ge=0.0, allow_inf_nan=F
 """The largest size of an error."""
 Limit = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 """What is never exceeded, or always reached."""
+Limits = Annotated[tuple[Limit, Limit], AfterValidator(_ordered)]
+"""The least and the largest of what is never exceeded or always reached."""
 Times = Annotated[tuple[Bound, Bound], AfterValidator(_ordered)]
 """The least and the largest time, in seconds."""
 
@@ -79,11 +81,15 @@ class PoseTerms(ErrorTerms):
 class AxisTerms(ErrorTerms):
     """How one velocity follows its command; every error may change from instant to instant within its bounds."""
 
-    acceleration: Limit | None = _term(
-        "the size of the velocity grows at most so fast", "m/s^2 or rad/s^2", "commands are reached at once"
+    acceleration: Limit | Limits | None = _term(
+        "how fast the size of the velocity grows towards its command, at least; or from and to",
+        "m/s^2 or rad/s^2",
+        "commands are reached at once",
     )
-    deceleration: Limit | None = _term(
-        "the size of the velocity falls at most so fast", "m/s^2 or rad/s^2", "as the acceleration"
+    deceleration: Limit | Limits | None = _term(
+        "how fast the size of the velocity falls towards its command, at least; or from and to",
+        "m/s^2 or rad/s^2",
+        "as the acceleration",
     )
     lag: Times | None = _term("time constant of a first-order lag, from and to", "s", "no lag")
     relative: Annotated[float, Field(ge=0.0, lt=1.0)] | None = _term(

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+MOTION = frozenset(
+    f"actuation.{term}" for term in ("acceleration", "deceleration", "lag", "relative", "absolute", "slip")
+) | frozenset(f"timing.{term}" for term in ("interval", "delay", "sensing"))
+"""Motors and timing."""
+
 _DRAWN = frozenset(
     f"{section}.{term}"
     for section, terms in (
@@ -11,20 +16,12 @@ _DRAWN = frozenset(
     )
     for term in terms
 )
-_DRIVEN = frozenset(
-    f"{section}.{term}"
-    for section, terms in (
-        ("actuation", ("acceleration", "deceleration", "lag", "relative", "absolute", "slip")),
-        ("timing", ("interval", "delay", "sensing")),
-        ("sensor", ("angle",)),
-    )
-    for term in terms
-)
+_DRIVEN = MOTION | {"sensor.angle"}
 
 SUPPORTED: dict[str, frozenset[str]] = {
-    "verify": frozenset({"sensor.absolute", "sensor.relative", "sensor.bias", "sensor.missing"}),
+    "verify": frozenset({"sensor.absolute", "sensor.relative", "sensor.bias", "sensor.missing"}) | MOTION,
     "verify with a horizon": frozenset({"sensor.absolute"}),
-    "certify": frozenset({"sensor.absolute"}),
+    "certify": frozenset({"sensor.absolute"}) | MOTION,
     "simulate": _DRAWN | _DRIVEN,
     "simulate with bullet": _DRAWN,
 }

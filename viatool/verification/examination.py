@@ -63,7 +63,7 @@ class StateExamination:
         clock = Clock()
         with clock.timed("geometry"):
             placed = ScenePoses.of(self.setting.world_map, block.scenarios, block.poses, block.episode)
-            judged = JudgedStates(self.setting.rules, placed, block.under_way)
+            judged = JudgedStates(self.setting.rules, placed, block.under_way, block.measured)
             contested = find_contested(judged)
         with clock.timed("reach"):
             wanted = contested.either if self.only_contested else np.ones(len(block), dtype=bool)

@@ -14,7 +14,7 @@ from viatool.loop.closed_loop import require_known_over_poses
 from viatool.loop.horizon import Horizon
 from viatool.policy import Policy, PolicySpecification, load_policy
 from viatool.schedule import Campaign, Progress, Scheduler, ignore, open_scheduler
-from viatool.setting.received import as_received, commands_observed, commands_under_way
+from viatool.setting.received import as_received, commands_observed, commands_under_way, velocities_measured
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
 from viatool.simulate import Places
@@ -218,6 +218,7 @@ def verify(
         arithmetic=arithmetic,
         engine=engine,
         under_way=asked.under_way,
+        velocity=asked.velocity,
         reachable=findings.reachable,
         contested=findings.contested,
         judgement=findings.judgement,
@@ -235,4 +236,5 @@ def verify(
 def _states(setting: Setting, trajectory: Trajectory, *, followed: bool) -> States:
     """Return the states of a trajectory with all that a setting needs to know of them."""
     previous = commands_observed(setting, trajectory) if followed else None
-    return States.of(trajectory, commands_under_way(setting, trajectory), previous)
+    under_way, velocity = commands_under_way(setting, trajectory), velocities_measured(setting, trajectory)
+    return States.of(trajectory, under_way, previous, velocity)

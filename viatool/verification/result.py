@@ -70,6 +70,8 @@ class Result(Asked):
         How recorded LiDAR readings agree with the map, one for each LiDAR; empty for states that were simulated.
     error_costs : ErrorCosts, optional
         What each error costs in verdicts, if that was asked.
+    velocity : ndarray, optional
+        (N, 2, 3) ends of the velocity that the robot was measured to have, NaN where it was not, as far as that counts.
     """
 
     policy_path: Path
@@ -90,6 +92,7 @@ class Result(Asked):
     horizon: HorizonResult | None = None
     recording: tuple[Agreement, ...] = ()
     error_costs: ErrorCosts | None = None
+    velocity: Floats | None = None
 
     EPISODE_COLUMNS: ClassVar = ("outcome",)
     """Arrays of the state table with one row for each episode instead of one for each state."""
@@ -319,6 +322,8 @@ class Result(Asked):
         rules = self.rules
         grid = self.world_map.obstacles.grid
         stop = rules.manoeuvre.deceleration
+        held = rules.interval if rules.timing is None else rules.timing.interval[1]
+        reached = "reached at once" if rules.actuation.is_ideal else "followed as the error model says"
         taken = "free" if grid is not None and grid.unknown_is_free else "obstacles"
         unknown = "" if grid is None else f"; unknown cells count as {taken}"
         return {
@@ -328,13 +333,13 @@ class Result(Asked):
             "after_the_network": self.maps.after,
             "footprint": rules.footprint.words,
             "clearance": f"more than {rules.clearance.collision:g} m (danger: {rules.clearance.danger:g} m)",
-            "commands": (
-                f"clipped to {rules.kinematics.range_words(rules.lower, rules.upper)}, reached at once"
-            ),
+            "commands": (f"clipped to {rules.kinematics.range_words(rules.lower, rules.upper)}, {reached}"),
             "motion": f"{rules.kinematics.description}, from the exact pose of the state",
-            "horizon": f"one command, held for {rules.interval:g} s; each state by itself, not the whole run"
+            "horizon": f"one command, held for {held:g} s; each state by itself, not the whole run"
             + ("" if self.horizon is None else f". {self.horizon.meaning}"),
-            "delay": f"{rules.delay:g} s" if rules.delay else "none",
+            "delay": (f"{rules.delay:g} s" if rules.delay else "none")
+            if rules.timing is None
+            else rules.timing.words,
             "braking": "not asked" if stop is None else f"{stop:g} m/s^2",
             "obstacles": f"do not move; whatever lies outside the arena is an obstacle{unknown}",
             "sensor_error": self.setting.reading_errors.words,

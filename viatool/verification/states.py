@@ -36,6 +36,8 @@ class States:
         (B, 2) commands of the step before, NaN where they are not known; None where they are of no consequence.
     under_way : ndarray
         (B, W, 2) commands on their way to the motors, the oldest first; NaN where they are not known.
+    velocity : ndarray or None
+        (B, 2, 3) ends of the velocity that was measured, NaN where it was not; None where it is of no consequence.
     most : int
         States of a block at most.
     """
@@ -47,10 +49,17 @@ class States:
     scenarios: tuple[Scenario | None, ...]
     previous: Floats | None
     under_way: Floats
+    velocity: Floats | None = None
     most: int = _MOST_STATES
 
     @classmethod
-    def of(cls, trajectory: Trajectory, under_way: Floats, previous: Floats | None = None) -> States:
+    def of(
+        cls,
+        trajectory: Trajectory,
+        under_way: Floats,
+        previous: Floats | None = None,
+        velocity: tuple[Floats, Floats] | None = None,
+    ) -> States:
         """Return the states of a whole trajectory; arrays are shared. Blocks are small if each is followed."""
         return cls(
             0,
@@ -60,6 +69,7 @@ class States:
             trajectory.scenarios,
             previous,
             under_way,
+            None if velocity is None else np.stack(velocity, axis=1),
             _MOST_STATES if previous is None else _MOST_FOLLOWED,
         )
 
@@ -102,8 +112,14 @@ class States:
             tuple(self.scenarios[index] for index in present.tolist()),
             None if self.previous is None else self.previous[rows],
             self.under_way[rows],
+            None if self.velocity is None else self.velocity[rows],
             self.most,
         )
+
+    @property
+    def measured(self) -> tuple[Floats, Floats] | None:
+        """Return the ends (B, 3) of the velocity that was measured."""
+        return None if self.velocity is None else (self.velocity[:, 0], self.velocity[:, 1])
 
     def each_block(self) -> Iterator[States]:
         """Yield the blocks one by one."""

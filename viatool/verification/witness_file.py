@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,9 @@ import numpy as np
 from viatool.arrays import Booleans, Floats
 from viatool.errors import ConfigurationError, InputError
 from viatool.loop.horizon import Crashes
+from viatool.motion.actuation import IDEAL_MOTORS, Actuation, Response
 from viatool.motion.kinematics import DIFFERENTIAL, kinematics_of
+from viatool.motion.timing import Timing
 from viatool.policy import Policy
 from viatool.policy.command_map import CommandMap
 from viatool.safety.judged_states import JudgedStates
@@ -32,6 +35,7 @@ from viatool.world import Clearance, Footprint, Scenario, WorldMap
 
 SCHEMA_VERSION = 1
 
+_PARTS = ("linear", "lateral", "angular")
 _USUAL_KINDS = ("linear", "angular")
 """What files name that do not say it."""
 
@@ -58,6 +62,8 @@ class WitnessFile:
         (W, commands, A) what was on its way to the motors then, the oldest first.
     scenarios : tuple
         W scenarios, None for the bare map.
+    velocity : tuple of ndarray, optional
+        (W, 3) ends of the velocity that the robot was measured to have, NaN where it was not.
     """
 
     policy: Mapping[str, str]
@@ -70,6 +76,7 @@ class WitnessFile:
     under_way: Floats
     observations: Floats
     scenarios: tuple[Scenario | None, ...]
+    velocity: tuple[Floats, Floats] | None = None
 
     def __len__(self) -> int:
         """Return the number of counterexamples."""
@@ -78,7 +85,7 @@ class WitnessFile:
     def judged(self, world_map: WorldMap) -> JudgedStates:
         """Return the states of the counterexamples within a map, under the rules of the file."""
         placed = ScenePoses.of(world_map, self.scenarios, self.poses, np.arange(len(self)))
-        return JudgedStates(self.rules, placed, self.under_way)
+        return JudgedStates(self.rules, placed, self.under_way, self.velocity)
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,6 +143,8 @@ def _entries(result: Result, found: Witnesses, crashes: Crashes | None = None) -
             "pose": trajectory.poses[state].tolist(),
             **commands_before(result.under_way[state]),
         }
+        if result.velocity is not None:
+            about["velocity"] = _plain(result.velocity[state])
         if crashes is not None:
             step = int(crashes.step[row])
             about["time"] += step * result.rules.interval
@@ -270,6 +279,8 @@ def _rules_document(rules: Rules) -> dict[str, Any]:
         "kinematics": rules.kinematics.name,
         "lower": rules.lower.tolist(),
         "upper": rules.upper.tolist(),
+        **({} if rules.actuation.is_ideal else {"motors": _motors_document(rules.actuation)}),
+        **({} if rules.timing is None else {"timing": asdict(rules.timing)}),
         "footprint": {
             "kind": footprint.kind,
             "radius": footprint.radius,
@@ -294,7 +305,43 @@ def _read_rules(document: Mapping[str, Any]) -> Rules:
         deceleration=float(document["deceleration"]),
         delay=float(document["delay"]),
         kinematics=kinematics_of(str(document.get("kinematics", DIFFERENTIAL.name))),
+        actuation=_read_motors(document.get("motors")),
+        timing=_read_timing(document.get("timing")),
     )
+
+
+def _motors_document(motors: Actuation) -> dict[str, Any]:
+    """Return motors as plain data; what is endless is null."""
+    parts = asdict(motors)
+    for name in _PARTS:
+        parts[name] = {
+            term: [None if end == math.inf else end for end in value] if isinstance(value, tuple) else value
+            for term, value in parts[name].items()
+        }
+    return parts
+
+
+def _read_motors(document: Mapping[str, Any] | None) -> Actuation:
+    if document is None:
+        return IDEAL_MOTORS
+    responses = {name: Response(**_read_response(document[name])) for name in _PARTS}
+    return Actuation(**responses, slip=float(document["slip"]))
+
+
+def _read_response(document: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        term: tuple(math.inf if end is None else float(end) for end in value)
+        if isinstance(value, list)
+        else float(value)
+        for term, value in document.items()
+    }
+
+
+def _read_timing(document: Mapping[str, Any] | None) -> Timing | None:
+    if document is None:
+        return None
+    interval, delay = (tuple(map(float, document[name])) for name in ("interval", "delay"))
+    return Timing((interval[0], interval[1]), (delay[0], delay[1]), float(document["age"]))
 
 
 def _read(document: Mapping[str, Any]) -> WitnessFile:
@@ -314,23 +361,41 @@ def _read(document: Mapping[str, Any]) -> WitnessFile:
         under_way=_under_way(entries, rules),
         observations=_stacked([entry["observation"] for entry in entries]),
         scenarios=scenarios,
+        velocity=_velocity(entries),
     )
+
+
+def _velocity(entries: Sequence[Mapping[str, Any]]) -> tuple[Floats, Floats] | None:
+    """Return the ends (W, 3) of measured velocities; None where no entry has one."""
+    if not any("velocity" in entry for entry in entries):
+        return None
+    rows = np.array([entry["velocity"] for entry in entries], dtype=np.float64).reshape(len(entries), 2, 3)
+    return rows[:, 0], rows[:, 1]
+
+
+def _plain(numbers: Floats) -> list[Any]:
+    """Return an array as lists, with null for what is not known."""
+    return [
+        _plain(one) if one.ndim else (None if np.isnan(one) else float(one))
+        for one in map(np.asarray, numbers)
+    ]
 
 
 def commands_before(under_way: Floats) -> dict[str, Any]:
     """Return what an entry says of the commands on their way, (W, 2): the newest one, and all if there are several."""
     if not len(under_way):
         return {"previous": None}
-    every = {"under_way": under_way.tolist()} if len(under_way) > 1 else {}
-    return {"previous": under_way[-1].tolist(), **every}
+    every = {"under_way": _plain(under_way)} if len(under_way) > 1 else {}
+    return {"previous": _plain(under_way[-1]), **every}
 
 
 def _under_way(entries: Sequence[Mapping[str, Any]], rules: Rules) -> Floats:
     """Return the commands on their way, (W, commands, A); without `under_way` all are the command before."""
-    count = rules.dead_time.commands
+    count, machine = rules.commands_before, rules.machine
     rows = [entry["under_way"] if "under_way" in entry else [entry["previous"]] * count for entry in entries]
     found = np.array(rows, dtype=np.float64).reshape(len(rows), count, len(rules.kinematics.axes))
-    if not np.isfinite(found).all():
+    acting = count if machine is None else machine.timing.commands
+    if not np.isfinite(found[:, count - acting :]).all():
         raise ValueError("a command on its way is not finite")
     return found
 

@@ -142,7 +142,7 @@ class PlacesRun(PlacesDocument, Cased, Located, Tabled, Drawn, Explorable, Repla
         observation = found.observation.astype(np.float64)
         seen = Witnesses(rows, observation, found.action, found.seconds, found.closest, found.clearance)
         about = json.loads(write_scenario(scenario) or "null")
-        under_way = certificate.rules.dead_time.queue(found.previous)
+        under_way = certificate.rules.queue(found.previous)
         for row in rows.tolist():
             yield {
                 "state": row,
