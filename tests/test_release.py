@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from viatool.samples import MAPS, POLICIES
+from viatool.samples import ERRORS, MAPS, POLICIES
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -41,11 +41,12 @@ def test_the_wheel_verifies_a_sample_away_from_the_checkout(built: Path, tmp_pat
         return run.stdout
 
     program = (
-        "from viatool.samples import MAPS, POLICIES; print(MAPS.folder, *MAPS.names(), *POLICIES.names())"
+        "from viatool.samples import ERRORS, MAPS, POLICIES; "
+        "print(MAPS.folder, *MAPS.names(), *POLICIES.names(), *ERRORS.names())"
     )
     folder, *names = python("-c", program).split()
     assert Path(folder) == packages / "viatool" / "samples" / "maps"
-    assert names == [*MAPS.names(), *POLICIES.names()]
+    assert names == [*MAPS.names(), *POLICIES.names(), *ERRORS.names()]
     page = ("--output", "html:report.html")  # the page's script and style are in the wheel
     report = python("-m", "viatool", "verify", "via", "--map", "lab-grid", "--eps", "0.01", *page)
     assert report.startswith("via on lab-grid, eps 0.01")

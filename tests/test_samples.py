@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 import viatool
-from viatool.errors import MapError, PolicyError
-from viatool.samples import MAPS, POLICIES
+from viatool.errors import ConfigurationError, MapError, PolicyError
+from viatool.samples import ERRORS, MAPS, POLICIES
+from viatool.world import ROBOTS
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -17,6 +18,31 @@ ROOT = Path(__file__).resolve().parents[1]
 def test_the_samples_are_those_of_the_checkout() -> None:
     assert {"via", "via-64", "via-tanh", "td3"} <= set(POLICIES.names())
     assert {"lab", "office", "corridor", "warehouse", "lab.ros", "lab-grid"} <= set(MAPS.names())
+
+
+@pytest.mark.parametrize("name", ERRORS.names())
+def test_an_error_model_of_a_robot_states_its_source_and_nothing_without_one(name: str) -> None:
+    model, text = viatool.load_errors(name), ERRORS.find(name).read_text(encoding="utf-8")
+    assert name in ROBOTS
+    assert model.source == name
+    assert any(model.stated())
+    assert "# Source: " in text
+
+
+def test_the_lidar_of_a_turtlebot3_is_within_its_data_sheet() -> None:
+    lidar = viatool.load_errors("turtlebot3_burger").sensor["lidar"]
+    sheets = (  # from, to, metres, share: LDS-01 with accuracy and precision, LDS-02
+        (0.12, 0.499, 0.025, 0.0), (0.5, 3.5, 0.0, 0.085), (0.16, 0.3, 0.01, 0.0), (0.3, 6.0, 0.0, 0.03),
+        (6.0, 8.0, 0.0, 0.05),
+    )  # fmt: skip
+    for first, last, metres, share in sheets:
+        for distance in (first, last):
+            assert metres + share * distance <= lidar.absolute + lidar.relative * distance
+
+
+def test_an_error_model_that_nobody_has_is_answered_with_those_that_there_are() -> None:
+    with pytest.raises(ConfigurationError, match="husky"):
+        viatool.load_errors("roomba")
 
 
 def test_a_name_means_the_same_as_its_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

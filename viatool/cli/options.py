@@ -13,7 +13,7 @@ from click.shell_completion import CompletionItem
 
 from viatool.cli.numbers import finite
 from viatool.cli.shapes import FootprintType
-from viatool.samples import MAPS, POLICIES, Shelf
+from viatool.samples import ERRORS, MAPS, POLICIES, Shelf
 
 if TYPE_CHECKING:
     from viatool.world import Scenario, WorldMap
@@ -150,6 +150,7 @@ READABLE = click.Path(path_type=Path)
 WRITABLE = click.Path(path_type=Path)
 POLICY = SamplePath(POLICIES)
 MAP = SamplePath(MAPS)
+ERROR_MODEL = SamplePath(ERRORS)
 
 policy_argument = click.argument("policy", type=POLICY)
 map_option = click.option(
@@ -200,9 +201,10 @@ eps_option = click.option(
 errors_option = click.option(
     "--errors",
     "errors",
-    type=click.Path(path_type=Path),
+    type=ERROR_MODEL,
     metavar="FILE",
-    help="Error model (YAML): what is bounded about sensors, pose, motors, time and moving things; see docs/errors.md.",
+    help="Error model (YAML): what is bounded about sensors, pose, motors, time and moving things, see docs/errors.md; "
+    "or the name of a robot whose data sheet is known, such as husky.",
 )
 seed_option = click.option(
     "--seed",

@@ -1,6 +1,6 @@
-"""Policies and maps that come with viatool, found by name.
+"""Policies, maps and error models that come with viatool, found by name.
 
-They stand in ``policies/`` and ``maps/`` of a checkout, and inside this package in an installed wheel.
+They stand in ``policies/``, ``maps/`` and ``errors/`` of a checkout, and inside this package in an installed wheel.
 """
 
 from __future__ import annotations
@@ -64,3 +64,4 @@ class Shelf:
 
 POLICIES = Shelf("policies", ".onnx")
 MAPS = Shelf("maps", ".yaml")
+ERRORS = Shelf("errors", ".yaml")

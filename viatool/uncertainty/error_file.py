@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 from viatool.errors import ConfigurationError, MapError
+from viatool.samples import ERRORS
 from viatool.uncertainty.error_model import ErrorModel
 from viatool.world.complaints import validated
 from viatool.world.yaml_text import read_yaml
@@ -14,7 +15,7 @@ _HINT = "see docs/errors.md for the layout"
 
 
 def load_errors(path: str | os.PathLike[str]) -> ErrorModel:
-    """Read an error model (YAML), and check it.
+    """Read an error model (YAML), or that of a robot by its name, and check it.
 
     Raises
     ------
@@ -23,10 +24,11 @@ def load_errors(path: str | os.PathLike[str]) -> ErrorModel:
     """
     path = Path(path)
     try:
-        text = path.read_bytes()
+        text = ERRORS.find(path).read_bytes()
     except OSError as error:
         raise ConfigurationError(
-            f"the error model '{path}' cannot be read: {error.strerror or error}", _HINT
+            f"the error model '{path}' cannot be read: {error.strerror or error}",
+            f"check the path, or name a robot whose data sheet is known: {', '.join(ERRORS.names())}",
         ) from error
     try:
         document = read_yaml(path, text)
