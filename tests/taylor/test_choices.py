@@ -15,7 +15,7 @@ from onnx import helper, numpy_helper
 import viatool
 from viatool.policy import Policy, load_policy
 from viatool.policy.specification import PolicySpecification
-from viatool.taylor import choices
+from viatool.taylor import choices, mixtures
 
 Floats = NDArray[np.float64]
 
@@ -83,7 +83,7 @@ def boxes(count: int, size: int) -> Floats:
 def test_the_possible_commands_are_those_of_an_exhaustive_attack(tmp_path: Path) -> None:
     """In at least 95 of 100 states, and never one fewer; a table of five commands."""
     policy = load_policy(write_values(tmp_path / "values.onnx", (24, 64, 64, 5), 1), table(24, 5))
-    observations, eps = boxes(100, 24), 0.03
+    observations, eps = boxes(100, 24), 0.025
     sets = viatool.reach(policy, observations, eps)
     assert sets.possible is not None
     assert sets.attained is not None
@@ -92,6 +92,46 @@ def test_the_possible_commands_are_those_of_an_exhaustive_attack(tmp_path: Path)
     assert not (sets.attained & ~sets.possible).any()
     assert ((found | sets.attained) == sets.possible).all(axis=1).mean() >= 0.95
     assert (sets.possible.sum(axis=1) > 1).sum() >= 20  # or else nothing was to be decided
+
+
+def test_of_curved_values_too_little_stays_open_in_wide_boxes(tmp_path: Path) -> None:
+    """Splitting neurons one by one does not help there."""
+    policy = load_policy(write_values(tmp_path / "values.onnx", (8, 24, 24, 5), 1, "Tanh"), table(8, 5))
+    observations, eps = boxes(60, 8), 0.12
+    sets = viatool.reach(policy, observations, eps)
+    assert sets.possible is not None
+    assert sets.attained is not None
+    found = attack(policy, observations, eps, rounds=20)
+    assert not (found & ~sets.possible).any()
+    assert ((found | sets.attained) == sets.possible).all(axis=1).mean() >= 0.95
+    assert (sets.possible.sum(axis=1) > 1).sum() >= 20
+
+
+def test_half_of_a_box_that_is_forgotten_excludes_what_is_chosen(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The mutant that looks at the lower half of what it cuts alone; commands that are attained early hide nothing."""
+    halves = mixtures._Parts.halves
+    monkeypatch.setattr(
+        mixtures._Parts, "halves", lambda parts, axis: halves(parts, axis).rows(np.arange(len(parts.owner)))
+    )
+    monkeypatch.setattr(choices, "climb", lambda network, box, seed, start: (box.centre, start))
+    with pytest.raises(AssertionError):
+        test_no_command_that_is_chosen_is_missing(tmp_path, "Tanh", "monotone")
+
+
+def test_means_without_the_rounding_of_the_program_miss_what_it_chooses(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The mutant that leaves it out of the means of curved networks alone."""
+    means = choices.excluded_by_means
+    monkeypatch.setattr(
+        choices,
+        "excluded_by_means",
+        lambda net, box, k, stray, **more: means(net, box, k, 0.0 * stray, **more),
+    )
+    with pytest.raises(AssertionError):
+        test_outputs_that_rounding_may_make_equal_are_both_possible(tmp_path, "Tanh")
 
 
 @pytest.mark.parametrize("operator", ["Relu", "Tanh", "Sigmoid", "Elu"])
@@ -133,9 +173,10 @@ def test_a_box_in_which_different_commands_are_better_excludes_what_none_exclude
     assert sets.possible.tolist() == [[True, True, False]]
 
 
-def test_outputs_that_rounding_may_make_equal_are_both_possible(tmp_path: Path) -> None:
+@pytest.mark.parametrize("operator", ["Relu", "Tanh"])
+def test_outputs_that_rounding_may_make_equal_are_both_possible(tmp_path: Path, operator: str) -> None:
     """The same row twice, the second a hair below: the program may see them the other way round, or as equal."""
-    path = write_values(tmp_path / "v.onnx", (3, 8, 3), 4, bias=np.zeros(3))
+    path = write_values(tmp_path / "v.onnx", (3, 8, 3), 4, operator, bias=np.zeros(3))
     model = onnx.load(path)
     for tensor in model.graph.initializer:
         if tensor.name == "w1":
@@ -153,14 +194,15 @@ def test_outputs_that_rounding_may_make_equal_are_both_possible(tmp_path: Path) 
     assert not exact.possible[0, 2]
 
 
+@pytest.mark.parametrize("operator", ["Relu", "Tanh"])
 def test_without_the_rounding_of_the_program_what_it_chooses_is_missing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, operator: str
 ) -> None:
     """The mutant whose difference does not stray excludes a command that a program of another order chooses."""
-    test_outputs_that_rounding_may_make_equal_are_both_possible(tmp_path)
+    test_outputs_that_rounding_may_make_equal_are_both_possible(tmp_path, operator)
     monkeypatch.setattr(choices, "runtime_deviation", lambda network, hulls: np.zeros_like(hulls[-1][0]))
     with pytest.raises(AssertionError):
-        test_outputs_that_rounding_may_make_equal_are_both_possible(tmp_path)
+        test_outputs_that_rounding_may_make_equal_are_both_possible(tmp_path, operator)
 
 
 def test_no_boxes_have_no_commands(tmp_path: Path) -> None:

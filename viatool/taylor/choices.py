@@ -23,8 +23,9 @@ from viatool.taylor.approximation import Approximation
 from viatool.taylor.attained import climb
 from viatool.taylor.deviation import runtime_deviation
 from viatool.taylor.memory import blocks_of_parts
+from viatool.taylor.mixtures import excluded_by_means
 from viatool.taylor.parts import BoxParts, examine, whole_boxes
-from viatool.taylor.propagation import Box, propagate
+from viatool.taylor.propagation import Box, is_curved, propagate
 from viatool.taylor.refinement import (
     Extrema,
     extrema_of,
@@ -119,6 +120,12 @@ def enclose_choices(
         points, _ = climb(margins(network), box.rows(state), seed, start[state])
         np.logical_or.at(attained, state, chosen_by(program, points, network.output_size))
     possible = ~excluded
+    if parts and is_curved(network):
+        state, command = np.nonzero(possible & ~attained)
+        found = _settle_curved(network, box.rows(state), command, stray[state, command], program, rule, parts)
+        possible[state, command] = found.possible
+        attained[state, command] = found.attained
+        return Choices(possible | attained, attained)
     state, command = np.nonzero(possible & ~attained)
     if parts and state.size:
         found = _settle(network, box.rows(state), command, stray[state, command], program, rule, parts)
@@ -232,6 +239,27 @@ def _starts(box: Box) -> list[Floats]:
     generator = np.random.default_rng(box.lower.shape)
     corners = [generator.random(box.lower.shape) < 0.5 for _ in range(_STARTS - 1)]
     return [box.centre, *(np.where(high, box.upper, box.lower) for high in corners)]
+
+
+def _settle_curved(
+    network: Network,
+    box: Box,
+    command: Indices,
+    stray: Floats,
+    program: Program,
+    rule: Approximation,
+    parts: int,
+) -> Choices:
+    """Exclude or attain P commands of a curved network, each in a box of its own; (P,) each."""
+    attained = np.zeros(command.size, dtype=bool)
+
+    def hits(points: Floats, owner: Indices) -> Booleans:
+        hit = np.argmax(program(points), axis=1) == command[owner]
+        attained[owner[hit]] = True
+        return np.asarray(hit)
+
+    excluded = excluded_by_means(network, box, command, stray, rule=rule, parts=parts, attained=hits)
+    return Choices(~excluded, attained)
 
 
 def _settle(

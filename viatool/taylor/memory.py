@@ -31,6 +31,9 @@ _CONDITIONS = 64
 _OPERATIONS = 4e9
 """Multiplications of what refines the bounds of one state: some tenths of a second."""
 
+_LEAST_PARTS, _MOST_PARTS = 512, 1024
+"""Parts of a box that are examined for one command of a choice; the most where passes cost little."""
+
 _ALIKE = 4
 """Free inputs by which the boxes of one pass of higher order may differ."""
 
@@ -87,6 +90,11 @@ def floats_of_order(network: Network, box: Box, order: int) -> Floats:
 def affords_passes(network: Network, count: int) -> bool:
     """Tell whether so many passes of order 1 over single boxes are worth their time, for one state."""
     return count * _operations_of_a_pass(network) <= _OPERATIONS
+
+
+def affordable_parts(network: Network) -> int:
+    """Return how many parts of a box are worth their time for one command of a choice."""
+    return int(np.clip(_OPERATIONS / max(_operations_of_a_pass(network), 1.0), _LEAST_PARTS, _MOST_PARTS))
 
 
 @lru_cache(maxsize=64)

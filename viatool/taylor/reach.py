@@ -19,7 +19,7 @@ from viatool.taylor.choices import Choices, Program, enclose_choices
 from viatool.taylor.deviation import enclose_program
 from viatool.taylor.head import hulls_through, split_head, values_through
 from viatool.taylor.higher_order import higher_hulls
-from viatool.taylor.memory import CACHED_FLOATS, affords_passes, blocks_of_states
+from viatool.taylor.memory import CACHED_FLOATS, affordable_parts, affords_passes, blocks_of_states
 from viatool.taylor.propagation import Box, propagate
 from viatool.taylor.refinement import (
     extrema_of,
@@ -42,8 +42,6 @@ _WIDE = 128
 
 _LIGHT_EFFORT = SplittingEffort(tolerance=0.03, parts=3, exact=False)
 """After a monotone collapse the few bounds that stay loose are split once."""
-_PARTS_OF_A_CHOICE = 512
-"""Parts of a box that are examined for one command, unless `split` asks for more."""
 
 
 @dataclass(frozen=True)
@@ -59,10 +57,9 @@ class _Settings:
         affordable = affords_passes(network, 2 * network.output_size)
         return self.refine == "split" or (self.refine == "monotone" and affordable)
 
-    @property
-    def parts_of_a_choice(self) -> int:
+    def parts_of_a_choice(self, network: Network) -> int:
         """Return how many parts of a box are examined for a command that is neither excluded nor attained."""
-        return max(_PARTS_OF_A_CHOICE, self.effort.parts)
+        return max(affordable_parts(network), self.effort.parts)
 
     def __post_init__(self) -> None:
         if self.order < 1:
@@ -330,7 +327,7 @@ def _choices(
     program: Program | None = getattr(policy, "run", None)
     found = []
     for network in networks:
-        parts = settings.parts_of_a_choice if settings.refines_one_by_one(network) else 0
+        parts = settings.parts_of_a_choice(network) if settings.refines_one_by_one(network) else 0
         found.append(
             enclose_choices(
                 network,
