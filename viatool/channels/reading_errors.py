@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from viatool.arrays import Booleans, Floats, Hull, Indices
+from viatool.channels.drift import Drift
 from viatool.channels.inputs import Inputs
 from viatool.channels.lidar import LidarReadings
 from viatool.channels.quantities import Quantities
@@ -93,6 +94,8 @@ class ReadingErrors:
         (n,) least and largest range that a LiDAR gives; infinite for other sensors.
     missing : tuple of Missing
         Scans whose rays may return nothing.
+    angles : ndarray
+        (n,) bool: angles within a half turn.
     """
 
     inputs: Inputs
@@ -101,7 +104,8 @@ class ReadingErrors:
     bias: Floats
     scan: Indices
     limits: tuple[Floats, Floats]
-    missing: tuple[Missing, ...] = ()
+    missing: tuple[Missing, ...]
+    angles: Booleans
 
     @classmethod
     def of(
@@ -131,6 +135,7 @@ class ReadingErrors:
         limits = np.full(size, -np.inf), np.full(size, np.inf)
         scan = np.unique(np.stack([inputs.channel, inputs.age]), axis=1, return_inverse=True)[1].reshape(-1)
         missing: list[Missing] = []
+        angles = np.array([quantity.wraps for quantity in quantities])[inputs.channel]
         for number, quantity in enumerate(quantities):
             channel = quantity.channel
             asked = terms.get(channel.name, SensorTerms())
@@ -150,7 +155,7 @@ class ReadingErrors:
                 limits[0][columns], limits[1][columns] = lidar.minimum_range, lidar.maximum_range
             if beyond["missing"]:
                 missing += _missing(quantity, inputs, columns, int(beyond["missing"]), where)
-        return cls(inputs, absolute, relative, bias, scan, limits, tuple(missing))
+        return cls(inputs, absolute, relative, bias, scan, limits, tuple(missing), angles)
 
     @property
     def is_box(self) -> bool:
@@ -192,8 +197,15 @@ class ReadingErrors:
             np.maximum(self.limits[1], most + self.absolute),
         )
 
-    def sets(self, inputs: Floats) -> ObservationSets:
+    def sets(self, inputs: Floats, drift: Drift | None = None) -> ObservationSets:
         """Return everything that may be observed where inputs (B, n) were recorded. **Sound:** yes; rounding counts.
+
+        Parameters
+        ----------
+        inputs : ndarray
+            (B, n).
+        drift : Drift, optional
+            What other believed poses change.
 
         Raises
         ------
@@ -201,13 +213,31 @@ class ReadingErrors:
             If what a network takes of a reading has no bounds.
         """
         least, most = self.inputs.readings(inputs)
+        here = Forms.between(least, most)
+        shared = np.concatenate(
+            [np.zeros((len(inputs), 0, self.inputs.size)), *self._shared(len(inputs), drift)], axis=1
+        )
+        if drift is not None:
+            least, most = least + drift.forms.lower, most + drift.forms.upper
+            over = drift.anything | (self.angles & ~((least >= -np.pi) & (most <= np.pi)))
+            least, most = (
+                np.where(over, np.minimum(here.lower, -np.pi), least),
+                np.where(over, np.maximum(here.upper, np.pi), most),
+            )
+            here = Forms(here.centre + drift.forms.centre, here.slope, here.rest + drift.forms.rest)
+            shared = np.where(over[:, None], 0.0, shared)
+            here = Forms.where(over, Forms.between(least, most), here)
         ends, limits = self.own(least, most), self.kept(least, most)
         total = ends[0] - self.bias, ends[1] + self.bias
         bounds = np.clip(total[0], *limits), np.clip(total[1], *limits)
-        changed = self._changed
-        finite = np.isfinite(ends[0]) & np.isfinite(ends[1])
+        changed = self._changed | shared.any(axis=(0, 1))
         lower, upper = self._encoded(*bounds, changed)
-        forms = self._forms(ends, limits, finite, (lower, upper))
+        with np.errstate(invalid="ignore"):
+            own = np.maximum(least - ends[0], ends[1] - most)
+            readings = Forms(
+                here.centre, shared, (here.rest + own) * SLIGHTLY_MORE + 1e-15 * np.abs(here.centre)
+            )
+        forms = self._forms(readings, limits, (lower, upper))
         few = []
         for scan in self.missing:
             some = scan.bounds(bounds[0][:, scan.columns], bounds[1][:, scan.columns])
@@ -216,6 +246,11 @@ class ReadingErrors:
             low, high = self._encoded(*whole, changed)
             few.append(Few(scan.count, scan.columns, low[:, scan.columns], high[:, scan.columns]))
         return ObservationSets(forms, lower, upper, tuple(few))
+
+    def _shared(self, count: int, drift: Drift | None) -> list[Floats]:
+        """Return what symbols that readings have in common add to them, (B, S, n) each."""
+        bias = np.broadcast_to(self.common, (count, *self.common.shape))
+        return [bias] if drift is None else [drift.forms.slope, bias]
 
     @cached_property
     def _changed(self) -> Booleans:
@@ -231,29 +266,25 @@ class ReadingErrors:
         spare = 2.0 * UNIT_ROUNDOFF["float32"] * np.maximum(np.abs(lower), np.abs(upper)) * changed
         return lower - spare, upper + spare
 
-    def _forms(self, ends: Hull, limits: Hull, finite: Booleans, hull: Hull) -> Forms:
-        """Return inputs as forms of the common errors; those without a common error are as free as their bounds."""
+    def _forms(self, readings: Forms, limits: Hull, hull: Hull) -> Forms:
+        """Return inputs as forms of what they have in common; those without it are as free as their bounds."""
         alone = Forms.between(*hull)
-        slope = np.zeros((len(ends[0]), len(self.common), ends[0].shape[1]))
-        free = Forms(alone.centre, slope, alone.rest * SLIGHTLY_MORE)
-        if not len(self.common):
-            return free
+        free = Forms(alone.centre, np.zeros_like(readings.slope), alone.rest * SLIGHTLY_MORE)
+        moved = readings.slope.any(axis=1) & np.isfinite(readings.centre) & np.isfinite(readings.rest)
         parts = [free.centre.copy(), free.slope.copy(), free.rest.copy()]
         for number, channel in enumerate(self.inputs.channels):
-            columns = np.flatnonzero((self.inputs.channel == number) & (self.bias > 0.0))
+            columns = np.flatnonzero((self.inputs.channel == number) & moved.any(axis=0))
             if not columns.size:
                 continue
-            there = finite[:, columns]
-            low, high = (np.where(there, end[:, columns], 1.0) for end in ends)
-            middle, half = 0.5 * (low + high), 0.5 * (high - low)
-            shared = np.broadcast_to(self.common[:, columns], (len(low), *self.common[:, columns].shape))
-            readings = Forms(middle, shared.copy(), half * SLIGHTLY_MORE + 1e-15 * np.abs(middle))
+            there = moved[:, columns]
+            one, still = np.ones(there.shape), np.zeros((len(there), readings.slope.shape[1], len(columns)))
+            some = Forms.where(there, _columns(readings, columns), Forms(one, still, 0.0 * one))
             kept = [np.where(there, end[:, columns], 1.0) for end in limits]
             with channel.named_in_errors():
-                seen = channel.encoding.forms(readings.clipped(*kept))
+                seen = channel.encoding.forms(some.clipped(*kept))
             size = np.maximum(np.abs(seen.lower), np.abs(seen.upper))
             seen = Forms(seen.centre, seen.slope, seen.rest + 2.0 * UNIT_ROUNDOFF["float32"] * size)
-            chosen = Forms.where(there, seen, Forms(*(_columns(part, columns) for part in parts)))
+            chosen = Forms.where(there, seen, _columns(free, columns))
             parts[0][:, columns], parts[1][:, :, columns], parts[2][:, columns] = (
                 chosen.centre,
                 chosen.slope,
@@ -262,8 +293,8 @@ class ReadingErrors:
         return Forms(*parts).checked()
 
 
-def _columns(part: Floats, columns: Indices) -> Floats:
-    return np.asarray(part[..., columns])
+def _columns(forms: Forms, columns: Indices) -> Forms:
+    return Forms(forms.centre[:, columns], forms.slope[:, :, columns], forms.rest[:, columns])
 
 
 def _missing(quantity: object, inputs: Inputs, columns: Indices, count: int, where: str) -> Sequence[Missing]:

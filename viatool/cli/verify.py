@@ -19,10 +19,10 @@ from viatool.setting.criteria import CRITERIA
 if TYPE_CHECKING:
     from viatool.loop.horizon import Horizon
     from viatool.schedule import Progress
+    from viatool.uncertainty import ErrorModel
     from viatool.verification.result import Result
 
 _PASSED_ON = (
-    "errors",
     "trajectory",
     "criterion",
     "order",
@@ -78,7 +78,8 @@ _PASSED_ON = (
     "--pose-error",
     type=PoseErrorType(),
     default=(0.0, 0.0),
-    help="With --horizon: how far x and y, and the heading, of a recorded pose may be off, such as 0.01,0.01.",
+    help="How far x and y, and the heading, that localisation gives may be off, such as 0.01,0.01; with --horizon "
+    "that of the first pose alone.",
 )
 @click.option(
     "--only-contested",
@@ -139,11 +140,20 @@ def _horizon(given: Mapping[str, Any]) -> Horizon | None:
 
     if given["horizon"] is not None:
         return Horizon(given["horizon"], *given["pose_error"])
-    about_it = ["--pose-error"] if any(given["pose_error"]) else []
-    about_it += [f"--fail-under {text}" for text in given["fail_under"] if text.startswith("horizon=")]
+    about_it = [f"--fail-under {text}" for text in given["fail_under"] if text.startswith("horizon=")]
     if about_it:
         raise ConfigurationError(f"{about_it[0]} is about a horizon", "add --horizon K, such as --horizon 10")
     return None
+
+
+def _errors(given: Mapping[str, Any]) -> ErrorModel:
+    """Return the error model, with what `--pose-error` adds where no horizon follows."""
+    from viatool.uncertainty import as_error_model
+
+    model = as_error_model(given["errors"])
+    if given["horizon"] is None and any(given["pose_error"]):
+        return model.with_pose_error(*given["pose_error"])
+    return model
 
 
 def _verify(given: Mapping[str, Any], progress: Progress) -> Result:
@@ -160,6 +170,7 @@ def _verify(given: Mapping[str, Any], progress: Progress) -> Result:
         bag=bag,
         places=places,
         horizon=_horizon(given),
+        errors=_errors(given),
         progress=progress,
         **{name: given[name] for name in _PASSED_ON},
     )

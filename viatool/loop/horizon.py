@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from viatool.arrays import Booleans, Floats, Indices
 from viatool.errors import ConfigurationError
 from viatool.safety.witness import Witnesses
+from viatool.uncertainty import ErrorModel
 
 MOST_STEPS = 1000
 
@@ -55,6 +56,22 @@ class Horizon:
             raise ConfigurationError(
                 f"a tube is cut into {self.parts} sectors of {self.sector} rad", "give positive numbers"
             )
+
+    def beginning(self, model: ErrorModel) -> Horizon:
+        """Return the same from the box of starts that an error model states; of x and y the larger counts for both.
+
+        Raises
+        ------
+        ConfigurationError
+            If both state one.
+        """
+        start = model.start
+        place, heading = max(start.x or 0.0, start.y or 0.0), start.theta or 0.0
+        if (place or heading) and self.pose_error.any():
+            raise ConfigurationError(
+                f"{model.source} states a box of starts, and so does --pose-error", "leave one of them out"
+            )
+        return replace(self, position_error=place, heading_error=heading) if place or heading else self
 
     @property
     def pose_error(self) -> Floats:
@@ -148,6 +165,8 @@ class Crashes:
             self.seconds,
             self.place,
             self.clearance,
+            self.poses[rows, self.step],
+            self.poses[rows, self.step],
         )
 
     @classmethod

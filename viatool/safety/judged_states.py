@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from viatool.arrays import Booleans, Floats
 from viatool.motion.actuated import ActuatedMotion
 from viatool.motion.corner_runs import CORNER_MARGIN, drive_corners
+from viatool.motion.manoeuvre import Manoeuvre
+from viatool.rounding import SIGHT_ROUNDING
 from viatool.safety.proof import Proof, prove_clearance
 from viatool.safety.scene_poses import ScenePoses
 from viatool.setting.rules import Rules
@@ -80,11 +82,12 @@ class JudgedStates:
         """Return the W waits before the new command acts: seconds, where each begins, and the command (B, 2) held."""
         found, here = [], self.observing
         durations = self.rules.dead_time.durations
-        for back, seconds in zip(range(len(durations), 0, -1), durations, strict=True):
+        each = zip(range(len(durations), 0, -1), durations, self.rules.waiting, strict=True)
+        for back, seconds, waiting in each:
             assert self.under_way is not None
             held = self.under_way[:, -back]
             found.append((seconds, here, held))
-            here = here.moved(self.rules.kinematics.advance(here.poses, held, seconds))
+            here = self._after(here, held, seconds, waiting)
         return tuple(found)
 
     @cached_property
@@ -93,7 +96,17 @@ class JudgedStates:
         if not self.waits:
             return self.observing
         seconds, here, held = self.waits[-1]
-        return here.moved(self.rules.kinematics.advance(here.poses, held, seconds))
+        return self._after(here, held, seconds, self.rules.waiting[-1])
+
+    def _after(self, here: ScenePoses, held: Floats, seconds: float, waiting: Manoeuvre) -> ScenePoses:
+        """Return where commands (B, A) that are held lead; a turned box leads aside by the way times its turn."""
+        moved = here.moved(self.rules.kinematics.advance(here.poses, held, seconds))
+        if here.radii is None:
+            return moved
+        aside = self.rules.kinematics.from_elsewhere(here.radii, waiting.extent(held)[0], 0.0)[1]
+        slack = SIGHT_ROUNDING * (here.scale + np.abs(moved.poses).sum(axis=1))
+        wider = np.stack([aside + slack, aside + slack, slack], axis=1)
+        return replace(moved, radii=here.radii + wider)
 
     @property
     def known(self) -> Booleans:

@@ -164,7 +164,7 @@ def settle(states: JudgedStates, threshold: float) -> Booleans:
     else:
         way = motion.longest
         settled = np.ones(len(states), dtype=bool)
-    near = ~(away > threshold + way + 1e-6 * here.scale) & settled
+    near = ~(away > threshold + way + here.extent + 1e-6 * here.scale) & settled
     some = states.select(near)
     settled[near] = prove_clearance(
         here.select(near),

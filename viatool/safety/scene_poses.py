@@ -54,6 +54,11 @@ class ScenePoses:
         """Return the number of poses."""
         return len(self.poses)
 
+    @property
+    def extent(self) -> Floats | float:
+        """Return how far any place of a box is from its middle at most, (B,) metres; 0 for poses alone."""
+        return 0.0 if self.radii is None else np.hypot(self.radii[:, 0], self.radii[:, 1])
+
     def select(self, which: NDArray[Any]) -> ScenePoses:
         """Return some of the states, by index (repeated at will) or mask."""
         radii = None if self.radii is None else self.radii[which]

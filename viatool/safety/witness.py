@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from itertools import product
 from typing import Any, Protocol
 
@@ -61,6 +61,8 @@ class Witnesses:
         (W, 3) where the robot is then.
     clearance : ndarray
         (W,) metres that are left then.
+    start, believed : ndarray
+        (W, 3) where the robot is when it observes, and where it believes to be.
     """
 
     state: Indices
@@ -69,6 +71,8 @@ class Witnesses:
     seconds: Floats
     pose: Floats
     clearance: Floats
+    start: Floats
+    believed: Floats
 
     def __len__(self) -> int:
         """Return the number of counterexamples."""
@@ -96,7 +100,7 @@ class Witnesses:
     @classmethod
     def join(cls, parts: list[Witnesses], size: int, axes: int) -> Witnesses:
         """Return all parts as one, ordered by state; `size` numbers in an observation, `axes` in a command."""
-        shapes = ((0,), (0, size), (0, axes), (0,), (0, 3), (0,))
+        shapes = ((0,), (0, size), (0, axes), (0,), (0, 3), (0,), (0, 3), (0, 3))
         none = cls(np.zeros(0, dtype=np.int64), *(np.zeros(shape) for shape in shapes[1:]))
         every = [none, *parts]
         names = tuple(cls.__dataclass_fields__)
@@ -268,15 +272,14 @@ def confirm(policy: SearchablePolicy, states: JudgedStates, candidates: Floats) 
     left = clearances[rows, best]
     failed = (left < states.rules.clearance.collision - MARGIN - states.margin) | (left <= 0.0)
     rows, best = rows[failed], best[failed]
+    here = states.observing.poses[rows]
     picked: list[Any] = [array[rows, best] for array in (candidates, actions, seconds, poses, clearances)]
-    return Witnesses(rows, *picked)
+    return Witnesses(rows, *[*picked, here, here])
 
 
 def _of_states(found: Witnesses, rows: Indices) -> Witnesses:
     """Return witnesses of a selection with the states counted in the whole."""
-    return Witnesses(
-        rows[found.state], found.observation, found.action, found.seconds, found.pose, found.clearance
-    )
+    return replace(found, state=rows[found.state])
 
 
 class _Search:

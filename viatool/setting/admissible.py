@@ -28,18 +28,27 @@ class AdmissibleSets:
         Of n inputs.
     inputs : ndarray
         (B, n) what was recorded.
+    drifted : ndarray, optional
+        (B, n) by how much readings differ because the robot believes another pose.
     """
 
     errors: ReadingErrors
     inputs: Floats
+    drifted: Floats | None = None
 
     def rows(self, which: Indices) -> AdmissibleSets:
         """Return some of the sets."""
-        return replace(self, inputs=self.inputs[which])
+        drifted = None if self.drifted is None else self.drifted[which]
+        return replace(self, inputs=self.inputs[which], drifted=drifted)
+
+    @cached_property
+    def recorded_inputs(self) -> Floats:
+        """What the network takes without an error but that of the pose, (B, n)."""
+        return self.inputs if self.drifted is None else self._received(self._recorded[0])
 
     @cached_property
     def _hull(self) -> Hull:
-        return self.errors.sets(self.inputs).hull
+        return self.errors.sets(self.recorded_inputs).hull
 
     @property
     def lower(self) -> Floats:
@@ -56,6 +65,10 @@ class AdmissibleSets:
         """The readings that were recorded; where a clip hides a reading, the one at its end."""
         least, most = self.errors.inputs.readings(self.inputs, within=True)
         seen = np.where(np.isfinite(least), least, most)
+        if self.drifted is not None:
+            seen = seen + self.drifted
+            turns = np.where(self.errors.angles & (np.abs(seen) > np.pi), np.round(seen / (2.0 * np.pi)), 0.0)
+            seen = seen - 2.0 * np.pi * turns
         return seen, seen
 
     @cached_property
@@ -145,7 +158,9 @@ class AdmissibleSets:
         return inputs
 
 
-def explain(errors: ReadingErrors, recorded: Floats, observed: Floats) -> dict[str, Any] | None:
+def explain(
+    errors: ReadingErrors, recorded: Floats, observed: Floats, drifted: Floats | None = None
+) -> dict[str, Any] | None:
     """Find errors within their bounds that make an observation of what was recorded.
 
     Parameters
@@ -154,6 +169,8 @@ def explain(errors: ReadingErrors, recorded: Floats, observed: Floats) -> dict[s
         Of n inputs.
     recorded, observed : ndarray
         (n,) each.
+    drifted : ndarray, optional
+        (n,) by how much readings differ because the robot believes another pose.
 
     Returns
     -------
@@ -167,11 +184,12 @@ def explain(errors: ReadingErrors, recorded: Floats, observed: Floats) -> dict[s
     no more entries unexplained than rays may be missing.
     """
     found: dict[str, Any] = {}
+    off = np.zeros(len(recorded)) if drifted is None else drifted
     for scan in np.unique(errors.scan).tolist():
         columns = np.flatnonzero(errors.scan == scan)
         channel = errors.inputs.channels[int(errors.inputs.channel[columns[0]])]
         ends = [
-            _biases(errors, int(column), float(recorded[column]), float(observed[column]))
+            _biases(errors, int(column), float(recorded[column]), float(observed[column]), float(off[column]))
             for column in columns
         ]
         allowed = float(errors.bias[columns[0]])
@@ -217,10 +235,16 @@ def _decoded(errors: ReadingErrors, column: int, value: float) -> tuple[float, f
     return ends[0], ends[1]
 
 
-def _biases(errors: ReadingErrors, column: int, recorded: float, observed: float) -> tuple[float, float]:
+def _biases(
+    errors: ReadingErrors, column: int, recorded: float, observed: float, drifted: float
+) -> tuple[float, float]:
     """Return between which biases an entry is what was recorded with an error of its own."""
     first, last = _decoded(errors, column, recorded)
     low, high = _decoded(errors, column, observed)
+    first, last = first + drifted, last + drifted
+    if errors.angles[column] and math.isfinite(first) and math.isfinite(low):
+        turns = 2.0 * math.pi * round((low - first) / (2.0 * math.pi))
+        first, last = first + turns, last + turns
     share, own = float(errors.relative[column]), float(errors.absolute[column])
     least = first - (share * abs(first) if share else 0.0) - own
     most = last + (share * abs(last) if share else 0.0) + own

@@ -9,8 +9,9 @@ from typing import Protocol
 
 import numpy as np
 
-from viatool.arrays import Floats
-from viatool.channels import Quantities
+from viatool.arrays import Floats, Indices
+from viatool.channels import Quantities, View
+from viatool.channels.drift import Drift, observes_its_pose, require_present, seen_from_elsewhere
 from viatool.channels.reading_errors import ReadingErrors
 from viatool.errors import ConfigurationError, PolicyError
 from viatool.motion.law import Axis
@@ -20,6 +21,7 @@ from viatool.policy.network import Network
 from viatool.policy.overrides import Overrides
 from viatool.policy.runtime import Runtime
 from viatool.policy.specified import Specified, name_of, specification_of
+from viatool.sets.forms import PoseBoxes
 from viatool.setting.driven import DrivenPolicy
 from viatool.setting.premises import Premise
 from viatool.setting.reconcile import Parties, reconcile
@@ -176,6 +178,8 @@ class Setting:
             uncertainty=wishes.errors,
         )
         _ = setting.reading_errors  # refuses what a channel does not have
+        if setting.pose_radii.any():
+            require_present(setting.quantities, wishes.errors.source)
         if scenarios is not None:  # those of a map were looked at when it was read
             _check_goals(setting)
         return setting
@@ -210,22 +214,65 @@ class Setting:
         )
 
     @cached_property
+    def quantities(self) -> Quantities:
+        """What the policy observes."""
+        return Quantities.of(self.spec.observation, self.robot, self.spec.frames)
+
+    @cached_property
     def reading_errors(self) -> ReadingErrors:
         """How every reading errs: within the radii, and by the other terms of the error model."""
-        quantities = Quantities.of(self.spec.observation, self.robot, self.spec.frames)
         model = self.uncertainty
-        return ReadingErrors.of(quantities, self.radii, model.sensor, model.source)
+        return ReadingErrors.of(self.quantities, self.radii, model.sensor, model.source)
 
-    def observed(self, observations: Floats) -> tuple[Floats, Floats]:
+    @property
+    def pose_radii(self) -> Floats:
+        """Return how far the pose that localisation gives may be from the true one, (3,) metres and radians."""
+        pose = self.uncertainty.pose
+        return np.array([pose.x or 0.0, pose.y or 0.0, pose.theta or 0.0])
+
+    def goals(self, scenarios: Sequence[Scenario | None]) -> Floats:
+        """Return the goals of S scenarios, (S, 2); ConfigurationError if one is not known."""
+        if None in scenarios:
+            raise ConfigurationError(
+                "a pose error moves the goal as the robot sees it, but an episode has no goal",
+                "give the trajectory its scenario, a bag its --goal, or leave out the pose error",
+            )
+        return np.array([scenario.goal for scenario in scenarios if scenario is not None], dtype=np.float64)
+
+    def drift(self, poses: Floats, scenarios: Sequence[Scenario | None], episode: Indices) -> Drift | None:
+        """Return what other believed poses change at recorded ones (B, 3); None if poses are exact or not observed."""
+        radii = self.pose_radii
+        if not (radii.any() and observes_its_pose(self.quantities)):
+            return None
+        needed = "goal" in self.quantities.needs
+        goals = self.goals(scenarios) if needed else np.zeros((len(scenarios), 2))
+        scale = 1.0 + float(max(np.abs(end).max(initial=0.0) for end in (self.world_map.arena, poses, goals)))
+        axes, rows, parts = len(self.rules.kinematics.axes), [], []
+        for goal in np.unique(goals[episode], axis=0):
+            rows.append(np.flatnonzero((goals[episode] == goal).all(axis=1)))
+            boxes = PoseBoxes(poses[rows[-1]], np.broadcast_to(radii, (len(rows[-1]), 3)))
+            parts.append(Drift.of(self.quantities, boxes, goal, scale, axes))
+        return Drift.join(parts, np.argsort(np.concatenate(rows), kind="stable"))
+
+    def drifted(
+        self, scenes: Scenes, scene: Indices, poses: Floats, believed: Floats, goals: Floats
+    ) -> Floats:
+        """Return by how much readings differ, (B, n), where robots at poses (B, 3) believe others."""
+        still = np.zeros((len(poses), len(self.rules.kinematics.axes)))
+        return seen_from_elsewhere(
+            self.quantities, View(scenes, poses, scene, goals, still, believed=believed)
+        )
+
+    def observed(self, observations: Floats, drift: Drift | None = None) -> tuple[Floats, Floats]:
         """Return the least and the largest number (B, n) that the network may take around recorded ones (B, n).
 
         Notes
         -----
         Sound: yes, also where the errors are no box; rounding is counted.
         """
-        if self.reading_errors.is_box:
+        if self.reading_errors.is_box and drift is None:
             return self.spec.inputs.box(observations, self.radii)
-        return self.reading_errors.sets(observations).hull
+        return self.reading_errors.sets(observations, drift).hull
 
     def uncertain(self, observations: Floats) -> tuple[Floats, Floats]:
         """Return where the network's input lies around recorded ones (B, n): centres, and radii (n,) or (B, n).

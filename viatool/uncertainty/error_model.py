@@ -222,6 +222,22 @@ class ErrorModel(ErrorTerms):
                 "leave the term out, if a verdict about a robot that is ideal in it says what you need",
             )
 
+    def with_pose_error(self, position: float, heading: float) -> ErrorModel:
+        """Return the model with an error of the pose that localisation gives: of x and y each, and of the heading.
+
+        Raises
+        ------
+        ConfigurationError
+            If it states one already.
+        """
+        if self.pose != PoseTerms():
+            raise ConfigurationError(
+                f"{self.source} states a pose error, and so does --pose-error", "leave one of them out"
+            )
+        source = "--pose-error" if not self else f"{self.source} and --pose-error"
+        pose = PoseTerms(x=position, y=position, theta=heading)
+        return self.model_copy(update={"pose": pose, "source": source})
+
     def without(self, place: str) -> ErrorModel:
         """Return the model without the term that stands at a place, as `stated` names it; the same if there is none."""
         content = self.model_dump(exclude_none=True)

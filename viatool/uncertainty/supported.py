@@ -17,10 +17,14 @@ _DRAWN = frozenset(
     for term in terms
 )
 _DRIVEN = MOTION | {"sensor.angle"}
+_POSE = frozenset({"pose.x", "pose.y", "pose.theta"})
+_START = frozenset({"start.x", "start.y", "start.theta"})
 
 SUPPORTED: dict[str, frozenset[str]] = {
-    "verify": frozenset({"sensor.absolute", "sensor.relative", "sensor.bias", "sensor.missing"}) | MOTION,
-    "verify with a horizon": frozenset({"sensor.absolute"}),
+    "verify": frozenset({"sensor.absolute", "sensor.relative", "sensor.bias", "sensor.missing"})
+    | MOTION
+    | _POSE,
+    "verify with a horizon": frozenset({"sensor.absolute"}) | _START,
     "certify": frozenset({"sensor.absolute"}) | MOTION,
     "simulate": _DRAWN | _DRIVEN,
     "simulate with bullet": _DRAWN,

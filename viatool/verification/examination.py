@@ -8,19 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from viatool.arrays import Booleans, Floats
 from viatool.loop.horizon import Crashes, Tubes
 from viatool.policy import Policy
-from viatool.safety import JudgedStates, ScenePoses, Witnesses, find_contested, search_witnesses
+from viatool.safety import JudgedStates, ScenePoses, find_contested
 from viatool.safety.pieces import CommandPieces, judge_pieces
-from viatool.setting.admissible import AdmissibleSets, explain
 from viatool.setting.setting import Setting
-from viatool.taylor import ReachableSet, reach
-from viatool.taylor.observed import reach_observed
-from viatool.taylor.propagation import Box
 from viatool.verification.clock import Clock
 from viatool.verification.findings import StateFindings
 from viatool.verification.horizon import HorizonExamination
+from viatool.verification.observing import BlockSensors
 from viatool.verification.states import States
 
 
@@ -63,24 +59,21 @@ class StateExamination:
         clock = Clock()
         with clock.timed("geometry"):
             placed = ScenePoses.of(self.setting.world_map, block.scenarios, block.poses, block.episode)
-            judged = JudgedStates(self.setting.rules, placed, block.under_way, block.measured)
+            sensors = BlockSensors(self.setting, block, placed)
+            judged = JudgedStates(self.setting.rules, sensors.placed, block.under_way, block.measured)
             contested = find_contested(judged)
         with clock.timed("reach"):
             wanted = contested.either if self.only_contested else np.ones(len(block), dtype=bool)
-            reachable = self._reach(block.observations, wanted, contested.either)
-            observed = self.setting.observed(block.observations)
+            reachable = sensors.reach(self.policy, self.engine, wanted, contested.either)
             policy = self.setting.driven(self.policy)
-            pieces = CommandPieces.of(policy, reachable, *observed)
+            pieces = CommandPieces.of(policy, reachable, *sensors.bounds)
             commands = reachable if policy.is_plain else pieces.reachable(reachable)
         with clock.timed("judge"):
             judgement = judge_pieces(judged, pieces, contested)
         with clock.timed("search"):
             doubtful = np.flatnonzero(~judgement.safe & judged.known & self.search)
-            found = search_witnesses(
-                policy, judged, doubtful, block.observations, self._searched(block.observations),
-                commands.lower, commands.upper, seed=(self.seed, block.first),
-            )  # fmt: skip
-            found = self._explained(found, block.observations)
+            bounds = commands.lower, commands.upper
+            found = sensors.search(policy, judged, doubtful, bounds, (self.seed, block.first))
             witnesses = replace(found, state=block.first + found.state)
         with clock.timed("horizon"):
             tubes, crashes = self._follow(block, placed)
@@ -106,33 +99,3 @@ class StateExamination:
             first=block.first,
             seed=self.seed,
         )
-
-    def _reach(self, observations: Floats, wanted: Booleans, contested: Booleans) -> ReachableSet:
-        """Bound the commands of the wanted states, those of contested ones with more effort; the others get NaN."""
-        errors = self.setting.reading_errors
-        if errors.is_box or not wanted.any():
-            found = reach(self.policy, *self.setting.uncertain(observations[wanted]), **self.engine)
-            return found if wanted.all() else found.spread(wanted)
-        rows = [np.flatnonzero(wanted & (contested == effort)) for effort in (True, False)]
-        parts = [
-            reach_observed(self.policy, errors.sets(observations[some]), thorough=effort, **self.engine)
-            for some, effort in zip(rows, (True, False), strict=True)
-            if some.size
-        ]
-        return ReachableSet.join(parts).rows(np.argsort(np.concatenate(rows), kind="stable")).spread(wanted)
-
-    def _searched(self, observations: Floats) -> Box | AdmissibleSets:
-        """Return what the network may take in each state, to be searched."""
-        errors = self.setting.reading_errors
-        if errors.is_box:
-            return Box(*self.setting.spec.inputs.box(observations, self.setting.radii, within=True))
-        return AdmissibleSets(errors, observations)
-
-    def _explained(self, found: Witnesses, observations: Floats) -> Witnesses:
-        """Return the counterexamples that errors within their bounds explain: all, of errors that are a box."""
-        errors = self.setting.reading_errors
-        if errors.is_box:
-            return found
-        pairs = zip(found.state.tolist(), found.observation, strict=True)
-        kept = [explain(errors, observations[state], seen) is not None for state, seen in pairs]
-        return found.select(np.flatnonzero(kept))

@@ -178,9 +178,12 @@ def verify(
         setting = Setting.of(policy, world_map, eps, wishes, scenarios, job=job)
         if horizon is not None:
             horizon = Horizon(horizon) if isinstance(horizon, int) else horizon
+            horizon = horizon.beginning(setting.uncertainty)
             require_known_over_poses(setting)
     with clock.timed("trajectory"):
         trajectory = as_received(setting, source.states(policy, setting))
+        if setting.pose_radii.any() and "goal" in setting.quantities.needs:
+            setting.goals(trajectory.scenarios)  # refuses episodes without one
         asked = _states(setting, trajectory, followed=horizon is not None)
         recording = source.compared(setting, trajectory)
     engine = {"order": order, "approximation": approximation, "refine": refine}

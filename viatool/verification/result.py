@@ -208,7 +208,8 @@ class Result(Asked):
             One row for each of the states, and `EPISODE_COLUMNS` with one for each episode.
         """
         observations = self.observations[rows]
-        lower, upper = self.setting.observed(observations)
+        drift = self.setting.drift(self.poses[rows], self.trajectory.scenarios, self.episode[rows])
+        lower, upper = self.setting.observed(observations, drift)
         return {
             "pose": self.poses[rows],
             "observation": observations,
@@ -317,6 +318,14 @@ class Result(Asked):
             "most": int(counts.max()),
         }
 
+    @property
+    def _from(self) -> str:
+        """Return in words from which poses a state is judged."""
+        x, y, theta = self.setting.pose_radii
+        if not self.setting.pose_radii.any():
+            return "the exact pose of the state"
+        return f"every pose within {x:g} m, {y:g} m and {theta:g} rad of that of the state"
+
     def assumptions(self) -> dict[str, Any]:
         """Return what the verdicts rest on, by name."""
         rules = self.rules
@@ -334,7 +343,7 @@ class Result(Asked):
             "footprint": rules.footprint.words,
             "clearance": f"more than {rules.clearance.collision:g} m (danger: {rules.clearance.danger:g} m)",
             "commands": (f"clipped to {rules.kinematics.range_words(rules.lower, rules.upper)}, {reached}"),
-            "motion": f"{rules.kinematics.description}, from the exact pose of the state",
+            "motion": f"{rules.kinematics.description}, from {self._from}",
             "horizon": f"one command, held for {held:g} s; each state by itself, not the whole run"
             + ("" if self.horizon is None else f". {self.horizon.meaning}"),
             "delay": (f"{rules.delay:g} s" if rules.delay else "none")

@@ -31,7 +31,7 @@ from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
 from viatool.trajectory import read_scenario, write_scenario
 from viatool.verification.result import Result
-from viatool.world import Clearance, Footprint, Scenario, WorldMap
+from viatool.world import Clearance, Footprint, Scenario, Scenes, WorldMap
 
 SCHEMA_VERSION = 1
 
@@ -140,7 +140,7 @@ def _entries(result: Result, found: Witnesses, crashes: Crashes | None = None) -
             "state": state,
             "episode": int(trajectory.episode[state]),
             "time": float(trajectory.time[state]),
-            "pose": trajectory.poses[state].tolist(),
+            "pose": found.start[row].tolist(),
             **commands_before(result.under_way[state]),
         }
         if result.velocity is not None:
@@ -156,14 +156,28 @@ def _entries(result: Result, found: Witnesses, crashes: Crashes | None = None) -
                 }
                 for k in range(step)
             ]
-        errors = explain(
-            result.setting.reading_errors, trajectory.observations[state], found.observation[row]
-        )
-        if crashes is None and errors:
-            about["errors"] = errors
+        if crashes is None:
+            about |= _errors(result, found, row, state)
         violation = found.violation(row, result.world_map, scenario, result.rules.footprint)
         entries.append(about | violation | {"scenario": json.loads(write_scenario(scenario) or "null")})
     return entries
+
+
+def _errors(result: Result, found: Witnesses, row: int, state: int) -> dict[str, Any]:
+    """Return which errors make a counterexample of what was recorded, where they are not within eps alone."""
+    setting, recorded, told = result.setting, result.trajectory.poses[state], dict[str, Any]()
+    drifted = None
+    if setting.pose_radii.any():
+        believed = found.believed[row]
+        told |= {"recorded_pose": recorded.tolist(), "believed_pose": believed.tolist()}
+        scenario = result.trajectory.scenarios[result.trajectory.episode[state]]
+        if scenario is not None:
+            scenes, goals = Scenes.of(result.world_map, [scenario]), setting.goals([scenario])
+            first = np.zeros(1, np.int64)
+            drifted = setting.drifted(scenes, first, recorded[None], believed[None], goals)[0]
+    observation = result.trajectory.observations[state]
+    errors = explain(setting.reading_errors, observation, found.observation[row], drifted)
+    return told | ({"errors": errors} if errors else {})
 
 
 def compose_witnesses(

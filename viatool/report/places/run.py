@@ -140,7 +140,9 @@ class PlacesRun(PlacesDocument, Cased, Located, Tabled, Drawn, Explorable, Repla
         step = max(1, -(-len(others) // (_MOST_WITNESSES - len(worst))))
         rows = np.concatenate([worst, others[::step]])
         observation = found.observation.astype(np.float64)
-        seen = Witnesses(rows, observation, found.action, found.seconds, found.closest, found.clearance)
+        seen = Witnesses(
+            rows, observation, found.action, found.seconds, found.closest, found.clearance, found.pose, found.pose
+        )  # fmt: skip
         about = json.loads(write_scenario(scenario) or "null")
         under_way = certificate.rules.queue(found.previous)
         for row in rows.tolist():

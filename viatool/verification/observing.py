@@ -1,0 +1,185 @@
+"""What may be observed in each state of a block, what the policy makes of it, and the search for what fails."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from viatool.arrays import Booleans, Floats, Indices
+from viatool.channels.drift import Drift
+from viatool.channels.reading_errors import ReadingErrors
+from viatool.policy import Policy
+from viatool.safety import JudgedStates, ScenePoses, Witnesses, search_witnesses
+from viatool.setting.admissible import AdmissibleSets, explain
+from viatool.setting.driven import DrivenPolicy
+from viatool.setting.setting import Setting
+from viatool.taylor import ReachableSet, reach
+from viatool.taylor.observed import reach_observed
+from viatool.taylor.propagation import Box
+from viatool.verification.states import States
+
+_CORNERS = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3, indexing="ij")).reshape(3, -1).T
+_BELIEFS = 4
+"""Pairs of a true and a believed pose from which each state is searched."""
+_WITHIN = 1.0 - 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class BlockSensors:
+    """What the sensors of a robot may say in each of B states.
+
+    Parameters
+    ----------
+    setting : Setting
+        How they err.
+    states : States
+        Where they were read, and what they said.
+    exact : ScenePoses
+        The recorded poses.
+    """
+
+    setting: Setting
+    states: States
+    exact: ScenePoses
+
+    @property
+    def errors(self) -> ReadingErrors:
+        """Return how readings err."""
+        return self.setting.reading_errors
+
+    @property
+    def observations(self) -> Floats:
+        """Return what was recorded, (B, n)."""
+        return self.states.observations
+
+    @cached_property
+    def drift(self) -> Drift | None:
+        """What other believed poses change; None where the pose is exact."""
+        return self.setting.drift(self.states.poses, self.states.scenarios, self.states.episode)
+
+    @property
+    def is_box(self) -> bool:
+        """Tell whether every entry errs by itself, by a radius of its own."""
+        return self.errors.is_box and self.drift is None
+
+    @property
+    def placed(self) -> ScenePoses:
+        """Return the boxes of poses at which the robot may really be."""
+        radii = self.setting.pose_radii
+        if not radii.any():
+            return self.exact
+        return replace(self.exact, radii=np.broadcast_to(radii, self.exact.poses.shape))
+
+    @property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Return the least and the largest number that the network may take, (B, n) each."""
+        return self.setting.observed(self.observations, self.drift)
+
+    def reach(
+        self, policy: Policy, engine: Mapping[str, Any], wanted: Booleans, contested: Booleans
+    ) -> ReachableSet:
+        """Bound the commands of the wanted states, those of contested ones with more effort; the others get NaN."""
+        if self.is_box or not wanted.any():
+            found = reach(policy, *self.setting.uncertain(self.observations[wanted]), **engine)
+            return found if wanted.all() else found.spread(wanted)
+        rows = [np.flatnonzero(wanted & (contested == effort)) for effort in (True, False)]
+        parts = [
+            reach_observed(policy, self._sets(some), thorough=effort, **engine)
+            for some, effort in zip(rows, (True, False), strict=True)
+            if some.size
+        ]
+        return ReachableSet.join(parts).rows(np.argsort(np.concatenate(rows), kind="stable")).spread(wanted)
+
+    def search(
+        self,
+        policy: DrivenPolicy,
+        judged: JudgedStates,
+        doubtful: Indices,
+        commands: tuple[Floats, Floats],
+        seed: Sequence[int],
+    ) -> Witnesses:
+        """Look for counterexamples in some states, within bounds of the commands, (B, A) each.
+
+        Notes
+        -----
+        Sound: yes, as `search_witnesses`; where errors are no box, each is one that `explain` explains.
+        """
+        inputs = self.setting.spec.inputs
+        if self.is_box and judged.observing.radii is None:
+            box = Box(*inputs.box(self.observations, self.setting.radii, within=True))
+            return search_witnesses(policy, judged, doubtful, self.observations, box, *commands, seed=seed)
+        if judged.observing.radii is None:
+            sets = AdmissibleSets(self.errors, self.observations)
+            found = search_witnesses(policy, judged, doubtful, self.observations, sets, *commands, seed=seed)
+            return self._explained(found, found.state, np.zeros_like(found.observation))
+        return self._search_poses(policy, judged, doubtful, commands, seed)
+
+    def _sets(self, rows: Indices) -> Any:
+        drift = None if self.drift is None else self.drift.select(rows)
+        return self.errors.sets(self.observations[rows], drift)
+
+    def _search_poses(
+        self,
+        policy: DrivenPolicy,
+        judged: JudgedStates,
+        doubtful: Indices,
+        commands: tuple[Floats, Floats],
+        seed: Sequence[int],
+    ) -> Witnesses:
+        """Search from some true poses of each box, with some believed ones."""
+        if not len(doubtful):
+            return Witnesses.join([], self.observations.shape[1], commands[0].shape[1])
+        generator = np.random.default_rng(seed)
+        rows = np.repeat(doubtful, _BELIEFS)
+        recorded, radii = self.states.poses[rows], _WITHIN * self.setting.pose_radii
+        true, believed = recorded.copy(), recorded.copy()
+        worst = self._worst_corners(judged.select(doubtful), commands, doubtful)
+        for number in range(1, _BELIEFS):
+            true[number::_BELIEFS] += radii * worst
+            if number > 1:
+                corners = _CORNERS[generator.integers(len(_CORNERS), size=len(doubtful))]
+                believed[number::_BELIEFS] += radii * corners
+        drifted = self._drifted(rows, believed)
+        sets = AdmissibleSets(self.errors, self.observations[rows], drifted)
+        seen = sets.nearest(sets.recorded_inputs).astype(np.float32).astype(np.float64)
+        some = judged.select(rows)
+        here = replace(some.observing, poses=true, radii=None)
+        found = search_witnesses(
+            policy, replace(some, observing=here), np.arange(len(rows)), seen, sets,
+            commands[0][rows], commands[1][rows], seed=seed,
+        )  # fmt: skip
+        found = replace(found, start=true[found.state], believed=believed[found.state])
+        found = self._explained(found, rows[found.state], drifted[found.state])
+        best = np.lexsort([found.clearance, found.state])
+        found = found.select(best)
+        return found.select(np.unique(found.state, return_index=True)[1])
+
+    def _worst_corners(self, judged: JudgedStates, commands: tuple[Floats, Floats], rows: Indices) -> Floats:
+        """Return from which corner of its box the middle command of each state comes nearest, (D, 3) signs."""
+        radii = _WITHIN * self.setting.pose_radii
+        middle = judged.rules.clip(0.5 * (commands[0][rows] + commands[1][rows]))[:, None]
+        clearances = []
+        for corner in _CORNERS:
+            here = replace(judged.observing, poses=judged.observing.poses + radii * corner, radii=None)
+            clearances.append(replace(judged, observing=here).closest_approach(middle)[0][:, 0])
+        return np.asarray(_CORNERS[np.argmin(clearances, axis=0)])
+
+    def _drifted(self, rows: Indices, believed: Floats) -> Floats:
+        """Return by how much readings change where the robot believes other poses (P, 3) than recorded, (P, n)."""
+        if self.drift is None:
+            return np.zeros((len(rows), self.setting.spec.inputs.size))
+        scene = self.states.episode[rows]
+        goals = self.setting.goals(self.states.scenarios)[scene]
+        return self.setting.drifted(self.exact.scenes, scene, self.states.poses[rows], believed, goals)
+
+    def _explained(self, found: Witnesses, state: Indices, drifted: Floats) -> Witnesses:
+        """Return the counterexamples that errors within their bounds explain, with the states that they are of."""
+        kept = [
+            explain(self.errors, self.observations[row], seen, drift) is not None
+            for row, seen, drift in zip(state.tolist(), found.observation, drifted, strict=True)
+        ]
+        return replace(found, state=state).select(np.flatnonzero(kept))
