@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import onnx
+from onnx import TensorProto, helper
 
 from tests.policy.models import model_of, node, weights
 
@@ -547,3 +548,66 @@ def recurrent(operator: str, version: int) -> list[Case]:
             Case(call("b", outputs=("", "", "y")), numbers(1), shape, "the cell", 7),
         ]
     return cases
+
+
+def told(name: str, kind: int = TensorProto.FLOAT, shape: list[int] | None = None) -> onnx.ValueInfoProto:
+    return helper.make_tensor_value_info(name, kind, shape)
+
+
+def counting(*nodes: onnx.NodeProto, outputs: tuple[str, ...]) -> onnx.GraphProto:
+    """The body of a loop over h, which keeps on."""
+    inputs = [told("i", TensorProto.INT64, []), told("go", TensorProto.BOOL, []), told("h")]
+    kept = [node("Identity", ["go"], ["on"]), *nodes]
+    return helper.make_graph(
+        kept, "body", inputs, [told("on", TensorProto.BOOL), *(told(name) for name in outputs)]
+    )
+
+
+@case("Loop")
+def loop(operator: str, version: int) -> list[Case]:
+    turn = [node("MatMul", ["h", "w"], ["m"]), node("Add", ["m", "x"], ["a"]), node("Tanh", ["a"], ["h2"])]
+    numbers = {"three": np.array(3), "true": np.array(True), "w": weights(1, 4, 4, scale=0.5)}
+    last = node(operator, ["three", "true", "x"], ["y"], body=counting(*turn, outputs=("h2",)))
+    scaled = [*turn, node("Cast", ["i"], ["f"], to=1), node("Mul", ["h2", "f"], ["s"])]
+    every = node(operator, ["three", "true", "x"], ["", "y"], body=counting(*scaled, outputs=("h2", "s")))
+    alone = node(operator, ["three", "", "x"], ["y"], body=last.attribute[0].g)
+    return [
+        Case([last], numbers, name="the last state", least_opset=7),
+        Case([every], numbers, name="every round", least_opset=7),
+        Case([alone], numbers, name="a count alone", least_opset=7),
+    ]
+
+
+@case("Scan")
+def scan(operator: str, version: int) -> list[Case]:
+    turn = [
+        node("MatMul", ["e", "w"], ["p"]),
+        node("MatMul", ["h", "r"], ["q"]),
+        node("Add", ["p", "q"], ["a"]),
+    ]
+    turn += [node("Tanh", ["a"], ["h2"]), node("Add", ["h2", "e"], ["o"])]
+    body = helper.make_graph(turn, "cell", [told("h"), told("e")], [told("h2"), told("o")])
+    numbers = {"h0": weights(3, 1, 2), "w": weights(1, 2, 2), "r": weights(2, 2, 2)}
+
+    def call(*outputs: str, **attributes: Any) -> list[onnx.NodeProto]:
+        return [node(operator, ["h0", "x"], list(outputs), body=body, num_scan_inputs=1, **attributes)]
+
+    back = {"scan_input_directions": [1], "scan_output_directions": [1]}
+    return [
+        Case(call("y", ""), numbers, (3, 1, 2), "the last state"),
+        Case(call("", "y"), numbers, (3, 1, 2), "every element"),
+        Case(call("", "y", **back), numbers, (3, 1, 2), "backwards"),
+        Case(
+            call("", "y", scan_input_axes=[1], scan_output_axes=[1]), numbers, (1, 3, 2), "along another axis"
+        ),
+    ]
+
+
+@case("If")
+def branch(operator: str, version: int) -> list[Case]:
+    graphs = {
+        f"{which}_branch": helper.make_graph([node(bend, ["x"], [which])], which, [], [told(which)])
+        for which, bend in (("then", "Tanh"), ("else", "Relu"))
+    }
+    call = node(operator, ["c"], ["y"], **graphs)
+    return [Case([call], {"c": np.array(taken)}, name=str(taken), least_opset=7) for taken in (True, False)]

@@ -6,8 +6,9 @@ the chosen output does not need are dropped; what contradicts itself (cycles, na
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import onnx
@@ -24,7 +25,37 @@ MAX_DEPTH = 50
 OLDEST_OPSET = 6
 
 Attribute = int | float | str | tuple[int, ...] | tuple[float, ...] | tuple[str, ...] | Constant
+Renamed = Callable[[str], str]
+"""Gives the name in the whole graph of a value of some part; the empty name stays empty."""
+
 _REPAIR = "export the policy again: the file is damaged"
+
+
+@dataclass(frozen=True, eq=False)
+class Subgraph:
+    """The graph that a loop or a branch holds.
+
+    Parameters
+    ----------
+    nodes : tuple of GraphNode
+        In the order of the file, functions expanded.
+    initializers : mapping
+        Of its own.
+    inputs, outputs : tuple of str
+        What it is given in each round, and what it gives.
+    """
+
+    nodes: tuple[GraphNode, ...]
+    initializers: Mapping[str, onnx.TensorProto]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+    @cached_property
+    def captured(self) -> tuple[str, ...]:
+        """Return what it reads of the graph around it."""
+        own = {*self.inputs, *self.initializers, *(name for node in self.nodes for name in node.outputs)}
+        read = [*(name for node in self.nodes for name in node.reads), *self.outputs]
+        return tuple(dict.fromkeys(name for name in read if name and name not in own))
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +76,8 @@ class GraphNode:
         As stored, without defaults.
     proto : onnx.NodeProto
         The call itself, with the attributes of an enclosing function filled in.
+    subgraphs : dict
+        The graphs that it holds, by attribute.
     """
 
     name: str
@@ -55,6 +88,28 @@ class GraphNode:
     outputs: tuple[str, ...]
     attributes: Mapping[str, Attribute]
     proto: onnx.NodeProto
+    subgraphs: Mapping[str, Subgraph] = field(default_factory=dict)
+
+    @property
+    def captured(self) -> tuple[str, ...]:
+        """Return what the graphs that it holds read of the graph around them."""
+        return tuple(name for graph in self.subgraphs.values() for name in graph.captured)
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """Return the values that it depends on: its inputs, and what its graphs read of the graph around them."""
+        return (*self.inputs, *self.captured)
+
+    def renamed(self, names: Mapping[str, str], name: str) -> GraphNode:
+        """Return the call with other values, and a name of its own; in its graphs, those around them."""
+        own = dict(names)
+        return replace(
+            self,
+            name=name,
+            inputs=tuple(own.get(value, value) for value in self.inputs),
+            outputs=tuple(own.get(value, value) for value in self.outputs),
+            subgraphs={key: _renamed(graph, own) for key, graph in self.subgraphs.items()},
+        )
 
     @property
     def key(self) -> str:
@@ -66,6 +121,16 @@ class GraphNode:
         """Return how the node is called in messages."""
         operator = f"{self.domain}.{self.operator}" if self.domain else self.operator
         return f"'{self.name}' ({operator})"
+
+
+def _renamed(graph: Subgraph, names: Mapping[str, str]) -> Subgraph:
+    """Return a graph that reads other values of the graph around it; its own keep their names."""
+    around = {name: names[name] for name in graph.captured if name in names}
+    return replace(
+        graph,
+        nodes=tuple(node.renamed(around, node.name) for node in graph.nodes),
+        outputs=tuple(around.get(name, name) for name in graph.outputs),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +172,7 @@ def read_graph(model: onnx.ModelProto, folder: Path) -> Graph:
         functions[key] = function
     expansion = _Expansion(functions, folder)
     opsets = _opsets(model.opset_import)
-    _expand(expansion, graph.node, opsets, {}, "", ())
+    _expand(expansion, graph.node, opsets, str, "", ())
     initializers = {tensor.name: tensor for tensor in graph.initializer}
     if len(initializers) != len(graph.initializer):
         raise PolicyError("two initialisers have the same name", _REPAIR)
@@ -145,7 +210,7 @@ def live(graph: Graph, *outputs: str) -> Graph:
                 raise PolicyError(f"nothing makes the value '{name}', which the output depends on", _REPAIR)
         elif node.key not in finished:
             finished[node.key] = False
-            stack.append((node, iter(node.inputs)))
+            stack.append((node, iter(node.reads)))
         elif not finished[node.key]:
             raise PolicyError(f"node {node.label} depends on its own output", _REPAIR)
 
@@ -160,7 +225,7 @@ def live(graph: Graph, *outputs: str) -> Graph:
                 stack.pop()
             elif source:
                 visit(source)
-    used = {source for node in ordered for source in node.inputs} | set(outputs)
+    used = {source for node in ordered for source in node.reads} | set(outputs)
     return Graph(
         tuple(_with_outputs(node, used) for node in ordered),
         {name: tensor for name, tensor in graph.initializers.items() if name in used},
@@ -190,16 +255,12 @@ def _expand(
     expansion: _Expansion,
     nodes: Iterable[onnx.NodeProto],
     opsets: Mapping[str, int],
-    names: dict[str, str],
+    renamed: Renamed,
     prefix: str,
     open_calls: tuple[tuple[str, str], ...],
     arguments: Mapping[str, onnx.AttributeProto] | None = None,
 ) -> None:
-    """Append nodes; inside a function `names` maps its values to those of the caller, others get a prefix."""
-
-    def renamed(name: str) -> str:
-        return names.get(name, prefix + name) if name else ""
-
+    """Append nodes with the names that their values have in the whole graph; those of inner functions get a prefix."""
     for proto in nodes:
         expansion.calls += 1
         if expansion.calls > MAX_NODES:
@@ -218,7 +279,54 @@ def _expand(
             inner = f"{prefix}{proto.op_type}_{expansion.calls}/"
             _expand_call(expansion, call, expansion.functions[key], inner, (*open_calls, key))
         else:
-            expansion.nodes.append(graph_node(call, domain, opsets.get(domain, 0)))
+            graphs = {
+                attribute.name: _expand_graph(
+                    expansion, attribute.g, opsets, renamed, prefix, open_calls, arguments
+                )
+                for attribute in call.attribute
+                if attribute.type == onnx.AttributeProto.GRAPH
+            }
+            if graphs:
+                _name_outputs(call, f"{prefix}{proto.op_type}_{expansion.calls}")
+            node = graph_node(call, domain, opsets.get(domain, 0))
+            expansion.nodes.append(replace(node, subgraphs=graphs) if graphs else node)
+
+
+def _name_outputs(call: onnx.NodeProto, prefix: str) -> None:
+    """Name the outputs that a loop or branch leaves out, on which onnxruntime crashes."""
+    named = [name or f"{prefix}/unused {index}" for index, name in enumerate(call.output)]
+    del call.output[:]
+    call.output.extend(named)
+
+
+def _expand_graph(
+    expansion: _Expansion,
+    graph: onnx.GraphProto,
+    opsets: Mapping[str, int],
+    renamed: Renamed,
+    prefix: str,
+    open_calls: tuple[tuple[str, str], ...],
+    arguments: Mapping[str, onnx.AttributeProto] | None,
+) -> Subgraph:
+    """Expand the graph that a call holds, in place, with the names of its values as the caller has them."""
+    if len(open_calls) >= MAX_DEPTH:
+        raise PolicyError("graphs are nested too deeply", _REPAIR)
+    if len(graph.sparse_initializer) or any(t.external_data for t in graph.initializer):
+        raise PolicyError(
+            f"the graph '{graph.name}' of a loop or branch has weights that are sparse or stand in another file",
+            "export the policy with dense weights inside",
+        )
+    around, expansion.nodes = expansion.nodes, []
+    _expand(expansion, graph.node, opsets, renamed, prefix, (*open_calls, ("", graph.name)), arguments)
+    nodes, expansion.nodes = tuple(expansion.nodes), around
+    del graph.node[:]
+    graph.node.extend(node.proto for node in nodes)
+    for value in (*graph.input, *graph.output, *graph.initializer):
+        value.name = renamed(value.name)
+    del graph.value_info[:]
+    initializers = {tensor.name: tensor for tensor in graph.initializer}
+    inputs = tuple(value.name for value in graph.input)
+    return Subgraph(nodes, initializers, inputs, tuple(value.name for value in graph.output))
 
 
 def _expand_call(
@@ -238,7 +346,11 @@ def _expand_call(
     arguments = {attribute.name: attribute for attribute in function.attribute_proto}
     arguments.update((attribute.name, attribute) for attribute in call.attribute)
     opsets = _opsets(function.opset_import)
-    _expand(expansion, function.node, opsets, names, prefix, open_calls, arguments)
+
+    def renamed(name: str) -> str:
+        return names.get(name, prefix + name) if name else ""
+
+    _expand(expansion, function.node, opsets, renamed, prefix, open_calls, arguments)
     for name, outer in through.items():  # an output that is an input
         copy = onnx.helper.make_node("Identity", [names[name]], [outer])
         expansion.nodes.append(graph_node(copy, "", max(opsets.get("", 13), 13)))

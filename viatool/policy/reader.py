@@ -17,7 +17,7 @@ from viatool.policy.fused import is_fused, parts_of
 from viatool.policy.graph import Graph, GraphNode
 from viatool.policy.model_file import Ports
 from viatool.policy.network import Network
-from viatool.policy.operators import Call, Comparison, Result, entry_of
+from viatool.policy.operators import Call, Comparison, Result, Scope, entry_of
 from viatool.policy.refusals import reason_for
 from viatool.policy.tensors import Constant, read_tensor
 
@@ -147,7 +147,7 @@ def _is_computed(node: GraphNode, values: Mapping[str, Result | _Unreadable]) ->
     """Whether what a node makes depends on more than constants."""
     if node.operator in SHAPE_ONLY:
         return False
-    given = [values[name] for name in node.inputs if name]
+    given = [values[name] for name in node.reads if name]
     constant = [isinstance(v, Constant) or (isinstance(v, _Unreadable) and not v.computed) for v in given]
     return not given or not all(constant)
 
@@ -167,6 +167,8 @@ def _read_node(
     if entry is None and node.operator not in FOLDED:
         raise reason_for(node, version)
     given = [values[name] if name else None for name in node.inputs]
+    if any(isinstance(values[name], _Unreadable) for name in node.captured):
+        return []
     attributes = _with_defaults(node, schema)
     inputs: list[Result | None] = []
     for value in given:
@@ -177,14 +179,15 @@ def _read_node(
         inputs.append(value)
     try:
         constants = [value for value in inputs if not isinstance(value, Computed | Comparison)]
-        if len(constants) == len(inputs):
+        if len(constants) == len(inputs) and not node.subgraphs:
             return list(fold(node, constants, attributes))
         known = fold_shape(node, inputs, attributes)
         if known is not None:
             return [known]
         if entry is None:
             raise reason_for(node, version)
-        return list(entry.reader(Call(node, version, inputs, attributes, assembly)))
+        scope = Scope(values, lambda call, around: _read_node(call, around, assembly))
+        return list(entry.reader(Call(node, version, inputs, attributes, assembly, scope)))
     except _MALFORMED as error:
         raise Refusal(f"is malformed: {_first_line(error)}", "export the policy again") from error
 

@@ -26,7 +26,7 @@ FAMILIES: tuple[tuple[str, str, frozenset[str]], ...] = (
     (
         "is control flow",
         "export the actor with fixed shapes, so that no branch or loop is left",
-        frozenset(("If", "Loop", "Scan", "SequenceMap")),
+        frozenset(("SequenceMap",)),
     ),
     (
         "is stochastic",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from viatool.policy.operators import (
+    control_flow,
     convolution,
     elementwise,
     linear,
@@ -18,6 +19,7 @@ from viatool.policy.operators.registry import (
     Comparison,
     Entry,
     Result,
+    Scope,
     Value,
     entry_of,
     registered,
@@ -28,7 +30,9 @@ __all__ = [
     "Comparison",
     "Entry",
     "Result",
+    "Scope",
     "Value",
+    "control_flow",
     "convolution",
     "elementwise",
     "entry_of",

@@ -48,6 +48,22 @@ Result = Value | Comparison
 
 
 @dataclass(frozen=True, eq=False)
+class Scope:
+    """What a call that holds graphs of its own needs.
+
+    Parameters
+    ----------
+    values : mapping
+        Of everything that stands before it, by name.
+    read : callable
+        Makes the values of the outputs of a call from those of a scope.
+    """
+
+    values: Mapping[str, Any]
+    read: Callable[[GraphNode, Mapping[str, Any]], Sequence[Result | None]]
+
+
+@dataclass(frozen=True, eq=False)
 class Call:
     """One node with its inputs, as an operator reader sees it.
 
@@ -63,6 +79,8 @@ class Call:
         With the defaults of the standard.
     assembly : Assembly
         Where network nodes go.
+    scope : Scope, optional
+        What is known around the call, for operators that hold graphs of their own.
     """
 
     node: GraphNode
@@ -70,6 +88,7 @@ class Call:
     inputs: Sequence[Result | None]
     attributes: Mapping[str, Any]
     assembly: Assembly
+    scope: Scope | None = None
 
     def has(self, index: int) -> bool:
         """Whether an optional input is given."""

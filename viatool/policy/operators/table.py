@@ -63,6 +63,8 @@ _NOTES = """\
   it, and the layer that uses it counts them.
 - `GRU`, `LSTM` and `RNN` over the steps of one observation are unrolled: each gate is an affine node and an activation,
   with the error of the runtime's own gates. Their number of steps is fixed, and all are used.
+- `Loop` and `Scan` are unrolled, and of an `If` one branch is read, where constants decide how often and which. Each
+  round is read as it stands, so that it counts like a graph without the loop.
 - A Clip keeps every finite limit: the largest float32 number limits a double.
 """
 
