@@ -80,6 +80,21 @@ class Neighbours(nn.Module):
         return self.dense(torch.cat([observation[:, : self.own], last[0]], dim=1))
 
 
+class Recurrent(nn.Module):
+    """One step of an LSTM, whose state is given and taken, and dense layers behind it."""
+
+    def __init__(self, observed: int, hidden: int) -> None:
+        super().__init__()
+        self.hidden = hidden
+        self.lstm = nn.LSTM(observed, hidden)
+        self.dense = perceptron(hidden, 64, 2, hidden=nn.Tanh, last=nn.Tanh())
+
+    def forward(self, observation: Tensor, h: Tensor, c: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Return the action, and the state of the step after."""
+        outputs, (h, c) = self.lstm(observation.unsqueeze(0), (h, c))
+        return self.dense(outputs[0]), h, c
+
+
 class Normalised(nn.Module):
     """Running mean and deviation before a policy, and a clip of its actions behind it, as deployed."""
 
@@ -147,6 +162,7 @@ LAYOUTS = {
         38,
         lambda: Normalised(perceptron(38, 64, 64, 2, hidden=nn.Tanh), [0.0, -2.0], [0.22, 2.0]),
     ),
+    "sb3_recurrent": (28, lambda: Recurrent(28, 64)),
     "archcomp_nav": (4, lambda: perceptron(4, 64, 32, 2, last=nn.Tanh())),
 }
 """For each directory the number of inputs, and what makes the network."""
@@ -161,9 +177,16 @@ def make(name: str) -> Path:
         for weight in network.parameters():
             weight.copy_(torch.round(weight * 256) / 256)
     path = HERE / name / "policy.onnx"
+    states = ["h", "c"] if isinstance(network, Recurrent) else []
+    given = (torch.zeros(1, size), *(torch.zeros(1, 1, network.hidden) for _ in states))
+    made = [f"{state}_out" for state in states]
     torch.onnx.export(
-        network, (torch.zeros(1, size),), path, input_names=["observation"], output_names=["action"], opset_version=17,
-        dynamic_axes={"observation": {0: "batch"}, "action": {0: "batch"}}, dynamo=False,
+        network, given, path, input_names=["observation", *states], output_names=["action", *made], opset_version=17,
+        dynamic_axes={
+            **{value: {0: "batch"} for value in ("observation", "action")},
+            **{value: {1: "batch"} for value in (*states, *made)},
+        },
+        dynamo=False,
     )  # fmt: skip
     return path
 
