@@ -396,7 +396,10 @@ def either(operator: str, version: int) -> list[Case]:
     ]
 
 
-@case("ReduceSum", "ReduceMean", "ReduceSumSquare", "ReduceL1", "ReduceL2", "ReduceMax", "ReduceMin")
+@case(
+    "ReduceSum", "ReduceMean", "ReduceSumSquare", "ReduceL1", "ReduceL2", "ReduceMax", "ReduceMin",
+    "ReduceLogSumExp",
+)  # fmt: skip
 def reduction(operator: str, version: int) -> list[Case]:
     by_input = 13 if operator == "ReduceSum" else 18
     shape = (2, 3, 2)

@@ -1,19 +1,24 @@
 """A model that ends in the number of what it chose, read up to the values that are compared.
 
-Value networks are exported with an ArgMax at their end, or a TopK of one. What is chosen is a step of computed values;
-the values themselves are a network like any other, and the specification's table says what each of them stands for.
+Value networks are exported with an ArgMax at their end, or a TopK of one, and perhaps a table from which the chosen
+command is taken. What is chosen is a step of computed values; the values themselves are a network like any other, and
+the specification's table says what each of them stands for.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import onnx
+from numpy.typing import NDArray
 
 from viatool.errors import PolicyError
 from viatool.policy.graph import read_graph
 from viatool.policy.model_file import ModelFile
+from viatool.policy.tensors import read_tensor
 
 _CARRIED = frozenset(("Cast", "Flatten", "Identity", "Reshape", "Squeeze", "Unsqueeze"))
 """Operators that hand on which number was chosen."""
@@ -21,7 +26,13 @@ _CARRIED = frozenset(("Cast", "Flatten", "Identity", "Reshape", "Squeeze", "Unsq
 _HINT = "let the model end with the values that are compared, one for each command in the order of the table"
 
 
-def before_choice(model: ModelFile, output: str | None) -> tuple[ModelFile, str | None]:
+_TABLES = frozenset(("Gather", "GatherND"))
+"""Operators that take a command out of a table."""
+
+Commands = Sequence[Sequence[float]]
+
+
+def before_choice(model: ModelFile, output: str | None, commands: Commands) -> tuple[ModelFile, str | None]:
     """Return a model with the values that its output chooses among as one more output, and the name of that one.
 
     Parameters
@@ -30,6 +41,8 @@ def before_choice(model: ModelFile, output: str | None) -> tuple[ModelFile, str 
         Of a policy whose specification has a choice.
     output : str, optional
         Which output it chooses with; its only one by default.
+    commands : sequence
+        The table of the specification.
 
     Returns
     -------
@@ -39,7 +52,8 @@ def before_choice(model: ModelFile, output: str | None) -> tuple[ModelFile, str 
     Raises
     ------
     PolicyError
-        If it chooses otherwise than the largest of one value for each command, of equal ones the first.
+        If it chooses otherwise than the largest of one value for each command, of equal ones the first, or sends other
+        commands than those of the specification.
     """
     outputs = [value.name for value in model.proto.graph.output]
     last = output if output is not None else outputs[0] if len(outputs) == 1 else None
@@ -47,10 +61,15 @@ def before_choice(model: ModelFile, output: str | None) -> tuple[ModelFile, str 
         return model, output
     read_graph(model.proto, model.folder)  # refuses what is damaged
     makers = {made: node for node in model.proto.graph.node for made in node.output if made}
-    name, met = str(last), set[str]()
-    while (node := makers.get(name)) is not None and node.op_type in _CARRIED and name not in met:
+    name, met, table = str(last), set[str](), None
+    while (node := makers.get(name)) is not None and name not in met:
         met.add(name)
-        name = node.input[0]
+        if node.op_type in _CARRIED:
+            name = node.input[0]
+        elif table is None and (found := _table(model, node)) is not None:
+            table, name = found, node.input[1]
+        else:
+            break
     if node is None or node.op_type not in ("ArgMax", "TopK") or node.domain not in ("", "ai.onnx"):
         return model, output
     values = node.input[0]
@@ -58,6 +77,8 @@ def before_choice(model: ModelFile, output: str | None) -> tuple[ModelFile, str 
     extended.CopyFrom(model.proto)
     told = told_of(extended, values)
     _require_largest_of_all(model, node, name, told)
+    if table is not None:
+        _require_same_commands(model, table, commands)
     if values not in outputs:
         extended.graph.output.add(name=values).type.tensor_type.elem_type = told[0]
     return replace(model, proto=extended), values
@@ -101,12 +122,41 @@ def _require_largest_of_all(
         )
 
 
+def _table(model: ModelFile, node: onnx.NodeProto) -> NDArray[Any] | None:
+    """Return the table out of which a node takes a row, None where it is no such node."""
+    rows = all(
+        onnx.helper.get_attribute_value(entry) == 0
+        for entry in node.attribute
+        if entry.name in ("axis", "batch_dims")
+    )
+    if node.op_type not in _TABLES or len(node.input) != 2 or not rows:
+        return None
+    return _stored(model, node.input[0])
+
+
+def _require_same_commands(model: ModelFile, table: NDArray[Any], commands: Commands) -> None:
+    """Refuse a model whose own table has other commands than the specification."""
+    told = np.array(commands, dtype=np.float64)
+    if not np.array_equal(table.astype(np.float32), told.astype(np.float32)):
+        raise PolicyError(
+            f"{model.path}: the model sends the commands {table.tolist()} of a table of its own, its specification "
+            f"names {told.tolist()}",
+            "write the commands of the model's table, in its order and with its numbers",
+        )
+
+
+def _stored(model: ModelFile, name: str) -> NDArray[Any] | None:
+    """Return a stored tensor, None where the value is computed."""
+    made = [entry.attribute[0].t for entry in model.proto.graph.node
+            if entry.op_type == "Constant" and entry.output[0] == name and entry.attribute]  # fmt: skip
+    stored = [tensor for tensor in model.proto.graph.initializer if tensor.name == name]
+    arrays = [read_tensor(tensor, model.folder).array for tensor in (*stored, *made)]
+    return arrays[0] if arrays else None
+
+
 def _count_of(model: ModelFile, node: onnx.NodeProto, attributes: dict[str, Any]) -> int | None:
     """Return how many values a TopK takes; None where that is not a stored number."""
     if "k" in attributes:
         return int(attributes["k"])
-    made = [entry.attribute[0].t for entry in model.proto.graph.node
-            if entry.op_type == "Constant" and entry.output[0] == node.input[1]]  # fmt: skip
-    stored = [tensor for tensor in model.proto.graph.initializer if tensor.name == node.input[1]]
-    counts = [onnx.numpy_helper.to_array(tensor).ravel() for tensor in (*stored, *made)]
-    return int(counts[0][0]) if counts and len(counts[0]) == 1 else None
+    stored = _stored(model, node.input[1])
+    return int(stored.ravel()[0]) if stored is not None and stored.size == 1 else None

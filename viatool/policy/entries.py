@@ -52,7 +52,7 @@ def as_specified(
     if spec is None:
         return model, output
     if spec.choice is not None:
-        return before_choice(model, output)
+        return before_choice(model, output, spec.choice.commands or ())
     entries = [action.entry for action in spec.action if action.entry is not None]
     own = [value.name for value in model.proto.graph.output if value.name not in spec.memory.values()]
     name = output if output is not None else own[0] if len(own) == 1 else None

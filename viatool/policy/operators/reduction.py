@@ -17,6 +17,8 @@ from viatool.policy.operators.variance import mean_of_squares
 Shape = tuple[int, ...]
 
 _LARGEST_SOFTMAX = 64
+_LOGARITHM, _EXPONENTS = 64.0, 32.0
+"""Roundings that the logarithm of a sum of exponentials errs by: of 1, for each term, and of all exponents."""
 
 
 def reduced_axes(call: Call, x: Computed) -> tuple[int, ...]:
@@ -173,6 +175,44 @@ def _along_axes(call: Call, name: str) -> Computed:
     count = math.prod(x.shape[a] for a in axes)
     groups = np.arange(x.size).reshape(x.shape).transpose(*others, *axes).reshape(-1, count)
     return softmax_of(call.assembly, x, groups, name)
+
+
+@reads("ReduceLogSumExp", 1, 11, 13, 18, treatment="enclosed", note=f"over at most {_LARGEST_SOFTMAX} values")
+def read_reduce_log_sum_exp(call: Call) -> Sequence[Value]:
+    """Read the logarithm of a sum of exponentials along axes."""
+    x, axes, keep = _arguments(call)
+    rest = [axis for axis in range(len(x.shape)) if axis not in axes]
+    numbers = np.arange(x.size).reshape(x.shape).transpose([*rest, *axes])
+    groups = numbers.reshape(math.prod(x.shape[axis] for axis in rest), -1)
+    return [_log_sum_exp(call.assembly, x, groups, _reduced_shape(x, axes, keep))]
+
+
+def _log_sum_exp(assembly: Assembly, x: Computed, numbers: Indices, shape: Shape) -> Computed:
+    """Add ``log sum exp(z)`` over groups (G, K) of elements of x.
+
+    Notes
+    -----
+    **Sound:** exponentials that err by 16 roundings of ``max(1, |z|)`` of their value move the logarithm of their sum
+    by as much at most. After a shift by the largest element they err by 17 of ``max(1, |z - max z|)``, of which the
+    mean is less than ``1 + K / e``. The sum adds K roundings, the logarithm 16 of ``max(1, |result|)`` or, shifted, of
+    ``max(1, log K)``, and the shift back one of the result. Counted are ``K + 2`` times one of the result and 64, and
+    32 of all ``|z|`` together, which are at least the result less ``log K``.
+    """
+    groups, count = numbers.shape
+    if count > _LARGEST_SOFTMAX:
+        raise Refusal(f"goes over {count} values, where at most {_LARGEST_SOFTMAX} are read")
+    values = _selected(assembly, x, numbers)
+    while values.shape[1] > 1:
+        own = np.arange(values.size).reshape(values.shape)
+        pairs = values.shape[1] // 2
+        first, second = (_selected(assembly, values, own[:, side : 2 * pairs : 2]) for side in (0, 1))
+        values = _interleaved(assembly, _soft_maximum(assembly, first, second), values, own[:, 2 * pairs :])
+    magnitudes = np.zeros((groups, x.size))
+    np.put_along_axis(magnitudes, numbers, _EXPONENTS / (count + 2), axis=1)
+    terms = [Term(values, np.eye(groups)), Term(x, np.zeros_like(magnitudes), magnitudes)]
+    return assembly.affine(
+        terms, np.zeros(groups), shape, x.precision, bias_magnitude=np.full(groups, _LOGARITHM)
+    )
 
 
 def softmax_of(assembly: Assembly, x: Computed, numbers: Indices, name: str) -> Computed:
