@@ -16,6 +16,7 @@ from pydantic import BaseModel
 from viatool.cli import main
 from viatool.policy import PolicySpecification
 from viatool.report.diagnoses.record import DiagnosisRecord
+from viatool.report.missions.record import MissionsRecord
 from viatool.report.places.record import PlacesRecord
 from viatool.report.simulations.record import SimulationRecord
 from viatool.report.states.record import StatesRecord
@@ -28,6 +29,7 @@ schema_tables = runpy.run_path(str(DOCS / "schema_tables.py"))["schema_tables"]
 MODELS: dict[str, tuple[type[BaseModel], str]] = {
     "report.schema.json": (StatesRecord, "viatool report"),
     "certificate.schema.json": (PlacesRecord, "viatool certificate"),
+    "mission.schema.json": (MissionsRecord, "viatool missions"),
     "simulation.schema.json": (SimulationRecord, "viatool simulation"),
     "diagnosis.schema.json": (DiagnosisRecord, "viatool diagnosis"),
     "map.schema.json": (MapFile, "viatool map"),

@@ -41,6 +41,7 @@ PUBLIC = [
     "load_map",
     "load_policy",
     "load_trajectory",
+    "mission",
     "reach",
     "roll_out",
     "verify",

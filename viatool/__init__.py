@@ -6,6 +6,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from viatool.missions import mission
     from viatool.places import certify
     from viatool.policy import Policy, load_policy
     from viatool.report.map_figure import draw_map
@@ -34,6 +35,7 @@ _ROOM_OF = {
     "load_map": "viatool.world",
     "load_policy": "viatool.policy",
     "load_trajectory": "viatool.trajectory",
+    "mission": "viatool.missions",
     "reach": "viatool.taylor",
     "roll_out": "viatool.simulate",
     "verify": "viatool.verification",
@@ -54,6 +56,7 @@ __all__ = [
     "load_map",
     "load_policy",
     "load_trajectory",
+    "mission",
     "reach",
     "roll_out",
     "verify",

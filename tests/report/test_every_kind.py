@@ -26,6 +26,7 @@ from viatool import load_map, load_policy
 from viatool.cli import main
 from viatool.doctor import diagnose
 from viatool.errors import ConfigurationError
+from viatool.missions import mission
 from viatool.places import Resolution, certify
 from viatool.report import (
     FORMATS,
@@ -44,6 +45,7 @@ from viatool.report import (
 )
 from viatool.report.diagnoses.run import DiagnosisRun
 from viatool.report.kinds import live_of
+from viatool.report.missions.run import MissionsRun
 from viatool.report.outputs import content_of
 from viatool.report.places.run import PlacesRun
 from viatool.report.simulations.run import SimulationRun
@@ -62,15 +64,17 @@ SCHEMAS = {
     StatesRun: "report.schema.json",
     PlacesRun: "certificate.schema.json",
     SimulationRun: "simulation.schema.json",
+    MissionsRun: "mission.schema.json",
     DiagnosisRun: "diagnosis.schema.json",
 }
 LIVE = tuple(SCHEMAS)
-JUDGED = (StatesRun, PlacesRun, SimulationRun)
+JUDGED = (StatesRun, PlacesRun, SimulationRun, MissionsRun)
 """Kinds of run of which each part passes or fails."""
 SERVED = {
     StatesRun: "json states csv witnesses figure html markdown junit sarif github",
     PlacesRun: "json cells csv witnesses figure html markdown junit sarif github",
     SimulationRun: "json trajectory csv figure markdown junit sarif github",
+    MissionsRun: "json tube csv witnesses figure markdown junit sarif github",
     DiagnosisRun: "json csv figure markdown github",
 }
 
@@ -94,12 +98,14 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Runs:
         policy, world_map, world_map.scenarios[0], eps=0.01, resolution=Resolution(0.5, 0), seed=1
     )
     simulation = simulate(policy, Setting.of(policy, world_map, 0.0))
+    missions = mission(policy, world_map, eps=0.01, time_limit=5.0)
     diagnosis = diagnose(policy, world_map, world_map.scenarios)
     return Runs(
         {
             StatesRun: told(StatesRun(result)),
             PlacesRun: told(PlacesRun(certificate)),
             SimulationRun: told(SimulationRun(simulation)),
+            MissionsRun: told(MissionsRun(missions)),
             DiagnosisRun: told(DiagnosisRun(diagnosis)),
         }
     )

@@ -17,6 +17,7 @@ from viatool.errors import PolicyWarning
 COMMANDS = (
     "verify",
     "certify",
+    "mission",
     "replay",
     "gate",
     "compare",

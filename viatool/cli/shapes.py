@@ -59,27 +59,40 @@ class FootprintType(click.ParamType):  # type: ignore[type-arg]  # generic only 
             self.fail(f"'{path}' holds no list of corners [x, y] in metres", param, ctx)
 
 
-class _PairType(click.ParamType):  # type: ignore[type-arg]  # generic only in newer click
-    """Two finite numbers with a comma between."""
+class _NumbersType(click.ParamType):  # type: ignore[type-arg]  # generic only in newer click
+    """Finite numbers with commas between, two unless said otherwise."""
 
     meant: str
     """What a wrong text is not."""
+    count = 2
     least = -math.inf
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, float]:
-        """Read two finite numbers of at least `least`."""
+    ) -> tuple[float, ...]:
+        """Read `count` finite numbers of at least `least`."""
         if isinstance(value, tuple):
             return value
         texts = str(value).split(",")
         numbers = [number for text in texts if (number := finite(text)) is not None]
-        if not len(texts) == len(numbers) == 2 or min(numbers) < self.least:
+        if not len(texts) == len(numbers) == self.count or min(numbers) < self.least:
             self.fail(f"'{value}' is not {self.meant}", param, ctx)
-        return numbers[0], numbers[1]
+        return tuple(numbers)
 
 
-class PointType(_PairType):
+class PoseType(_NumbersType):
+    """``x,y,theta`` in metres and radians in the map frame."""
+
+    name = "pose"
+    meant = "x,y,theta in metres and radians"
+    count = 3
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
+        """Show what may be written."""
+        return "X,Y,THETA"
+
+
+class PointType(_NumbersType):
     """``x,y`` in metres in the map frame."""
 
     name = "point"
@@ -90,7 +103,7 @@ class PointType(_PairType):
         return "X,Y"
 
 
-class PoseErrorType(_PairType):
+class PoseErrorType(_NumbersType):
     """``METRES,RADIANS``, neither of them negative."""
 
     name = "pose error"

@@ -225,6 +225,14 @@ class CellTabled(Document):
         """Return the arrays."""
 
 
+class TubeTabled(Document):
+    """A document with arrays of one row for each part of a tube."""
+
+    @abstractmethod
+    def tube_table(self) -> Mapping[str, NDArray[Any]]:
+        """Return the arrays."""
+
+
 class Recorded(Document):
     """A document with driven states that ``viatool verify --trajectory`` reads."""
 

@@ -10,6 +10,7 @@ from typing import NoReturn, cast
 from viatool.errors import ConfigurationError
 from viatool.report.diagnoses.document import DiagnosisDocument
 from viatool.report.document import Document
+from viatool.report.missions.document import MissionsDocument
 from viatool.report.places.document import PlacesDocument
 from viatool.report.simulations.document import SimulationDocument
 from viatool.report.states.document import StatesDocument
@@ -18,6 +19,7 @@ KINDS: dict[type[Document], tuple[str, str]] = {
     StatesDocument: ("viatool.report.states.run", "StatesRun"),
     PlacesDocument: ("viatool.report.places.run", "PlacesRun"),
     SimulationDocument: ("viatool.report.simulations.run", "SimulationRun"),
+    MissionsDocument: ("viatool.report.missions.run", "MissionsRun"),
     DiagnosisDocument: ("viatool.report.diagnoses.run", "DiagnosisRun"),
 }
 """The document of a stored report of each kind, with module and name of that of a live run, which derives from it."""

@@ -21,6 +21,7 @@ FORMATS = {
     "json": "viatool.report.formats.json",
     "states": "viatool.report.formats.states",
     "cells": "viatool.report.formats.cells",
+    "tube": "viatool.report.formats.tube",
     "trajectory": "viatool.report.formats.trajectory",
     "csv": "viatool.report.formats.csv",
     "witnesses": "viatool.report.formats.witnesses",

@@ -26,6 +26,7 @@ SUPPORTED: dict[str, frozenset[str]] = {
     | _POSE,
     "verify with a horizon": frozenset({"sensor.absolute"}) | _START,
     "certify": frozenset({"sensor.absolute"}) | MOTION,
+    "mission": frozenset({"sensor.absolute", "start.x", "start.y", "start.theta"}),
     "simulate": _DRAWN | _DRIVEN,
     "simulate with bullet": _DRAWN,
 }

@@ -149,13 +149,7 @@ def _entries(result: Result, found: Witnesses, crashes: Crashes | None = None) -
             step = int(crashes.step[row])
             about["time"] += step * result.rules.interval
             about["pose"] = crashes.poses[row, step].tolist()
-            about["before"] = [
-                {
-                    name: getattr(crashes, f"{name}s")[row, k].tolist()
-                    for name in ("pose", "observation", "action")
-                }
-                for k in range(step)
-            ]
+            about["before"] = run_before(crashes, row)
         if crashes is None:
             about |= _errors(result, found, row, state)
         violation = found.violation(row, result.world_map, scenario, result.rules.footprint)
@@ -178,6 +172,14 @@ def _errors(result: Result, found: Witnesses, row: int, state: int) -> dict[str,
     observation = result.trajectory.observations[state]
     errors = explain(setting.reading_errors, observation, found.observation[row], drifted)
     return told | ({"errors": errors} if errors else {})
+
+
+def run_before(crashes: Crashes, row: int) -> list[dict[str, Any]]:
+    """Return the intervals of a run before the one that fails: poses, observations and commands."""
+    return [
+        {name: getattr(crashes, f"{name}s")[row, k].tolist() for name in ("pose", "observation", "action")}
+        for k in range(int(crashes.step[row]))
+    ]
 
 
 def compose_witnesses(

@@ -1,0 +1,286 @@
+"""Whole missions: proved ones hold every run that an oracle drives, refuted ones can be driven again."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.hall import MAP, write_policy
+from tests.loop.noisy_runs import runs, sensor_errors
+from tests.missions.dodging import write_dodging_policy
+from viatool import load_map, load_policy
+from viatool.cli import main
+from viatool.errors import ConfigurationError
+from viatool.loop.closed_loop import ClosedLoop
+from viatool.missions import MissionLimits, mission
+from viatool.missions.cells import CellSides
+from viatool.missions.follow import MissionFollower
+from viatool.missions.work import MissionExamination
+from viatool.schedule import Campaign, Deadline
+from viatool.setting.setting import Setting
+from viatool.uncertainty import ErrorModel
+
+EPS, START = 0.01, (0.02, 0.02)
+LIMIT = 9.0
+ROUNDING = 1e-7
+RUNS = 1500
+
+
+@pytest.fixture(scope="module")
+def hall(tmp_path_factory):
+    path = tmp_path_factory.mktemp("hall") / "hall.yaml"
+    path.write_text(MAP, encoding="utf-8")
+    return load_map(path)
+
+
+@pytest.fixture(scope="module")
+def dodging(tmp_path_factory):
+    return load_policy(write_dodging_policy(tmp_path_factory.mktemp("policies") / "dodging.onnx"))
+
+
+@pytest.fixture(scope="module")
+def straight(tmp_path_factory):
+    return load_policy(write_policy(tmp_path_factory.mktemp("policies") / "straight.onnx"))
+
+
+@pytest.fixture(scope="module")
+def proved(hall, dodging):
+    return mission(dodging, hall, eps=EPS, start_error=START, time_limit=LIMIT)
+
+
+def driven(hall, policy, scenario, steps, seed=0):
+    """Poses (R, K, 3) of adversarial runs of the oracle, from corners and the inside of the box of starts."""
+    generator = np.random.default_rng(seed)
+    share = generator.uniform(-1.0, 1.0, (RUNS, 3))
+    share[::2] = np.sign(share[::2])
+    starts = np.array(scenario.start) + share * np.array([START[0], START[0], START[1]])
+    errors = sensor_errors(generator, Setting.of(policy, hall, EPS).radii, RUNS, steps)
+    return runs(policy, hall, scenario, (starts, np.zeros((RUNS, 2))), errors)[0]
+
+
+def outside(tube, found, scenario, radius=0.5):
+    """By how much runs that have not arrived leave every part of their interval, at most."""
+    goal, worst = np.array(scenario.goal), 0.0
+    going = np.ones(len(found), dtype=bool)
+    for k in range(found.shape[1]):
+        going &= np.hypot(*(found[:, k, :2] - goal).T) >= radius
+        if not going.any():
+            break
+        parts = tube.step == k + 1
+        if not parts.any():
+            return np.inf
+        poses = found[going, k][:, None]
+        over = np.maximum(tube.lower[parts, :3] - poses, poses - tube.upper[parts, :3])
+        worst = max(worst, float(over.max(axis=2).min(axis=1).max()))
+    return worst
+
+
+def test_both_missions_of_the_hall_are_proved(proved):
+    assert [one.verdict for one in proved] == ["proved", "proved"]
+    for one in proved:
+        assert one.clearance > 0.4
+        assert one.proof.earliest <= one.arrived.min() <= one.arrived.max() <= one.steps
+        assert one.reason == ""
+
+
+def test_every_run_of_an_oracle_stays_in_its_tube_and_arrives(hall, dodging, proved):
+    for one in proved:
+        found = driven(hall, dodging, one.scenario, one.steps)
+        assert outside(one.proof.tube, found, one.scenario) < ROUNDING
+        goal = np.array(one.scenario.goal)
+        near = np.hypot(*np.moveaxis(found[:, :, :2] - goal, 2, 0)) < 0.5
+        assert near.any(axis=1).all()
+        assert near.argmax(axis=1).min() + 1 >= one.proof.earliest
+
+
+def follower(hall, dodging, sides=None):
+    examination = MissionExamination(
+        dodging, Setting.of(dodging, hall, EPS), (0.02, 0.02, 0.02), 0.5, MissionLimits(90), "float32", 0
+    )
+    scenario = hall.scenarios[0]
+    loop = ClosedLoop.of(dodging, examination.setting, scenario)
+    return MissionFollower(loop, 0.5, MissionLimits(90)), examination.starts(scenario), scenario
+
+
+def forget_eps(monkeypatch, some):
+    object.__setattr__(some.loop.sensors, "radii", None)
+
+
+def drop_a_part(monkeypatch, some):
+    honest = CellSides.divide
+
+    def divide(self, states, bounds):
+        lower, upper = honest(self, states, bounds)
+        kept = np.arange(len(lower)) != len(lower) // 2
+        return lower[kept], upper[kept]
+
+    monkeypatch.setattr(CellSides, "divide", divide)
+
+
+def join_to_the_first(monkeypatch, some):
+    honest = np.minimum.reduceat, np.maximum.reduceat
+    from viatool.missions import cells
+
+    def first_alone(cell, lower, upper):
+        _, first = np.unique(cell, axis=0, return_index=True)
+        return cell[first], lower[first], upper[first]
+
+    assert honest
+    monkeypatch.setattr(cells, "_merged", first_alone)
+
+
+def cut_without_spread(monkeypatch, some):
+    from viatool.missions import cells
+
+    honest = cells._regression
+
+    def narrow(states, rows, quantity):
+        middle, slope, spread = honest(states, rows, quantity)
+        return middle, slope, 0.5 * spread
+
+    monkeypatch.setattr(cells, "_regression", narrow)
+
+
+def halve_the_rest(monkeypatch, some):
+    honest = CellSides.divide
+
+    def divide(self, states, bounds):
+        middle, half = 0.5 * (bounds[0] + bounds[1]), 0.25 * (bounds[1] - bounds[0])
+        return honest(self, states, (middle - half, middle + half))
+
+    monkeypatch.setattr(CellSides, "divide", divide)
+
+
+def arrive_early(monkeypatch, some):
+    object.__setattr__(some, "goal_radius", 0.6)
+
+
+@pytest.mark.parametrize(
+    "mutate",
+    [forget_eps, drop_a_part, join_to_the_first, cut_without_spread, halve_the_rest, arrive_early],
+)
+def test_runs_of_the_oracle_catch_what_a_tube_leaves_out(hall, dodging, monkeypatch, mutate):
+    some, (lower, upper), scenario = follower(hall, dodging)
+    mutate(monkeypatch, some)
+    found = driven(hall, dodging, scenario, 90)
+    assert outside(some.prove(lower, upper).tube, found, scenario) > 10 * ROUNDING
+
+
+def test_a_run_that_collides_refutes_and_can_be_driven_again(hall, straight, tmp_path, capsys):
+    witnesses = tmp_path / "w.json"
+    arguments = ["mission", str(straight.path), "--map", str(hall.path), "--scenario", "0", "--eps", "0.01"]
+    with pytest.raises(SystemExit) as left:
+        main([*arguments, "--time-limit", "9", "-o", f"witnesses:{witnesses}", "--max-unsafe", "0"])
+    assert left.value.code == 1
+    assert "a run comes within" in capsys.readouterr().out
+    with pytest.raises(SystemExit) as left:
+        main(["replay", str(witnesses), "--map", str(hall.path)])
+    assert left.value.code == 0
+
+
+def test_a_run_that_is_late_refutes(hall, straight):
+    found = mission(straight, hall, eps=EPS, scenarios=hall.scenarios[1:], time_limit=3.0)
+    assert found.missions[0].verdict == "refuted"
+    assert "still on its way after 3 s" in found.missions[0].reason
+
+
+def test_too_few_parts_leave_a_mission_unknown_with_its_place(hall, dodging):
+    few = MissionLimits(90, parts=5, finer=0)
+    found = mission(dodging, hall, eps=EPS, start_error=START, scenarios=hall.scenarios[1:], limits=few)
+    assert found.missions[0].verdict == "unknown"
+    assert "too many parts" in found.missions[0].reason
+    assert "x -1.4" in found.missions[0].reason
+
+
+def test_a_clearance_that_no_run_keeps_is_not_proved(hall, dodging):
+    found = mission(
+        dodging,
+        hall,
+        eps=EPS,
+        start_error=START,
+        scenarios=hall.scenarios[:1],
+        clearance=0.45,
+        time_limit=LIMIT,
+    )
+    assert found.missions[0].verdict != "proved"
+
+
+def test_what_is_not_begun_in_time_is_unknown(hall, dodging):
+    found = mission(dodging, hall, eps=EPS, until=Deadline.after(0.0))
+    assert [one.verdict for one in found] == ["unknown", "unknown"]
+    assert found.to_json()["mission_rate"] == {"safe": 0, "total": 2, "rate": 0.0}
+
+
+def test_a_stopped_run_goes_on_from_its_checkpoint(hall, dodging, proved, tmp_path):
+    first = Campaign(checkpoint=tmp_path / "kept")
+    given = {"eps": EPS, "start_error": START, "time_limit": LIMIT}
+    mission(dodging, hall, **given, campaign=first)
+    again = mission(dodging, hall, **given, campaign=replace(first, resume=True))
+    for one, other in zip(proved, again, strict=True):
+        ours, theirs = one.to_json(), other.to_json()
+        assert {**ours, "seconds": 0} == {**theirs, "seconds": 0}
+        np.testing.assert_array_equal(one.proof.tube.lower, other.proof.tube.lower)
+
+
+def test_starts_of_the_error_model_are_those_of_the_option(hall, dodging, proved):
+    model = ErrorModel.model_validate({"start": {"x": 0.02, "y": 0.02, "theta": 0.02}})
+    found = mission(dodging, hall, eps=EPS, errors=model, scenarios=hall.scenarios[:1], time_limit=LIMIT)
+    np.testing.assert_array_equal(found.missions[0].proof.tube.lower, proved.missions[0].proof.tube.lower)
+    with pytest.raises(ConfigurationError, match="start"):
+        mission(dodging, hall, eps=EPS, errors=model, start_error=(0.1, 0.1))
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"clearance": 2.0}, "starts at .* from an obstacle"),
+        ({"goal_radius": 4.0}, "starts within 4 m of its goal"),
+        ({"time_limit": 0.01}, "time limit is 0.01 s"),
+        ({"criterion": "sampled"}, "proves nothing"),
+        ({"start_error": (-0.1, 0.0)}, "start error"),
+        ({"errors": ErrorModel.model_validate({"obstacles": {"speed": 1.0}})}, "obstacles.speed"),
+    ],
+)
+def test_what_cannot_be_asked_is_refused_before_any_work(hall, dodging, given, said):
+    with pytest.raises(ConfigurationError, match=said):
+        mission(dodging, hall, eps=EPS, **given)
+
+
+def test_the_report_holds_the_contract(hall, dodging, tmp_path):
+    report, tube, picture = (tmp_path / name for name in ("m.json", "t.npz", "m.png"))
+    arguments = [
+        "mission",
+        str(dodging.path),
+        "--map",
+        str(hall.path),
+        "--eps",
+        "0.01",
+        "--start-error",
+        "0.02,0.02",
+    ]
+    outputs = [
+        "-o",
+        f"json:{report}",
+        "-o",
+        f"tube:{tube}",
+        "-o",
+        f"figure:{picture}",
+        "-o",
+        f"junit:{tmp_path / 'j.xml'}",
+    ]
+    with pytest.raises(SystemExit) as left:
+        main([*arguments, "--time-limit", "9", *outputs, "--fail-under", "mission=1.0", "-q"])
+    assert left.value.code == 0
+    content = json.loads(report.read_text(encoding="utf-8"))
+    assert content["mission_rate"] == {"safe": 2, "total": 2, "rate": 1.0}
+    wanted = {"scenario", "verdict", "steps", "seconds", "clearance", "parts", "start_parts", "reason"}
+    assert all(wanted <= one.keys() for one in content["missions"])
+    with np.load(tube) as arrays:
+        assert set(arrays["scenario"]) == {"past", "clear"}
+        assert arrays["lower"].shape == arrays["upper"].shape
+        assert (arrays["lower"] <= arrays["upper"]).all()
+        assert arrays["step"].min() == 1
+    assert picture.stat().st_size > 10_000

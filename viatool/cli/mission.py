@@ -1,0 +1,200 @@
+"""``viatool mission``: whole runs, from a box of starts to the goal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from viatool.cli import options
+from viatool.cli.gating import build_gate, gate_options, leave_by_gate
+from viatool.cli.reporting import read_outputs, tell
+from viatool.cli.shapes import PointType, PoseErrorType, PoseType
+from viatool.cli.terminal import show_progress
+from viatool.cli.work import keeping, work_options
+from viatool.setting.criteria import PROVING
+
+if TYPE_CHECKING:
+    from viatool.world import Scenario, WorldMap
+
+
+@click.command()
+@options.policy_argument
+@options.map_option
+@options.unknown_option
+@click.option(
+    "--scenario",
+    "numbers",
+    type=click.IntRange(min=0),
+    multiple=True,
+    metavar="K",
+    help="The map's K-th scenario, counted from 0; by default all of them. Repeatable.",
+)
+@options.scenarios_option
+@click.option(
+    "--start", type=PoseType(), help="Where the robot stands, instead of the scenario's start: m, m, rad."
+)
+@click.option("--goal", type=PointType(), help="Where it heads, instead of the scenario's goal.")
+@options.eps_option
+@options.errors_option
+@click.option(
+    "--start-error",
+    type=PoseErrorType(),
+    default=(0.0, 0.0),
+    help="How far x and y, and the heading, of a start may be off, such as 0.02,0.02.",
+)
+@options.spec_option
+@click.option(
+    "--criterion",
+    type=click.Choice(PROVING),
+    default="swept",
+    show_default=True,
+    help="What has to hold at every instant of every run.",
+)
+@click.option(
+    "--time-limit",
+    type=options.QuantityType("s"),
+    help="Simulated time within which every run has to arrive; by default that of an episode.",
+)
+@click.option(
+    "--goal-radius",
+    type=options.QuantityType("m"),
+    help="Within this distance the goal is reached; by default as in simulation.",
+)
+@click.option(
+    "--parts",
+    type=click.IntRange(min=1),
+    default=4000,
+    show_default=True,
+    metavar="N",
+    help="Most parts of a set.",
+)
+@click.option(
+    "--cell",
+    type=PoseErrorType(),
+    default=(0.03, 0.02),
+    show_default="0.03,0.02",
+    help="Sides of the first cells, in metres and radians.",
+)
+@click.option(
+    "--finer",
+    type=click.IntRange(0, 4),
+    default=1,
+    show_default=True,
+    metavar="N",
+    help="How often the cells are halved where a set has too many parts.",
+)
+@click.option("--budget-seconds", type=options.QuantityType("s"), help="Stop this long after the start.")
+@options.clearance_option
+@click.option("--deceleration", type=options.QuantityType("m/s²"), help="Braking instead of the robot's.")
+@options.interval_option
+@options.footprint_option
+@options.robot_option
+@options.prefer_option
+@click.option(
+    "--arithmetic",
+    type=click.Choice(["float32", "real"]),
+    default="float32",
+    show_default=True,
+    help="Whether bounds cover the rounding of the deployed program or the exact network.",
+)
+@options.seed_option
+@click.option(
+    "--output",
+    "-o",
+    multiple=True,
+    metavar="FORMAT:PATH",
+    help="Write a report: json, figure (png, svg, pdf), tube (npz), witnesses (json, for viatool replay), csv (a row "
+    "for each mission), markdown, junit, sarif or github; PATH - is stdout. Repeatable.",
+)
+@gate_options
+@work_options
+@options.threads_option
+@options.quiet_option
+@click.pass_context
+def command(ctx: click.Context, /, **given: Any) -> None:
+    """Prove that every run of POLICY (ONNX) reaches its goal and keeps its clearance on the way.
+
+    Runs begin anywhere in a box of starts, and sensors err within their bounds in each control interval anew. Each
+    scenario becomes proved, refuted (a run that collides, or is still on its way at the time limit) or unknown.
+    """
+    from viatool.missions import MissionLimits, mission
+    from viatool.policy import load_policy
+    from viatool.report import evaluate
+    from viatool.report.missions.run import MissionsRun
+    from viatool.schedule import NEVER, Campaign, Deadline, open_scheduler
+
+    budget = given["budget_seconds"]
+    until = NEVER if budget is None else Deadline.after(budget)
+    outputs = read_outputs(given["output"], MissionsRun)
+    gate = build_gate(given, MissionsRun)
+    world_map = options.open_map(given["map_path"], given["unknown"])
+    scenarios = _scenarios(given, world_map)
+    policy = load_policy(given["policy"], given["spec_path"])
+    position, heading = given["cell"]
+    limits = MissionLimits(0, given["parts"], position, heading, given["finer"])
+    scheduler = open_scheduler(given["workers"], given["scheduler"])
+    with (
+        keeping(given["checkpoint"], "finished missions are"),
+        show_progress(quiet=given["quiet"]) as progress,
+    ):
+        missions = mission(
+            policy,
+            world_map,
+            eps=options.plain_eps(given["eps"]),
+            scenarios=scenarios,
+            limits=limits,
+            campaign=Campaign(scheduler, given["checkpoint"], given["resume"]),
+            until=until,
+            progress=progress,
+            **{name: given[name] for name in _PASSED_ON},
+        )
+    document = MissionsRun(missions)
+    checks = evaluate(gate, document)
+    tell(document, outputs, checks, quiet=given["quiet"])
+    leave_by_gate(ctx, checks, exit_zero=given["exit_zero"])
+
+
+_PASSED_ON = (
+    "errors",
+    "start_error",
+    "criterion",
+    "arithmetic",
+    "time_limit",
+    "goal_radius",
+    "clearance",
+    "deceleration",
+    "interval",
+    "footprint",
+    "robot",
+    "prefer",
+    "seed",
+)
+
+
+def _scenarios(given: Mapping[str, Any], world_map: WorldMap) -> tuple[Scenario, ...]:
+    """Return what is to be driven: some of the map's scenarios, drawn ones, or one from --start to --goal."""
+    from dataclasses import replace
+
+    from viatool.errors import ConfigurationError
+    from viatool.world import Scenario
+
+    numbers, start, goal = given["numbers"], given["start"], given["goal"]
+    if numbers and given["scenarios"] is not None:
+        raise ConfigurationError(
+            "--scenario names scenarios of the map, --scenarios draws others", "leave one out"
+        )
+    if start is not None and goal is not None and not numbers and given["scenarios"] is None:
+        return (Scenario(f"{start[0]:g},{start[1]:g} to {goal[0]:g},{goal[1]:g}", start, goal),)
+    chosen = (
+        tuple(world_map.numbered(number) for number in numbers)
+        if numbers
+        else options.draw_scenarios(world_map, given["scenarios"], given["seed"])
+    )
+    changes: dict[str, Any] = {}
+    if start is not None:
+        changes["start"] = start
+    if goal is not None:
+        changes["goal"] = goal
+    return tuple(replace(one, **changes) for one in chosen)

@@ -1,0 +1,114 @@
+"""Runs of a mission under errors that are chosen against it: one that collides or does not arrive refutes it.
+
+The program is run by onnxruntime from corners of the box of starts; what its sensors read is off by corners of their
+errors: held for the whole run, drawn anew in each interval, or, greedily, the ones of a few whose command brings the
+robot nearest to an obstacle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from viatool.arrays import Floats, Indices
+from viatool.loop.horizon import Crashes, Horizon
+from viatool.loop.runs import Runs, drive, search_crashes
+from viatool.loop.tube import TubeFollower
+from viatool.missions.follow import MissionFollower
+from viatool.rounding import AS_RECEIVED
+
+_HELD = 24
+_DRAWN = 24
+_SEARCHED = 4
+"""Starts from which runs that collide are searched for."""
+
+
+@dataclass(frozen=True, eq=False)
+class MissionRuns:
+    """R adversarial runs of a mission, over K intervals or until the last one has arrived.
+
+    Parameters
+    ----------
+    runs : Runs
+        Poses, observations and commands.
+    arrived : ndarray
+        (R,) intervals after which each run arrives; K + 1 if it does not.
+    crashes : Crashes
+        At most one run that collides.
+    """
+
+    runs: Runs
+    arrived: Indices
+    crashes: Crashes
+
+    @property
+    def late(self) -> Indices:
+        """Return the runs that are still on their way after all K intervals."""
+        return np.flatnonzero(self.arrived > self.runs.poses.shape[1])
+
+
+def attack(follower: MissionFollower, lower: Floats, upper: Floats, *, seed: int) -> MissionRuns:
+    """Drive a mission's policy against it.
+
+    Parameters
+    ----------
+    follower : MissionFollower
+        Policy, sensors, goal, and within how many intervals every run has to arrive.
+    lower, upper : ndarray
+        (3 + A,) ends of the states at the start.
+    seed : int
+        Of what is drawn.
+
+    Returns
+    -------
+    MissionRuns
+        What was found.
+
+    Notes
+    -----
+    Sound: yes. Every start lies in its box, every observation within eps of what perfect sensors read, and the
+    commands are those of onnxruntime.
+    """
+    loop, steps = follower.loop, follower.limits.steps
+    generator = np.random.default_rng(seed)
+    count = _HELD + _DRAWN
+    starts = _starts(lower, upper, count, generator)
+    radii = loop.setting.radii
+    shape = (count, steps, len(radii))
+    signs = np.where(generator.random(shape) < 0.5, -1.0, 1.0)
+    signs[:_HELD] = signs[:_HELD, :1]
+    signs[0] = 0.0
+    size = np.abs(loop.sensors.read(starts[:, :3], starts[:, 3:])).max(initial=0.0)
+    errors = signs * np.maximum(radii - AS_RECEIVED * (1.0 + size), 0.0)
+    centre = 0.5 * (lower + upper)
+    tubes = TubeFollower(loop, follower.goal_radius, Horizon(min(steps, _MOST)))
+    runs = drive(tubes, starts[:, :3], starts[:, 3:], errors)
+    arrived = _arrivals(follower, runs)
+    extents = 0.5 * (upper - lower)[:3]
+    wider = Horizon(min(steps, _MOST), float(extents[:2].min()), float(extents[2]))
+    searching = TubeFollower(loop, follower.goal_radius, wider)
+    crashes = search_crashes(
+        searching, np.zeros(1, np.int64), centre[None, :3], centre[None, 3:], seed=(seed, 1)
+    )
+    return MissionRuns(runs, arrived, crashes)
+
+
+_MOST = 1000
+
+
+def _starts(lower: Floats, upper: Floats, count: int, generator: np.random.Generator) -> Floats:
+    """Return states (count, 3 + A): the middle, all corners of the pose, then random ones."""
+    corners = np.array(list(product((0.0, 1.0), repeat=3)))
+    share = generator.random((count, len(lower)))
+    share[0] = 0.5
+    share[1 : 1 + len(corners), :3] = corners
+    return lower + share * (upper - lower)
+
+
+def _arrivals(follower: MissionFollower, runs: Runs) -> Indices:
+    """Return after how many intervals each run is near its goal, (R,); K + 1 if never, or not before it collides."""
+    goal, steps = follower.loop.sensors.goal, runs.ends.shape[1]
+    near = np.hypot(*np.moveaxis(runs.ends[:, :, :2] - goal, 2, 0)) < follower.goal_radius
+    return np.asarray(np.where(near.any(axis=1), near.argmax(axis=1) + 1, steps + 1))

@@ -1,0 +1,279 @@
+"""One mission: the set of all runs from the box of starts, interval by interval, until every run has arrived.
+
+The parts of the set hold the state (pose and previous command) of every run that has not arrived at the beginning of
+an interval, whatever its sensors err in each interval anew. `successor.step` encloses where the runs of a part are at
+its end, and `CellSides.divide` cuts and joins that to the parts of the next interval. A run arrives where an interval
+ends nearer to the goal than the goal's radius; so a part in which every pose is that near goes no further. When no
+part is left, every run has arrived.
+
+*Clearance.* During an interval the runs of a part drive from any pose of a box under any command of a box, which
+`safety.enclosure` bounds, and `ClosedLoop.holds` decides where that does not suffice. Every run of a mission keeps the
+collision distance at its start, which is checked first, and by induction in each interval up to the first one that is
+not proved, with which the mission ends as unknown.
+
+*Refinement.* Cells that are too coarse let the set grow until it has too many parts. Then the mission is begun again
+with the next, finer sides; what was found before is not needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from viatool.arrays import Booleans, Floats, Indices
+from viatool.loop.closed_loop import ClosedLoop
+from viatool.loop.sectors import TubeParts
+from viatool.loop.successor import LoopStep, states_of, step
+from viatool.missions.cells import CellSides
+from viatool.rounding import SPARE
+from viatool.safety.enclosure import MotionBoxes, enclose
+from viatool.safety.proof import prove_clearance
+from viatool.schedule import check_time
+
+
+@dataclass(frozen=True)
+class MissionLimits:
+    """How far a mission is followed, and in how many parts.
+
+    Parameters
+    ----------
+    steps : int
+        Control intervals within which every run has to arrive.
+    parts : int
+        Most parts of a set.
+    position, heading : float
+        Sides of the first cells, in metres and radians.
+    finer : int
+        How often the cells are halved, and the mission begun again, where the set has too many parts.
+    """
+
+    steps: int
+    parts: int = 4000
+    position: float = 0.03
+    heading: float = 0.02
+    finer: int = 1
+
+
+@dataclass(frozen=True, eq=False)
+class MissionTube:
+    """What is known of all runs of a mission.
+
+    Parameters
+    ----------
+    step : ndarray
+        (P,) the interval, counted from 1, at whose end the part holds runs.
+    lower, upper : ndarray
+        (P, 3 + A) ends of x, y, theta and the command that was held; theta is not wrapped.
+    """
+
+    step: Indices
+    lower: Floats
+    upper: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class MissionProof:
+    """What following a mission found.
+
+    Parameters
+    ----------
+    proved : bool
+        Every run arrives, and keeps its clearance until then.
+    steps : int
+        Intervals that were followed; of a proved mission, those after which every run has arrived.
+    earliest : int
+        Intervals before whose end no run has arrived.
+    clearance : float
+        Metres that every run keeps in the intervals that were followed.
+    most_parts, start_parts : int
+        Parts of the set at most, and of the box of starts.
+    reason : str
+        Why it is not proved: what happened, in which interval, and where.
+    tube : MissionTube
+        Of the intervals that were followed.
+    """
+
+    proved: bool
+    steps: int
+    earliest: int
+    clearance: float
+    most_parts: int
+    start_parts: int
+    reason: str
+    tube: MissionTube
+
+
+@dataclass(frozen=True, eq=False)
+class MissionFollower:
+    """Follows the closed loop of one scenario to its goal.
+
+    Parameters
+    ----------
+    loop : ClosedLoop
+        Policy, sensors, obstacles and what is to hold.
+    goal_radius : float
+        A run has arrived when it is nearer to its goal than this at the end of an interval, in metres.
+    limits : MissionLimits
+        How far.
+    """
+
+    loop: ClosedLoop
+    goal_radius: float
+    limits: MissionLimits
+
+    def prove(self, lower: Floats, upper: Floats) -> MissionProof:
+        """Follow every run from a box of states (3 + A,), with finer cells where the first do not suffice.
+
+        Notes
+        -----
+        Sound: yes, see the module. Cost: one step of the closed loop for each part and interval.
+        """
+        found = None
+        for sides in self._sides():
+            found = self._follow(lower, upper, sides)
+            if found.proved or not found.reason.startswith(_TOO_MANY):
+                break
+        assert found is not None
+        return found
+
+    def _sides(self) -> Iterator[CellSides]:
+        """Yield the sides of cells to be tried, each half as long as the ones before; later ones cut commands too."""
+        limits, rules = self.limits, self.loop.rules
+        pose = np.array([limits.position, limits.position, limits.heading])
+        for halvings in range(limits.finer + 1):
+            share = 0.5**halvings
+            command = np.full(len(rules.lower), np.inf)
+            if halvings and self._answers_to_commands:
+                command = (rules.upper - rules.lower) * _COMMAND_SHARE
+            yield CellSides(np.concatenate([pose * share, command]))
+
+    @property
+    def _answers_to_commands(self) -> bool:
+        """Tell whether the policy observes the command before."""
+        return any(
+            channel.kind.startswith("previous_") and channel.value is None
+            for channel in self.loop.setting.spec.observation
+        )
+
+    def _follow(self, lower: Floats, upper: Floats, sides: CellSides) -> MissionProof:
+        """Follow every run with cells of one size."""
+        start = TubeParts(np.zeros(1, np.int64), lower[None], upper[None])
+        parts = _as_parts(*sides.divide(states_of(start.cells), (start.lower, start.upper)))
+        trace = _Trace(len(parts))
+        if not self._begins_clear(parts).all():
+            return trace.ended(0, f"{_TOO_NEAR} at the start")
+        for k in range(1, self.limits.steps + 1):
+            check_time()
+            after = step(self.loop, states_of(parts.cells))
+            clearance, clear = self._clearance(parts, after)
+            trace.clearance = min(trace.clearance, clearance)
+            if not clear.all():
+                return trace.ended(k, f"{_TOO_NEAR} in {_place(parts.select(~clear))}")
+            bounds = after.bounds(parts.lower[:, :3], parts.upper[:, :3])
+            parts = _as_parts(*sides.divide(after.states, bounds))
+            near, within = self._distances(parts)
+            if trace.earliest == 0 and (near < self.goal_radius).any():
+                trace.earliest = k
+            parts = parts.select(~(within < self.goal_radius))
+            trace.note(k, parts)
+            if not len(parts):
+                return trace.arrived(k)
+            if len(parts) > self.limits.parts:
+                return trace.ended(
+                    k, f"{_TOO_MANY}: {len(parts):,} of at most {self.limits.parts:,}, {_place(parts)}"
+                )
+        return trace.ended(self.limits.steps, f"runs may still be on their way, {_place(parts)}")
+
+    def _distances(self, parts: TubeParts) -> tuple[Floats, Floats]:
+        """Return the least and the largest distance to the goal of any pose of each part, (P,) each."""
+        goal = self.loop.sensors.goal
+        below, above = parts.lower[:, :2] - goal, parts.upper[:, :2] - goal
+        outside = np.maximum(np.maximum(below, -above), 0.0)
+        inside = np.maximum(np.abs(below), np.abs(above))
+        return np.hypot(*outside.T) * (1.0 - SPARE), np.hypot(*inside.T) * (1.0 + SPARE)
+
+    def _begins_clear(self, parts: TubeParts) -> Booleans:
+        """Tell in which parts every pose keeps the collision distance, (P,)."""
+        rules, boxes = self.loop.rules, parts.cells.poses
+        still = np.zeros((len(parts), len(rules.lower)))
+        return prove_clearance(
+            self.loop.at(boxes), still, still, rules.clearance.collision, rules.manoeuvre, rules.footprint
+        ).proved
+
+    def _clearance(self, parts: TubeParts, after: LoopStep) -> tuple[float, Booleans]:
+        """Return what runs keep during an interval, in metres, and in which parts that is proved to suffice, (P,)."""
+        rules, boxes = self.loop.rules, parts.cells.poses
+        cells = MotionBoxes.whole(after.lower, after.upper, boxes.radius)
+        least = enclose(cells, self.loop.at(boxes), rules.manoeuvre, rules.footprint).least
+        proved = least > rules.clearance.collision
+        rest = np.flatnonzero(~proved)
+        proved[rest] = self.loop.holds(parts.select(rest).cells, after.lower[rest], after.upper[rest])
+        kept = np.where(proved, np.maximum(least, rules.clearance.collision), least)
+        return float(kept.min(initial=np.inf)), proved
+
+
+_TOO_MANY = "too many parts"
+_TOO_NEAR = "the clearance is not proved"
+_COMMAND_SHARE = 0.15
+"""Of the range of a command, that a cell spans where commands are cut."""
+
+
+@dataclass(eq=False)
+class _Trace:
+    """What was found so far."""
+
+    start_parts: int
+    clearance: float = np.inf
+    earliest: int = 0
+    most: int = field(init=False)
+    tubes: list[tuple[int, TubeParts]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.most = self.start_parts
+
+    def note(self, k: int, parts: TubeParts) -> None:
+        """Note the parts that have not arrived at the end of interval k."""
+        self.most = max(self.most, len(parts))
+        self.tubes.append((k, parts))
+
+    def arrived(self, k: int) -> MissionProof:
+        """Return what was found when every run has arrived."""
+        return self._found(k, "")
+
+    def ended(self, k: int, reason: str) -> MissionProof:
+        """Return what was found when the mission could not be followed further, and why."""
+        return self._found(k, reason)
+
+    def _found(self, k: int, reason: str) -> MissionProof:
+        none = np.zeros((0, 0))
+        tube = MissionTube(
+            np.repeat([step for step, _ in self.tubes], [len(parts) for _, parts in self.tubes]).astype(
+                np.int64
+            ),
+            _joined([parts.lower for _, parts in self.tubes], none),
+            _joined([parts.upper for _, parts in self.tubes], none),
+        )
+        where = f"interval {k}: {reason}" if reason and k else reason
+        return MissionProof(
+            not reason, k, self.earliest, self.clearance, self.most, self.start_parts, where, tube
+        )
+
+
+def _joined(rows: Sequence[Floats], none: Floats) -> Floats:
+    return np.concatenate(rows) if rows else none
+
+
+def _as_parts(lower: Floats, upper: Floats) -> TubeParts:
+    return TubeParts(np.zeros(len(lower), np.int64), lower, upper)
+
+
+def _place(parts: TubeParts) -> str:
+    """Say in words where parts are, and how far they reach."""
+    low, high = parts.lower.min(axis=0), parts.upper.max(axis=0)
+    middle = 0.5 * (low + high)
+    return (
+        f"x {middle[0]:.2f} m, y {middle[1]:.2f} m, heading {middle[2]:.2f} rad, "
+        f"within {high[0] - low[0]:.2g} m, {high[1] - low[1]:.2g} m and {high[2] - low[2]:.2g} rad"
+    )

@@ -1,0 +1,278 @@
+"""What is known of missions: a verdict for each, bounds, the tube, and the runs that were driven against it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viatool.arrays import Floats, Indices
+from viatool.loop.horizon import Crashes
+from viatool.missions.attack import MissionRuns
+from viatool.missions.follow import MissionLimits, MissionProof, MissionTube
+from viatool.policy import Policy
+from viatool.setting.asked import Asked
+from viatool.setting.setting import Setting
+from viatool.world import Scenario
+
+SCHEMA_VERSION = 1
+MISSION_VERDICTS = ("proved", "refuted", "unknown")
+_NOT_BEGUN = "the time was up before it was begun"
+
+
+@dataclass(frozen=True, eq=False)
+class Mission:
+    """One mission.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Start, goal and obstacles.
+    interval : float
+        Seconds of a control interval.
+    proof : MissionProof
+        What following every run found.
+    paths : ndarray
+        (R, K + 1, 2) places of the runs that were driven against it, where intervals begin; NaN after they arrived.
+    arrived : ndarray
+        (R,) intervals after which each of them arrives; K + 1 for one that does not.
+    crashes : Crashes
+        At most one run that collides.
+    late : Crashes
+        At most one run that is still on its way at the end; its last interval stands for the closest one.
+    seconds : float
+        Of processor time.
+    """
+
+    scenario: Scenario
+    interval: float
+    proof: MissionProof
+    paths: Floats
+    arrived: Indices
+    crashes: Crashes
+    late: Crashes
+    seconds: float
+
+    @property
+    def verdict(self) -> str:
+        """Return proved, refuted or unknown."""
+        if self.proof.proved:
+            return "proved"
+        return "refuted" if len(self.crashes) or len(self.late) else "unknown"
+
+    @property
+    def steps(self) -> int:
+        """Return the control intervals that were followed: of a proved mission, those after which all have arrived."""
+        return self.proof.steps
+
+    @property
+    def clearance(self) -> float:
+        """Return the metres that every run keeps; of a refuted mission, those that the run keeps which collides."""
+        return float(self.crashes.clearance[0]) if len(self.crashes) else self.proof.clearance
+
+    @property
+    def reason(self) -> str:
+        """Return why it is not proved; empty for a proved mission."""
+        if self.proof.proved:
+            return ""
+        if len(self.crashes):
+            x, y, _ = self.crashes.place[0]
+            after = int(self.crashes.step[0]) * self.interval + float(self.crashes.seconds[0])
+            near = f"{self.crashes.clearance[0]:.3f} m of something"
+            return f"a run comes within {near} at ({x:.2f}, {y:.2f}) after {after:.2f} s"
+        if len(self.late):
+            x, y, _ = self.late.place[0]
+            limit = self.late.poses.shape[1] * self.interval
+            return f"a run is still on its way after {limit:g} s, at ({x:.2f}, {y:.2f})"
+        return self.proof.reason
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the mission as plain data."""
+        proof = self.proof
+        arrived = self.arrived[self.arrived <= self.paths.shape[1] - 1]
+        return {
+            "scenario": self.scenario.name,
+            "start": list(self.scenario.start),
+            "goal": list(self.scenario.goal),
+            "verdict": self.verdict,
+            "steps": self.steps,
+            "arrival": [proof.earliest * self.interval, proof.steps * self.interval]
+            if proof.proved
+            else None,
+            "driven_arrival": (
+                [float(arrived.min()) * self.interval, float(arrived.max()) * self.interval]
+                if len(arrived)
+                else None
+            ),
+            "driven": len(self.arrived),
+            "seconds": round(self.seconds, 3),
+            "clearance": None if np.isinf(self.clearance) else self.clearance,
+            "parts": proof.most_parts,
+            "start_parts": proof.start_parts,
+            "reason": self.reason,
+        }
+
+    def to_arrays(self) -> dict[str, NDArray[Any]]:
+        """Return what was found as arrays; the scenario is not in them."""
+        proof, tube = self.proof, self.proof.tube
+        numbers = [
+            proof.proved,
+            proof.steps,
+            proof.earliest,
+            proof.clearance,
+            proof.most_parts,
+            proof.start_parts,
+        ]
+        return {
+            "numbers": np.array([*numbers, self.interval, self.seconds], dtype=np.float64),
+            "reason": np.array(proof.reason),
+            **{f"tube_{each.name}": getattr(tube, each.name) for each in fields(MissionTube)},
+            "paths": self.paths,
+            "arrived": self.arrived,
+            **{f"crash_{each.name}": getattr(self.crashes, each.name) for each in fields(Crashes)},
+            **{f"late_{each.name}": getattr(self.late, each.name) for each in fields(Crashes)},
+        }
+
+    @classmethod
+    def from_arrays(cls, scenario: Scenario, arrays: Mapping[str, NDArray[Any]]) -> Mission:
+        """Return what `to_arrays` was called on."""
+        proved, steps, earliest, clearance, most, start, interval, seconds = arrays["numbers"].tolist()
+        tube = MissionTube(*(arrays[f"tube_{each.name}"] for each in fields(MissionTube)))
+        reason = str(arrays["reason"])
+        proof = MissionProof(
+            bool(proved), int(steps), int(earliest), clearance, int(most), int(start), reason, tube
+        )
+        crashes, late = (
+            Crashes(*(arrays[f"{kind}_{each.name}"] for each in fields(Crashes)))
+            for kind in ("crash", "late")
+        )
+        return cls(scenario, interval, proof, arrays["paths"], arrays["arrived"], crashes, late, seconds)
+
+    @classmethod
+    def not_begun(cls, scenario: Scenario, interval: float, size: int, axes: int) -> Mission:
+        """Return a mission for which there was no time."""
+        tube = MissionTube(np.zeros(0, np.int64), np.zeros((0, 3 + axes)), np.zeros((0, 3 + axes)))
+        proof = MissionProof(False, 0, 0, np.inf, 0, 0, _NOT_BEGUN, tube)
+        none = Crashes.none(1, size, axes)
+        return cls(scenario, interval, proof, np.zeros((0, 1, 2)), np.zeros(0, np.int64), none, none, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Missions(Asked):
+    """The missions of one policy on a map.
+
+    Parameters
+    ----------
+    policy : Policy
+        What drives.
+    setting : Setting
+        What was asked, as it took effect.
+    missions : tuple of Mission
+        In the order of the scenarios.
+    start_error : tuple of float
+        Metres in x and y, and radians, by which starts may be off.
+    limits : MissionLimits
+        Within how many intervals every run has to arrive, and in how many parts.
+    goal_radius : float
+        Metres.
+    arithmetic : str
+        Contract of the bounds.
+    seed : int
+        Of the runs that were driven against the missions.
+    seconds, versions : mapping
+        Time by stage, and what a repetition would need.
+    """
+
+    policy: Policy
+    setting: Setting
+    missions: tuple[Mission, ...]
+    start_error: tuple[float, float, float]
+    limits: MissionLimits
+    goal_radius: float
+    arithmetic: str
+    seed: int
+    seconds: Mapping[str, float]
+    versions: Mapping[str, str]
+
+    def __iter__(self) -> Any:
+        """Go through the missions."""
+        return iter(self.missions)
+
+    def __len__(self) -> int:
+        """Return the number of missions."""
+        return len(self.missions)
+
+    @cached_property
+    def counts(self) -> dict[str, int]:
+        """Return how many missions have each verdict."""
+        found = [mission.verdict for mission in self.missions]
+        return {verdict: found.count(verdict) for verdict in MISSION_VERDICTS}
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the report as plain data."""
+        proved, total = self.counts["proved"], len(self.missions)
+        return {
+            "schema_version": SCHEMA_VERSION,
+            "policy": {"path": str(self.policy.path), "sha256": self.policy.sha256},
+            "map": {"path": str(self.world_map.path), "sha256": self.world_map.sha256},
+            "eps": self.eps,
+            "criterion": self.rules.criterion,
+            "collision_distance": self.rules.clearance.collision,
+            "arithmetic": self.arithmetic,
+            "start_error": list(self.start_error),
+            "time_limit": self.limits.steps * self.rules.interval,
+            "goal_radius": self.goal_radius,
+            "limits": {
+                "parts": self.limits.parts,
+                "position": self.limits.position,
+                "heading": self.limits.heading,
+                "finer": self.limits.finer,
+            },
+            "mission_verdicts": self.counts,
+            "mission_rate": {"safe": proved, "total": total, "rate": proved / total if total else None},
+            "missions": [mission.to_json() for mission in self.missions],
+            "seed": self.seed,
+            "seconds": dict(self.seconds),
+            "versions": dict(self.versions),
+            "premises": [premise.to_json() for premise in self.premises],
+        }
+
+    def tube_table(self) -> dict[str, NDArray[Any]]:
+        """Return the parts of all tubes: scenario and interval (P,), ends (P, 3 + A)."""
+        tubes = [mission.proof.tube for mission in self.missions]
+        axes = 3 + len(self.rules.lower)
+        return {
+            "scenario": np.concatenate(
+                [
+                    np.zeros(0, dtype="U1"),
+                    *(
+                        np.full(len(tube.step), m.scenario.name)
+                        for m, tube in zip(self.missions, tubes, strict=True)
+                    ),
+                ]
+            ),
+            "step": _joined([tube.step for tube in tubes], np.zeros(0, np.int64)),
+            "lower": _joined([tube.lower.reshape(-1, axes) for tube in tubes], np.zeros((0, axes))),
+            "upper": _joined([tube.upper.reshape(-1, axes) for tube in tubes], np.zeros((0, axes))),
+        }
+
+
+def late_run(found: MissionRuns) -> Crashes:
+    """Return one run that is still on its way at the end, in the form of a run that collides; none if all arrive."""
+    runs = found.runs
+    _, steps, size = runs.observations.shape
+    if not len(found.late):
+        return Crashes.none(steps, size, runs.actions.shape[2])
+    row = found.late[:1]
+    return Crashes(
+        np.zeros(1, np.int64), runs.poses[row], runs.observations[row], runs.actions[row],
+        np.array([steps - 1]), np.zeros(1), runs.ends[row, -1], runs.clearance[row].min(axis=1),
+    )  # fmt: skip
+
+
+def _joined(rows: Sequence[NDArray[Any]], none: NDArray[Any]) -> NDArray[Any]:
+    return np.concatenate([none, *rows])

@@ -1,0 +1,216 @@
+"""The report on missions: which whole runs are proved, which are refuted, and why the others are not known."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import ClassVar
+
+from viatool.report.document import Annotated, Cased, Document, Located, Tabled
+from viatool.report.missions.record import MissionRecord, MissionsRecord
+from viatool.report.numbers import MISSING, count, counted
+from viatool.report.sections import (
+    Annotation,
+    Breakdown,
+    Case,
+    Check,
+    Count,
+    Finding,
+    Headline,
+    Part,
+    Rules,
+    Section,
+    Share,
+    Table,
+    Tally,
+)
+from viatool.report.verified import Verified
+from viatool.report.wording import describe_eps
+
+TONES = {"proved": "safe", "refuted": "unsafe", "unknown": "unknown"}
+MEANING = {
+    "proved": "every run arrives and keeps its clearance",
+    "refuted": "a run collides, or is still on its way at the end",
+    "unknown": "neither",
+}
+COLUMNS = ("scenario", "verdict", "steps", "seconds", "clearance", "parts", "start_parts", "reason")
+
+
+class MissionsDocument(Verified, Cased, Annotated, Located, Tabled):
+    """Missions; their JSON tells all that the formats of text need."""
+
+    RECORD = MissionsRecord
+    SIGN = "missions"
+    WHAT = "a report of missions"
+    SUBJECTS = "missions"
+    EMPTY = "no missions to decide on"
+    COMMAND = "mission"
+    RATES: ClassVar[Mapping[str, str]] = {
+        "overall": "share of missions that are proved",
+        "mission": "share of missions that are proved",
+    }
+    FINDING_RULES: ClassVar[Rules] = {
+        "refuted-mission": (
+            "error",
+            "A run within the errors collides, or is still on its way at the time limit.",
+        ),
+        "unknown-mission": ("warning", "The mission could be neither proved nor refuted."),
+    }
+
+    record: MissionsRecord
+
+    @property
+    def headline(self) -> Headline:
+        """Return how many missions are proved."""
+        share = self.record.mission_rate.share
+        return Headline(share.percentage(), f"of {counted(share.total, 'mission')} are proved", share.of())
+
+    @property
+    def subject(self) -> Sequence[str]:
+        """Return the sensor error, the starts, the criterion and the time limit."""
+        record = self.record
+        return [
+            f"eps {describe_eps(record.eps)}",
+            f"starts within {self._starts}",
+            f"criterion {record.criterion}",
+            f"within {record.time_limit:g} s",
+        ]
+
+    @property
+    def _starts(self) -> str:
+        x, y, theta = self.record.start_error
+        return f"{x:g} m, {y:g} m and {theta:g} rad"
+
+    @property
+    def sections(self) -> Sequence[Section]:
+        """Return the missions by verdict, and each of them."""
+        head = ("verdict", "missions", "meaning")
+        rows = tuple(self._row(mission) for mission in self.record.missions)
+        names = ("mission", "verdict", "arrives after [s]", "clearance [m]", "parts", "CPU [s]", "")
+        return [
+            Breakdown(head, tuple(self._part(name) for name in TONES)),
+            Table(names, rows, "Missions", texts=1),
+        ]
+
+    def _part(self, name: str) -> Part:
+        number = getattr(self.record.mission_verdicts, name)
+        return Part(name, (count(number),), MEANING[name], number, TONES[name])
+
+    def _row(self, mission: MissionRecord) -> tuple[str, ...]:
+        times = mission.arrival
+        arrival = MISSING if times is None else f"{times[0]:.1f} to {times[1]:.1f}"
+        clearance = MISSING if mission.clearance is None else f"{mission.clearance:.3f}"
+        return (
+            mission.scenario,
+            mission.verdict,
+            arrival,
+            clearance,
+            count(mission.parts),
+            f"{mission.seconds:.1f}",
+            mission.reason,
+        )
+
+    @property
+    def assumptions(self) -> Mapping[str, str]:
+        """Return what the verdicts rest on."""
+        record = self.record
+        return {
+            **super().assumptions,
+            "distance": f"the footprint keeps more than {record.collision_distance:g} m",
+            "starts": f"at rest, anywhere within {self._starts} of the scenario's start",
+            "arrival": f"nearer to the goal than {record.goal_radius:g} m at the end of an interval, within "
+            f"{record.time_limit:g} s",
+            "map": "correct, and nothing on it moves",
+            "sensors": f"read what is there, each number within eps {describe_eps(record.eps)}, anew in each interval",
+            "motion": "exact arcs without slip; commands act at once",
+        }
+
+    @property
+    def settings(self) -> Mapping[str, str]:
+        """Return what was asked, with the missions and where they start."""
+        return {
+            **super().settings,
+            "missions": ", ".join(mission.scenario for mission in self.record.missions),
+        }
+
+    @property
+    def rates(self) -> Mapping[str, Share]:
+        """Return the share of the missions that are proved."""
+        share = self.record.mission_rate.share
+        return {"overall": share, "mission": share}
+
+    @property
+    def size(self) -> int:
+        """Return the number of missions."""
+        return len(self.record.missions)
+
+    @property
+    def limited(self) -> Mapping[str, Count]:
+        """Return how many missions are refuted and unknown."""
+        verdicts = self.record.mission_verdicts
+        return {
+            "unsafe": Count(verdicts.refuted, "refuted missions"),
+            "unknown": Count(verdicts.unknown, "unknown missions"),
+        }
+
+    @property
+    def tallies(self) -> Sequence[Tally]:
+        """Return how many missions have each verdict."""
+        better = {"proved": 1, "refuted": -1, "unknown": -1}
+        numbers = {name: int(getattr(self.record.mission_verdicts, name)) for name in better}
+        return [Tally(name, number, count(number), better[name]) for name, number in numbers.items()]
+
+    def new_failures(self, baseline: Document) -> Sequence[Check]:
+        """Decide whether every mission that was proved still is."""
+        if not isinstance(baseline, MissionsDocument):
+            return ()
+        proved = {one.scenario for one in baseline.record.missions if one.verdict == "proved"}
+        lost = [
+            one.scenario for one in self.record.missions if one.scenario in proved and one.verdict != "proved"
+        ]
+        figures = f"no longer: {', '.join(lost)}" if lost else "all are"
+        return (Check("missions that were proved still are", not lost, figures),)
+
+    def cases(self) -> Sequence[Case]:
+        """Return every mission: a refuted one is a failure, an unknown one an error."""
+        outcome = {"proved": "passed", "refuted": "failure", "unknown": "error"}
+        return [
+            Case(
+                "viatool.mission", mission.scenario, outcome[mission.verdict], mission.reason, mission.reason
+            )
+            for mission in self.record.missions
+        ]
+
+    def annotations(self) -> Sequence[Annotation]:
+        """Return an error for each refuted mission and a warning for each unknown one."""
+        return [
+            Annotation(level, f"mission {mission.scenario} is {mission.verdict}", mission.reason)
+            for mission, level, _ in self._failures()
+        ]
+
+    def findings(self) -> tuple[Iterable[Finding], int]:
+        """Return the refuted missions, then the unknown ones."""
+        found = [
+            Finding(
+                rule,
+                f"Mission {mission.scenario} is {mission.verdict}: {mission.reason}.",
+                mission.scenario,
+                mission.scenario,
+            )
+            for mission, _, rule in self._failures()
+        ]
+        return found, len(found)
+
+    def _failures(self) -> Iterator[tuple[MissionRecord, str, str]]:
+        for verdict, level in (("refuted", "error"), ("unknown", "warning")):
+            for mission in self.record.missions:
+                if mission.verdict == verdict:
+                    yield mission, level, f"{verdict}-mission"
+
+    def columns(self) -> Sequence[str]:
+        """Return what a row tells of its mission, in seconds and metres."""
+        return COLUMNS
+
+    def rows(self) -> Iterator[Sequence[object]]:
+        """Yield a row for each mission."""
+        for mission in self.record.missions:
+            yield [getattr(mission, name) for name in COLUMNS]

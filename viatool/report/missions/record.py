@@ -1,0 +1,71 @@
+"""Missions as data: the typed form of their JSON."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from viatool.report.records import Amount, Count, CountedRecord, Fraction, ReportPart, VerifiedRecord
+
+
+class MissionShare(CountedRecord):
+    """Proved missions among all; `rate` is None when there are none."""
+
+    PART = "safe"
+
+    safe: Count
+    rate: Fraction | None
+
+
+class MissionVerdicts(ReportPart):
+    """Missions by verdict."""
+
+    proved: Count
+    refuted: Count
+    unknown: Count
+
+
+class MissionLimitsRecord(ReportPart):
+    """Parts of a set at most, sides of the first cells in metres and radians, and how often cells were halved."""
+
+    parts: Count
+    position: Amount
+    heading: Amount
+    finer: Count
+
+
+class MissionRecord(ReportPart):
+    """One mission.
+
+    `steps` are the intervals that were followed, `arrival` the seconds between which every run arrives,
+    `driven_arrival` those of the runs that were driven against it, `clearance` the metres that every run keeps in
+    the intervals that were followed (of a refuted mission those that its run keeps), `parts` the most that were
+    held at once.
+    """
+
+    scenario: str
+    start: list[float]
+    goal: list[float]
+    verdict: Literal["proved", "refuted", "unknown"]
+    steps: Count
+    arrival: tuple[Amount, Amount] | None
+    driven_arrival: tuple[Amount, Amount] | None
+    driven: Count
+    seconds: Amount
+    clearance: float | None
+    parts: Count
+    start_parts: Count
+    reason: str
+
+
+class MissionsRecord(VerifiedRecord):
+    """All missions of a run."""
+
+    collision_distance: Amount
+    start_error: tuple[Amount, Amount, Amount]
+    time_limit: Amount
+    goal_radius: Amount
+    limits: MissionLimitsRecord
+    mission_verdicts: MissionVerdicts
+    mission_rate: MissionShare
+    missions: list[MissionRecord]
+    seed: int

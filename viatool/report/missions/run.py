@@ -1,0 +1,69 @@
+"""The report on missions while they are at hand: pictures, tubes, and runs to be driven again."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+from numpy.typing import NDArray
+
+from viatool.report.document import Drawn, Replayable, TubeTabled
+from viatool.report.missions.document import MissionsDocument
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from viatool.missions import Mission, Missions
+
+
+class MissionsRun(MissionsDocument, Drawn, Replayable, TubeTabled):
+    """The report of missions."""
+
+    def __init__(self, missions: Missions) -> None:
+        super().__init__(missions.to_json())
+        self.missions = missions
+
+    def draw(self) -> Figure:
+        """Return every mission with its tube and the runs that were driven against it."""
+        from viatool.report.missions.figure import draw_missions
+
+        return draw_missions(self.missions, self.headline)
+
+    def tube_table(self) -> Mapping[str, NDArray[Any]]:
+        """Return the parts of all tubes."""
+        return self.missions.tube_table()
+
+    def witness_file(self) -> Mapping[str, Any]:
+        """Return the runs that collide, each with the intervals before."""
+        from viatool.verification.witness_file import compose_witnesses
+
+        missions = self.missions
+        entries = [entry for mission in missions for entry in _entries(mission, missions)]
+        return compose_witnesses(
+            missions.policy.path,
+            missions.policy.sha256,
+            missions.world_map,
+            missions.setting.command_map,
+            missions.rules,
+            entries,
+        )
+
+
+def _entries(mission: Mission, missions: Missions) -> Iterator[dict[str, Any]]:
+    from viatool.trajectory import write_scenario
+    from viatool.verification.witness_file import run_before
+
+    found, rules = mission.crashes, missions.rules
+    for row in range(len(found)):
+        step = int(found.step[row])
+        yield {
+            "state": 0,
+            "episode": 0,
+            "time": step * rules.interval,
+            "pose": found.poses[row, step].tolist(),
+            "previous": None,
+            "before": run_before(found, row),
+            **found.last.violation(row, missions.world_map, mission.scenario, rules.footprint),
+            "scenario": json.loads(write_scenario(mission.scenario) or "null"),
+        }
