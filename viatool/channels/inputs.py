@@ -101,6 +101,33 @@ class Inputs:
             least[:, columns], most[:, columns] = channel.encoding.readings(inputs[:, columns], within=within)
         return least, most
 
+    def shared(self, inputs: Floats, rows: Indices) -> Indices:
+        """Tell which inputs may hold one and the same reading, whose error they then share.
+
+        Parameters
+        ----------
+        inputs : ndarray
+            (B, n) what the network took.
+        rows : ndarray
+            (B,) how many states of its episode are known before each: a stack that reaches farther back was filled with
+            the first reading.
+
+        Returns
+        -------
+        ndarray
+            (B, n) the first of the inputs that hold the reading of each.
+        """
+        first = np.broadcast_to(np.arange(inputs.shape[1]), inputs.shape).copy()
+        for number in range(len(self.channels)):
+            columns = np.flatnonzero(self.channel == number)
+            order = columns[np.argsort(self.reading[columns], kind="stable")]
+            frames = order.reshape(self.places[number].stop - self.places[number].start, -1).T
+            for later, earlier in ((i, j) for i in range(len(frames)) for j in reversed(range(i))):
+                ages = [np.minimum(self.age[frames[at]], rows[:, None]) for at in (later, earlier)]
+                same = (ages[0] == ages[1]) & (inputs[:, frames[later]] == inputs[:, frames[earlier]])
+                first[:, frames[later]] = np.where(same, first[:, frames[earlier]], first[:, frames[later]])
+        return first
+
     def encode(self, readings: Floats, past: Floats | None = None) -> Floats:
         """Return what the network takes.
 
@@ -156,7 +183,7 @@ class Inputs:
         Notes
         -----
         Sound: yes. A reading that was clipped may have been anything beyond the end of the clip. Frames err each by
-        itself, which allows for more than frames of the same reading do.
+        itself, which allows for more than frames of the same reading do (`shared` says which these are).
         """
         least, most = self.readings(inputs, within=within)
         return self.enclosed(least - radii, most + radii, within)

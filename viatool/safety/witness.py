@@ -119,6 +119,7 @@ def search_witnesses(
     upper: Floats,
     *,
     seed: int | Sequence[int] = 0,
+    shared: Indices | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Witnesses:
     """Look for an observation within each box that makes the robot come nearer than the collision distance.
@@ -139,6 +140,9 @@ def search_witnesses(
         (N, A) bounds of the commands, which say where to aim.
     seed : int or sequence of int
         Of the random points.
+    shared : ndarray, optional
+        (N, n) the first of the inputs that hold the same reading as each, which a counterexample gives one number; by
+        default every input is a reading of its own.
     progress : callable, optional
         Called with the states done and the states in all.
 
@@ -170,11 +174,24 @@ def search_witnesses(
             rows, some, seen = rows[hard], some.select(hard), seen[hard]
             around, aims = box.rows(rows), (lower[rows], upper[rows])
             found = _candidates(policy, some, seen, around, aims, generator)
+            if shared is not None:
+                found = _of_one_reading(found, shared[rows])
             within = _received(found, seen, around)
             parts.append(_of_states(confirm(policy, some, within), rows))
         if progress is not None:
             progress(min(start + _CHUNK, len(doubtful)), len(doubtful))
     return Witnesses.join(parts, observations.shape[1], lower.shape[1])
+
+
+def _of_one_reading(points: Floats, shared: Indices) -> Floats:
+    """Give all inputs of points (B, K, n) that hold one reading one number: that of their first, or of their last."""
+    batch, _, size = points.shape
+    last = np.broadcast_to(np.arange(size), shared.shape).copy()
+    state = np.broadcast_to(np.arange(batch)[:, None], shared.shape)
+    np.maximum.at(last, (state, shared), np.arange(size))
+    last = np.take_along_axis(last, shared, axis=1)
+    sources = (np.broadcast_to(column[:, None], points.shape) for column in (shared, last))
+    return np.concatenate([np.take_along_axis(points, source, axis=2) for source in sources], axis=1)
 
 
 def _candidates(

@@ -66,6 +66,12 @@ class BlockSensors:
         """Tell whether every entry errs by itself, by a radius of its own."""
         return self.errors.is_box and self.drift is None
 
+    @cached_property
+    def shared(self) -> Indices | None:
+        """The first of the inputs that hold the same reading as each, (B, n); None where every one is another."""
+        inputs = self.setting.spec.inputs
+        return inputs.shared(self.observations, self.states.rows) if inputs.memory else None
+
     @property
     def placed(self) -> ScenePoses:
         """Return the boxes of poses at which the robot may really be."""
@@ -111,10 +117,14 @@ class BlockSensors:
         inputs = self.setting.spec.inputs
         if self.is_box and judged.observing.radii is None:
             box = Box(*inputs.box(self.observations, self.setting.radii, within=True))
-            return search_witnesses(policy, judged, doubtful, self.observations, box, *commands, seed=seed)
+            return search_witnesses(
+                policy, judged, doubtful, self.observations, box, *commands, seed=seed, shared=self.shared
+            )
         if judged.observing.radii is None:
             sets = AdmissibleSets(self.errors, self.observations)
-            found = search_witnesses(policy, judged, doubtful, self.observations, sets, *commands, seed=seed)
+            found = search_witnesses(
+                policy, judged, doubtful, self.observations, sets, *commands, seed=seed, shared=self.shared
+            )
             return self._explained(found, found.state, np.zeros_like(found.observation))
         return self._search_poses(policy, judged, doubtful, commands, seed)
 
@@ -151,6 +161,7 @@ class BlockSensors:
         found = search_witnesses(
             policy, replace(some, observing=here), np.arange(len(rows)), seen, sets,
             commands[0][rows], commands[1][rows], seed=seed,
+            shared=None if self.shared is None else self.shared[rows],
         )  # fmt: skip
         found = replace(found, start=true[found.state], believed=believed[found.state])
         found = self._explained(found, rows[found.state], drifted[found.state])

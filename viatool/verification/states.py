@@ -36,6 +36,8 @@ class States:
         (B, 2) commands of the step before, NaN where they are not known; None where they are of no consequence.
     under_way : ndarray
         (B, W, 2) commands on their way to the motors, the oldest first; NaN where they are not known.
+    rows : ndarray
+        (B,) how many states of its episode come before each.
     velocity : ndarray or None
         (B, 2, 3) ends of the velocity that was measured, NaN where it was not; None where it is of no consequence.
     most : int
@@ -49,6 +51,7 @@ class States:
     scenarios: tuple[Scenario | None, ...]
     previous: Floats | None
     under_way: Floats
+    rows: Indices
     velocity: Floats | None = None
     most: int = _MOST_STATES
 
@@ -69,6 +72,7 @@ class States:
             trajectory.scenarios,
             previous,
             under_way,
+            _rows_of_episodes(trajectory),
             None if velocity is None else np.stack(velocity, axis=1),
             _MOST_STATES if previous is None else _MOST_FOLLOWED,
         )
@@ -112,6 +116,7 @@ class States:
             tuple(self.scenarios[index] for index in present.tolist()),
             None if self.previous is None else self.previous[rows],
             self.under_way[rows],
+            self.rows[rows],
             None if self.velocity is None else self.velocity[rows],
             self.most,
         )
@@ -125,3 +130,12 @@ class States:
         """Yield the blocks one by one."""
         for index in range(self.block_count):
             yield self.blocks(Span(index, index + 1))
+
+
+def _rows_of_episodes(trajectory: Trajectory) -> Indices:
+    """Return how many states of its episode come before each, (N,); none before a pose that was picked."""
+    rows, episode = np.arange(len(trajectory)), trajectory.episode
+    begins = np.ones(len(rows), dtype=bool)
+    if trajectory.connected:
+        begins[1:] = episode[1:] != episode[:-1]
+    return np.asarray(rows - np.maximum.accumulate(np.where(begins, rows, 0)))
