@@ -7,11 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from viatool.arrays import Booleans, Floats, Indices
-from viatool.channels.lidar import LidarReadings
-from viatool.channels.previous import PreviousCommand
 from viatool.channels.quantities import Quantities
-from viatool.channels.quantity import Fixed, Quantity
-from viatool.channels.velocities import MeasuredVelocity
+from viatool.channels.quantity import Quantity
 from viatool.channels.views import BoxView, View
 from viatool.errors import ConfigurationError
 from viatool.sets.forms import Forms, PoseBoxes
@@ -73,7 +70,7 @@ def seen_from_elsewhere(quantities: Quantities, view: View) -> Floats:
     """Return by how much readings change, (B, n), where robots believe a pose that is not theirs."""
     honest, parts = replace(view, believed=None), []
     for quantity in quantities:
-        if _knows_its_pose(quantity) and quantity.has("measure"):
+        if quantity.knows_its_pose and quantity.has("measure"):
             changed = np.asarray(quantity.measure(view)) - np.asarray(quantity.measure(honest))
             parts.append(changed.reshape(len(view), -1))
         else:
@@ -83,7 +80,7 @@ def seen_from_elsewhere(quantities: Quantities, view: View) -> Floats:
 
 def observes_its_pose(quantities: Quantities) -> bool:
     """Tell whether anything that is observed may depend on the pose that the robot believes."""
-    return any(_knows_its_pose(quantity) for quantity in quantities)
+    return any(quantity.knows_its_pose for quantity in quantities)
 
 
 def require_present(quantities: Quantities, source: str) -> None:
@@ -101,12 +98,6 @@ def require_present(quantities: Quantities, source: str) -> None:
         )
 
 
-def _knows_its_pose(quantity: Quantity) -> bool:
-    """Tell whether a quantity may depend on the pose that the robot believes."""
-    honest = (LidarReadings, PreviousCommand, MeasuredVelocity, Fixed)
-    return quantity.has("enclose") and not isinstance(quantity, honest)
-
-
 def _view(poses: PoseBoxes, goal: Floats, scale: float, axes: int) -> BoxView:
     still = np.zeros((len(poses), axes))
     boxes = StateBoxes(poses, still, still)
@@ -119,7 +110,7 @@ def _changed(quantity: Quantity, around: BoxView, middle: BoxView) -> tuple[Floa
     """Return centre, slope and rest of the change of a quantity, and where it may be any angle."""
     count, size = len(around), quantity.channel.size
     still = np.zeros((count, size))
-    if not _knows_its_pose(quantity):
+    if not quantity.knows_its_pose:
         return still, np.zeros((count, _POSE, size)), still, still.astype(bool)
     here, there = quantity.enclose(around), quantity.enclose(middle)
     rest = (

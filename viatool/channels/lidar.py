@@ -21,6 +21,7 @@ from viatool.world import Lidar
 class LidarReadings(Quantity):
     """The bins of a LiDAR: the channel's own, or the robot's where it describes none."""
 
+    believes = False
     needs = frozenset({"scan"})
 
     @classmethod

@@ -18,6 +18,7 @@ from viatool.sets.forms import Forms
 class PreviousCommand(Quantity):
     """One part of the command before."""
 
+    believes = False
     needs = frozenset({"command"})
     command: ClassVar[str]
     """The kind of the axis that was commanded."""

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from viatool.arrays import Booleans, Floats, Indices
 from viatool.channels.channel import Channel, Frames
+from viatool.channels.erring import Erring
 from viatool.channels.inputs import Inputs
 from viatool.channels.lidar import LidarReadings
 from viatool.channels.quantity import Part, Quantity, quantity_of
@@ -127,15 +128,15 @@ class Quantities:
         """Return what sensors read at S instants of a recording, (S, m), as `read` does; NaN where unknown."""
         return self._filled(len(recorded.poses), lambda quantity: quantity.record(recorded))
 
-    def enclose(self, view: BoxView, radii: Floats | None = None) -> Sightings:
+    def enclose(self, view: BoxView, radii: Floats | Erring | None = None) -> Sightings:
         """Enclose what the network takes anywhere in C sets of states.
 
         Parameters
         ----------
         view : BoxView
             C sets of states.
-        radii : ndarray, optional
-            (n,) by how much each reading may be off, in the unit of its sensor; None for perfect sensors.
+        radii : ndarray or Erring, optional
+            (n,) by how much each reading may be off, in the unit of its sensor, or how else; None for perfect sensors.
 
         Returns
         -------
@@ -147,10 +148,11 @@ class Quantities:
         Sound: yes, for networks that observe the present alone.
         """
         every = np.arange(len(view))
-        rows, parts = [every], [self._enclose(view, radii)]
-        for behind, both in self._other_sides(view):
+        erring = radii if isinstance(radii, Erring) or radii is None else Erring.within(radii)
+        rows, parts = [every], [self._enclose(view, erring)]
+        for behind, both in self._other_sides(view if erring is None else erring.believed(view)):
             rows.append(every[both])
-            parts.append(self._enclose(view.select(every[both], behind), radii))
+            parts.append(self._enclose(view.select(every[both], behind), erring))
         return Sightings(parts[0] if len(parts) == 1 else Forms.concatenate(parts), np.concatenate(rows))
 
     def _other_sides(self, view: BoxView) -> Iterator[tuple[frozenset[str], Booleans]]:
@@ -169,13 +171,14 @@ class Quantities:
             if both.any():
                 yield behind, both
 
-    def _enclose(self, view: BoxView, radii: Floats | None) -> Forms:
+    def _enclose(self, view: BoxView, erring: Erring | None) -> Forms:
         """Enclose what the network takes, on the sides of half turns that the view names."""
-        parts = []
+        parts, symbols = [], view.states.slope.shape[1]
+        believed = view if erring is None else erring.believed(view)
         for quantity, place in zip(self.each, self.columns, strict=True):
-            seen = quantity.enclose(view)
-            if radii is not None:
-                seen = Forms(seen.centre, seen.slope, seen.rest + radii[place])
+            seen = quantity.enclose(believed if quantity.knows_its_pose else view)
+            if erring is not None:
+                seen = erring.added(seen, place, symbols)
             with quantity.channel.named_in_errors():
                 parts.append(quantity.channel.encoding.forms(seen))
         return Forms(

@@ -56,6 +56,9 @@ class Quantity(ABC):
     needs: ClassVar[frozenset[str]] = frozenset()
     """What it takes beyond poses: "scan", "goal", "command" of a recording; "outputs" of the network."""
 
+    believes: ClassVar[bool] = True
+    """Whether it may depend on the pose that the robot believes."""
+
     wraps: ClassVar[bool] = False
     """Whether it is an angle within a half turn, so that a set of states may be observed on both of its sides."""
 
@@ -98,6 +101,11 @@ class Quantity(ABC):
         """Tell whether the kind has a part."""
         return getattr(type(self), part) is not getattr(Quantity, part)
 
+    @property
+    def knows_its_pose(self) -> bool:
+        """Tell whether it is enclosed over poses that the robot believes, instead of its true ones."""
+        return self.believes and self.has("enclose")
+
     def require(self, part: Part) -> None:
         """Refuse a channel whose kind lacks a part, or which does not say enough for it.
 
@@ -117,6 +125,8 @@ class Quantity(ABC):
 
 class Fixed(Quantity):
     """A constant, of whatever kind its channel is."""
+
+    believes = False
 
     @property
     def _value(self) -> float:

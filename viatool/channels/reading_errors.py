@@ -16,6 +16,7 @@ import numpy as np
 
 from viatool.arrays import Booleans, Floats, Hull, Indices
 from viatool.channels.drift import Drift
+from viatool.channels.erring import Erring
 from viatool.channels.inputs import Inputs
 from viatool.channels.lidar import LidarReadings
 from viatool.channels.quantities import Quantities
@@ -161,6 +162,10 @@ class ReadingErrors:
     def is_box(self) -> bool:
         """Tell whether every reading errs by itself, by a number that does not depend on it."""
         return not (self.relative.any() or self.bias.any() or self.missing)
+
+    def over_sets(self, pose: Floats) -> Erring:
+        """Return how readings err over sets of states, with the error (3,) of the believed pose; nothing is missing."""
+        return Erring(self.absolute, self.relative, self.common, pose)
 
     @property
     def words(self) -> str:

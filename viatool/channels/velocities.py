@@ -17,6 +17,7 @@ from viatool.sets.forms import Forms
 class MeasuredVelocity(Quantity):
     """One part of the velocity in the robot's frame."""
 
+    believes = False
     part: ClassVar[Part]
     sign: ClassVar[float] = 1.0
 

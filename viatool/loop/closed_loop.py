@@ -147,7 +147,7 @@ class ClosedLoop:
             nowhere.scenes,
             np.array(scenario.goal),
             setting.rules.footprint.holds_origin(setting.rules.clearance.collision),
-            setting.radii,
+            setting.reading_errors.over_sets(setting.pose_radii),
         )
         return cls(setting.commanding(policy), setting, sensors, nowhere, arithmetic)
 
@@ -293,7 +293,7 @@ class ClosedLoop:
         moved = moved.max(axis=2)  # (C, 3 + A + n)
         pose, before = moved.sum(axis=1), []
         for axis in range(len(self.rules.kinematics.axes)):
-            before.append(moved[:, [3 + axis, *self._told_of(axis)]].sum(axis=1))
+            before.append(moved[:, [3 + axis, *self._told_of(axis, moved.shape[1])]].sum(axis=1))
             pose = pose - before[-1]
         return CommandBounds(pieces, np.stack([pose, *before], axis=1))
 
@@ -348,9 +348,9 @@ class ClosedLoop:
         of_policy = found.joined(sightings.cell, count).select(pieces.state)
         return SentReach(pieces.state, LinearReach.choose(varies, of_policy, constant))
 
-    def _told_of(self, axis: int) -> list[int]:
+    def _told_of(self, axis: int, symbols: int) -> list[int]:
         """Return the columns of an influence in which the previous command of an axis errs as the policy is told it."""
-        quantities, first = self.sensors.quantities, 3 + len(self.rules.kinematics.axes)
+        quantities, first = self.sensors.quantities, symbols - len(self.setting.radii)
         return [
             first + place.start
             for quantity, place in zip(quantities, quantities.columns, strict=True)

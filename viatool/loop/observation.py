@@ -8,6 +8,7 @@ import numpy as np
 
 from viatool.arrays import Booleans, Floats
 from viatool.channels import BoxView, Quantities, Sightings, View, see_precisely
+from viatool.channels.erring import Erring
 from viatool.rounding import SIGHT_ROUNDING
 from viatool.sets.forms import Forms, PoseBoxes
 from viatool.sets.states import StateBoxes
@@ -32,8 +33,8 @@ class Sensors:
     dry : bool
         Whether poses whose footprint is clear keep the robot's origin out of all obstacles and on the map. Only such
         poses count then; else sensors may read there whatever they can.
-    radii : ndarray, optional
-        (n,) by how much each reading may be off, in the unit of its sensor; None for perfect sensors.
+    radii : ndarray or Erring, optional
+        (n,) by how much each reading may be off, in the unit of its sensor, or how else; None for perfect sensors.
     """
 
     quantities: Quantities
@@ -41,7 +42,7 @@ class Sensors:
     scenes: Scenes
     goal: Floats
     dry: bool = False
-    radii: Floats | None = None
+    radii: Floats | Erring | None = None
 
     def enclose(self, cells: StateBoxes, states: Forms | None = None) -> Sightings:
         """Enclose what the network takes anywhere in sets of states, whatever the sensors err.

@@ -25,7 +25,7 @@ SUPPORTED: dict[str, frozenset[str]] = {
     | MOTION
     | _POSE,
     "verify with a horizon": frozenset({"sensor.absolute"}) | _START,
-    "certify": frozenset({"sensor.absolute"}) | MOTION,
+    "certify": frozenset({"sensor.absolute", "sensor.relative", "sensor.bias"}) | MOTION | _POSE,
     "mission": frozenset({"sensor.absolute", "start.x", "start.y", "start.theta"}),
     "simulate": _DRAWN | _DRIVEN,
     "simulate with bullet": _DRAWN,
