@@ -33,7 +33,10 @@ WITHOUT_DOUBLE = frozenset(
 """Operators for which onnxruntime has no double-precision kernel on a CPU."""
 
 _RECURRENT = frozenset(("GRU", "LSTM", "RNN"))
-_LACKING = {"float64": WITHOUT_DOUBLE | _RECURRENT, "float16": frozenset(("Celu",)) | _RECURRENT}
+_LACKING = {
+    "float64": WITHOUT_DOUBLE | _RECURRENT,
+    "float16": frozenset(("Celu", "ReduceLogSumExp")) | _RECURRENT,
+}
 
 _LARGEST = {"float16": 2e3, "float32": 1e5, "float64": 1e7}
 _LARGEST_OF_WILD = {"float16": 6e4, "float32": 3e37, "float64": 1e300}

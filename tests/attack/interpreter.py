@@ -383,6 +383,7 @@ def _gemm(call: Application) -> Array:
     "ReduceMax",
     "ReduceMin",
     "ReduceProd",
+    "ReduceLogSumExp",
 )
 def _reduce(call: Application) -> Array:
     x = call.array(0)
@@ -401,6 +402,11 @@ def _reduce(call: Application) -> Array:
             return np.asarray(np.min(x, axis=axes, keepdims=keep))
         case "ReduceProd":
             return np.asarray(np.prod(x, axis=axes, keepdims=keep))
+        case "ReduceLogSumExp":
+            most = np.max(x, axis=axes, keepdims=True)
+            total = np.asarray(np.sum(call.exp(x - most), axis=axes, keepdims=keep))
+            logarithm = call.arithmetic.map(call.arithmetic.functions.log, total)
+            return np.asarray(logarithm + np.max(x, axis=axes, keepdims=keep))
         case "ReduceL1":
             return np.asarray(np.sum(abs(x), axis=axes, keepdims=keep))
         case "ReduceSumSquare":

@@ -253,6 +253,16 @@ def _reduction(g: Builder, x: Value, operator: str) -> Value:
     return g.call(operator, x, axes=axes, keepdims=keep)
 
 
+@_writes("ReduceLogSumExp")
+def _log_sum_exp(g: Builder, x: Value, operator: str) -> Value:
+    x = g.ranked(linear(g, x, g.between(2, 6)), 2)
+    if not g.chance(0.3):
+        x = bounded(g, x)
+    if g.version(operator) >= 18:
+        return g.call(operator, x, integers(g, 1), keepdims=1)
+    return g.call(operator, x, axes=[1], keepdims=1)
+
+
 @_writes("Softmax", "LogSoftmax")
 def _softmax(g: Builder, x: Value, operator: str) -> Value:
     if x.size > 10:

@@ -27,6 +27,10 @@ from viatool.taylor import reach
 SHORT = Effort(boxes=3, samples=60, steps=2, exact=4)
 
 
+HOLDING_GRAPHS = {"If", "Loop", "Scan"}
+"""What they hold is read as it stands; tests/policy/test_control_flow.py attacks them."""
+
+
 def attack_many(numbers: range, seed: int, effort: Effort) -> tuple[Counter[str], list[str]]:
     """Attack some graphs; return how they ended and what was found."""
     tally: Counter[str] = Counter()
@@ -61,10 +65,9 @@ def test_no_value_of_many_random_graphs_leaves_its_bounds() -> None:
 
 def test_every_operator_that_is_read_is_written_behind_gates_and_in_the_open() -> None:
     graphs = [random_graph(number, 5) for number in range(3 * len(OPERATORS))]
-    assert {operator for operator, _ in registered()} <= {
-        name for graph in graphs for name in graph.operators
-    }
-    assert {operator for operator, _ in registered()} <= {*OPERATORS}
+    read = {operator for operator, _ in registered()} - HOLDING_GRAPHS
+    assert read <= {name for graph in graphs for name in graph.operators}
+    assert read <= {*OPERATORS}
     assert {graph.kind for graph in graphs} == {"float16", "float32", "float64"}
     assert {graph.opset for graph in graphs} == {*range(OLDEST_OPSET, NEWEST_OPSET + 1)}
     assert sum(bool(graph.gates) for graph in graphs) > len(graphs) / 5
