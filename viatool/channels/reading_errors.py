@@ -218,7 +218,8 @@ class ReadingErrors:
             If what a network takes of a reading has no bounds.
         """
         least, most = self.inputs.readings(inputs)
-        here = Forms.between(least, most)
+        with np.errstate(invalid="ignore"):  # what a clip hides has no middle, and is as free as its bounds
+            here = Forms.between(least, most)
         shared = np.concatenate(
             [np.zeros((len(inputs), 0, self.inputs.size)), *self._shared(len(inputs), drift)], axis=1
         )
@@ -226,12 +227,13 @@ class ReadingErrors:
             least, most = least + drift.forms.lower, most + drift.forms.upper
             over = drift.anything | (self.angles & ~((least >= -np.pi) & (most <= np.pi)))
             least, most = (
-                np.where(over, np.minimum(here.lower, -np.pi), least),
-                np.where(over, np.maximum(here.upper, np.pi), most),
+                np.where(over, np.fmin(here.lower, -np.pi), least),
+                np.where(over, np.fmax(here.upper, np.pi), most),
             )
             here = Forms(here.centre + drift.forms.centre, here.slope, here.rest + drift.forms.rest)
             shared = np.where(over[:, None], 0.0, shared)
-            here = Forms.where(over, Forms.between(least, most), here)
+            with np.errstate(invalid="ignore"):
+                here = Forms.where(over, Forms.between(least, most), here)
         ends, limits = self.own(least, most), self.kept(least, most)
         total = ends[0] - self.bias, ends[1] + self.bias
         bounds = np.clip(total[0], *limits), np.clip(total[1], *limits)
