@@ -37,6 +37,12 @@ It is the result of fewer than 2^10 float64 operations on numbers below the scal
 1e-10 m on a map of some metres.
 """
 
+CLOCK_ROUNDING = 2.0**-23
+"""Seconds for each second of a path that cover the rounding of when a robot that brakes is somewhere on it.
+
+The root of what is left of the path takes a rounding of 2^-49 to 2^-24.5.
+"""
+
 SIGHT_ROUNDING = 2.0**-36
 """Metres for each metre of scale (extent of map, pose and range) that cover the rounding of what is seen from a set.
 

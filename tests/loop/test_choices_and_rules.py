@@ -68,7 +68,7 @@ def test_what_is_sent_anywhere_in_a_cell_is_within_its_commands_and_where_it_lea
     bounds, after = loop.commands(cells), step(loop, states_of(cells))
     poses, sent = runs_of(loop, cells, generator, 40)
     free = (
-        loop.geometry.scenes.footprint_clearance(
+        loop.geometry.still.footprint_clearance(
             poses.reshape(-1, 3), loop.rules.footprint, np.zeros(poses.shape[0] * poses.shape[1], np.int64)
         ).reshape(poses.shape[:2])
         > 0.0

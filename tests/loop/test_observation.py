@@ -29,7 +29,7 @@ def cells(generator, count=150, side=0.03):
     centre = generator.uniform((-4.4, -4.4, -3.0), (4.4, 4.4, 3.0), (10 * count, 3))
     centre[::9, :2] = np.array(SCENARIO.goal) + generator.uniform(-0.1, 0.1, (len(centre[::9]), 2))
     asked = question()
-    free = asked.geometry.scenes.clearance(centre[:, :2], np.zeros(len(centre), np.int64)) > 0.4
+    free = asked.geometry.still.clearance(centre[:, :2], np.zeros(len(centre), np.int64)) > 0.4
     centre = centre[free][:count]
     lower = generator.uniform((0.0, -1.0), (0.4, 0.6), (count, 2))
     radius = np.tile([side, side, side], (count, 1))

@@ -26,7 +26,7 @@ QUESTION = ClosedLoop.of(POLICY, Setting.of(POLICY, ROOM, 0.01), SCENARIO)
 def cells(generator, count, side, share):
     """StateBoxes where the robot may stand; the previous command within a share of its range."""
     centre = generator.uniform((-1.6, -1.6, -3.2), (1.6, 1.6, 3.2), (6 * count, 3))
-    free = QUESTION.geometry.scenes.clearance(centre[:, :2], np.zeros(len(centre), np.int64)) > 0.4
+    free = QUESTION.geometry.still.clearance(centre[:, :2], np.zeros(len(centre), np.int64)) > 0.4
     centre = centre[free][:count]
     lower = generator.uniform((0.0, -1.0), (0.5 * (1 - share), 1.0 - 2.0 * share), (count, 2))
     radius = np.full((count, 3), 0.5 * side)

@@ -53,7 +53,7 @@ def test_every_counterexample_is_free_within_its_cell_and_violates_again(certifi
     assert (states >= lower - 1e-9).all()
     assert (states <= upper + 1e-9).all()
     here = ScenePoses.of(ROOM, [SCENARIO], found.pose, np.zeros(len(found.pose), np.int64))
-    assert (here.scenes.clearance(found.pose[:, :2], here.scene) > 0.4).all()
+    assert (here.still.clearance(found.pose[:, :2], here.scene) > 0.4).all()
     actions = np.clip(certificate.setting.command_map(POLICY.run(found.observation)), [0.0, -1.0], [0.5, 1.0])
     np.testing.assert_allclose(actions, found.action, atol=1e-6)
     assert (found.clearance < 0.4).all()

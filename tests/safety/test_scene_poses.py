@@ -129,7 +129,7 @@ def two_scenes():
 
 def test_every_pose_is_among_the_obstacles_of_its_own_scenario():
     some = two_scenes()
-    away = some.scenes.clearance(some.poses[:, :2], some.scene)
+    away = some.still.clearance(some.poses[:, :2], some.scene)
     np.testing.assert_allclose(away, [2.4, 0.1, 0.5])
 
 
@@ -150,7 +150,7 @@ def test_moving_keeps_everything_but_the_poses():
     np.testing.assert_array_equal(moved.poses, some.poses + 1.0)
     np.testing.assert_array_equal(moved.scene, some.scene)
     np.testing.assert_array_equal(moved.radii, some.radii)
-    assert moved.scenes is some.scenes
+    assert moved.still is some.still
 
 
 def test_a_crowded_room_has_the_scale_of_its_walls():

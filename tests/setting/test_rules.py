@@ -93,7 +93,7 @@ def test_only_a_robot_that_can_brake_is_asked_to(deceleration):
 def test_swept_and_sampled_ask_for_the_interval_and_braking_for_the_stop_as_well():
     for criterion in ("swept", "sampled"):
         assert Rules.of(world(), criterion).manoeuvre == Manoeuvre(0.25)
-    assert Rules.of(world(), "braking").manoeuvre == Manoeuvre(0.25, 0.9, 0.0)
+    assert Rules.of(world(), "braking").manoeuvre == Manoeuvre(0.25, 0.9, 0.0, passive=True)
 
 
 @pytest.mark.parametrize(

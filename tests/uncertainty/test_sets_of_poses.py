@@ -46,7 +46,7 @@ def loop_of(model):
 def cells_at(loop, count=60, side=0.02):
     generator = np.random.default_rng(4)
     poses = generator.uniform((-4.5, -4.5, -3.2), (4.5, 4.5, 3.2), (20 * count, 3))
-    free = loop.geometry.scenes.clearance(poses[:, :2], np.zeros(len(poses), np.int64)) > 0.45
+    free = loop.geometry.still.clearance(poses[:, :2], np.zeros(len(poses), np.int64)) > 0.45
     poses = poses[free][:count]
     lower = generator.uniform((0.0, -1.0), (0.4, 0.6), (len(poses), 2))
     return StateBoxes(

@@ -144,7 +144,7 @@ class ClosedLoop:
         sensors = Sensors(
             observed,
             Shapes.of(world_map, scenario),
-            nowhere.scenes,
+            nowhere.still,
             np.array(scenario.goal),
             setting.rules.footprint.holds_origin(setting.rules.clearance.collision),
             setting.reading_errors.over_sets(setting.pose_radii),
@@ -163,7 +163,7 @@ class ClosedLoop:
 
     def blocked(self, boxes: PoseBoxes) -> Booleans:
         """Tell which boxes hold no pose that keeps the collision distance, (C,)."""
-        distance = self.geometry.scenes.footprint_clearance(
+        distance = self.geometry.still.footprint_clearance(
             boxes.checked().centre, self.rules.footprint, np.zeros(len(boxes), np.int64)
         )
         moved = boxes.extent + self.rules.footprint.reach * boxes.turn * (

@@ -158,7 +158,7 @@ class Crashes:
     def last(self) -> Witnesses:
         """Return the intervals that fail as counterexamples by themselves: what follows from the last observation."""
         rows = np.arange(len(self))
-        return Witnesses(
+        return Witnesses.among_what_stands(
             self.state,
             self.observations[rows, self.step],
             self.actions[rows, self.step],

@@ -108,7 +108,7 @@ def _worst_poses(loop: ClosedLoop, boxes: PoseBoxes, place: Floats, previous: Fl
     actions = rules.clip(loop.driven(observe(loop, flat, before)))
     placed = replace(loop.geometry, poses=flat, scene=np.zeros(len(flat), np.int64), radii=None)
     judged = JudgedStates(rules, placed, rules.queue(before))
-    left = judged.clearance(judged.paths(actions[:, None], _FRACTIONS)).reshape(count, len(_TURNS), -1)
+    left = judged.clearance(actions[:, None], _FRACTIONS).reshape(count, len(_TURNS), -1)
     free = _clearance(loop, poses) > rules.clearance.collision + _FREE  # corners may be nearer when turned
     least = np.where(free, left.min(axis=2), np.inf)
     return np.asarray(poses[np.arange(count), least.argmin(axis=1)])
@@ -141,5 +141,5 @@ def _clearance(loop: ClosedLoop, poses: Floats) -> Floats:
     """Return the clearance of the footprint at poses (..., 3)."""
     flat = poses.reshape(-1, 3)
     scene = np.zeros(len(flat), np.int64)
-    found = loop.geometry.scenes.footprint_clearance(flat, loop.rules.footprint, scene)
+    found = loop.geometry.still.footprint_clearance(flat, loop.rules.footprint, scene)
     return np.asarray(found.reshape(poses.shape[:-1]))

@@ -70,7 +70,7 @@ def drive(follower: TubeFollower, poses: Floats, previous: Floats, errors: Float
         seen = loop.sensors.encode(readings).astype(loop.setting.number).astype(np.float64)
         previous = rules.clip(np.asarray(loop.driven.run(seen)))
         judged = _judged(loop, poses)
-        left = judged.clearance(judged.paths(previous[:, None], _FRACTIONS)).min(axis=(1, 2))
+        left = judged.clearance(previous[:, None], _FRACTIONS).min(axis=(1, 2))
         places.append(poses)
         received.append(seen)
         commands.append(previous)

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from viatool.arrays import Floats
+from viatool.arrays import Booleans, Floats
 from viatool.motion.kinematics import DIFFERENTIAL
 from viatool.motion.law import Directions, Kinematics, PathDeviation
+from viatool.rounding import CLOCK_ROUNDING, SLIGHTLY_MORE
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,10 @@ class Manoeuvre:
         the footprint looks the same in every heading.
     kinematics : Kinematics
         How a held command moves the robot.
+    begins : float
+        Seconds since the observation at which the command begins to act.
+    passive : bool
+        Whether what moves counts only until the robot stands (passive safety).
 
     Notes
     -----
@@ -40,6 +45,8 @@ class Manoeuvre:
     deceleration: float | None = None
     rim: float = 0.0
     kinematics: Kinematics = DIFFERENTIAL
+    begins: float = 0.0
+    passive: bool = False
 
     def seconds(self, speed: Floats, turn: Floats) -> Floats:
         """Return for how long the constant command would take to cover the same path.
@@ -94,7 +101,9 @@ class Manoeuvre:
         ndarray
             (...) seconds since the command began to act; later than at full speed while it brakes.
         """
-        speed, turn = self.kinematics.rates(actions, actions)
+        return self._after(*self.kinematics.rates(actions, actions), fractions)
+
+    def _after(self, speed: Floats, turn: Floats, fractions: Floats) -> Floats:
         at_full_speed = fractions * self.seconds(speed, turn)
         if self.deceleration is None:
             return np.asarray(at_full_speed)
@@ -102,6 +111,53 @@ class Manoeuvre:
         past = np.maximum(at_full_speed - self.interval, 0.0)
         left = np.sqrt(np.maximum(1.0 - 2.0 * past / np.where(stop > 0.0, stop, 1.0), 0.0))
         return np.where(past > 0.0, self.interval + stop * (1.0 - left), at_full_speed)
+
+    def moves(self, lower: Floats, upper: Floats) -> Booleans:
+        """Tell which commands of boxes (..., A) move a point of the footprint: drive it, or turn its corners."""
+        speed, turn = self.kinematics.rates(lower, upper)
+        return np.asarray(~((speed == 0.0) & (self.rim * turn == 0.0)))
+
+    def counted(self, actions: Floats, fractions: Floats) -> Floats:
+        """Return for how long things have moved since the observation, where that counts, at fractions; seconds.
+
+        A robot that stands is at no fault: where only what happens while it moves counts, nothing has moved then.
+        """
+        seconds = self.begins + self.clock(actions, fractions)
+        return np.where(self.moves(actions, actions), seconds, 0.0) if self.passive else seconds
+
+    def counted_between(
+        self, actions: Floats, lower: Floats, upper: Floats, start: Floats, end: Floats
+    ) -> tuple[Floats, Floats]:
+        """Bound `counted` of one command from below at a fraction, and of a box from above at a later one.
+
+        Parameters
+        ----------
+        actions, lower, upper : ndarray
+            (C, A) the command, and the ends of the box.
+        start, end : ndarray
+            (C,) fractions of the path.
+
+        Returns
+        -------
+        tuple of ndarray
+            (C,) seconds: of the command at `start` or later at least, of any command of the box until `end` at most.
+
+        Notes
+        -----
+        Sound: yes; rounding is counted. `clock` grows with the fraction, with the speed and with the turning speed:
+        where brakes act, with ``m = speed + rim turn`` and ``c = 2 interval deceleration``, it is ``interval +
+        (m - sqrt((1 - s) (m^2 + c m))) / deceleration``. Brakes act where ``(1 - s) (m + c) <= m``, and there the slope
+        in m is at least ``1 - (m + c / 2) / (m + c)`` of ``1 / deceleration``, which is positive.
+        """
+        speed, turn = self.kinematics.rates(lower, upper)
+        brakes = 0.0 if self.deceleration is None else (speed + self.rim * turn) / self.deceleration
+        spare, last = CLOCK_ROUNDING * (self.interval + brakes), self.interval + brakes
+        latest = self.begins + np.minimum(self._after(speed, turn, end) + spare, last * SLIGHTLY_MORE)
+        earliest = self.begins + np.maximum(self.clock(actions, start) - spare, 0.0)
+        if not self.passive:
+            return earliest, np.asarray(latest)
+        alone, any_of_them = self.moves(actions, actions), self.moves(lower, upper)
+        return np.where(alone, earliest, 0.0), np.where(any_of_them, latest, 0.0)
 
     def longest(self, lower: Floats, upper: Floats) -> Floats:
         """Return a bound of the length of the path over boxes of commands (..., A); metres."""

@@ -13,7 +13,10 @@ it at the same fraction. The kinematics says how far paths are apart; a path of 
 4. *Other poses.* A state may be a box of poses. From a pose that is D away and turned by delta, a command brings
    the robot at most ``|D| + s |l| |delta|`` away from where it brings it from the centre pose, as the way to
    there is at most ``s |l|`` long and turns with the heading; the point q adds ``|q| |delta|``.
-5. *Rounding.* A distance is the result of fewer than 2^10 float64 operations on numbers below the scale
+5. *What moves* may be ``speed t`` from where it was observed. Where it was is as far from the cell as 1 to 4 say, and
+   t is at most that of the fastest command of the cell at s_1 (`Manoeuvre.counted_between`). What goes straight at the
+   robot attains that distance at the same instant, at which t is at least that of the centre command at s_0.
+6. *Rounding.* A distance is the result of fewer than 2^10 float64 operations on numbers below the scale
    ``1 + |x| + |y| + |theta| + path + turn`` plus the largest coordinate and radius of the map; `DISTANCE_ROUNDING` of
    it is 2^14 units in the last place.
 
@@ -169,25 +172,31 @@ def enclose(
         here = here.moved(here.poses + 0.5 * (cells.offsets[0] + cells.offsets[1]))
     lower, upper = cells.commands
     actions, move = 0.5 * (lower + upper), manoeuvre.kinematics
+    earliest, latest = _times(cells, here, manoeuvre, actions)
     seconds, (length, turn) = manoeuvre.duration(actions), manoeuvre.extent(actions)
     rim = footprint.reach if footprint.kind == "polygon" else 0.0
     way = manoeuvre.longest(lower, upper)
     rounding = DISTANCE_ROUNDING * (
-        here.scale + np.abs(here.poses).sum(axis=1) + way + turn + footprint.reach
+        here.scale + np.abs(here.poses).sum(axis=1) + way + turn + footprint.reach + here.fastest * latest
     )
     if footprint.kind == "polygon":
         middle = move.advance(here.poses, actions, seconds * (0.5 * (start + end)))
-        clearance = here.scenes.footprint_clearance(middle, footprint, here.scene)
+        clearance, attained = here.moved(middle).footprint_clearance(footprint, latest, earliest)
         between = move.outline_motion(length, turn, end - start, rim)
-        attained = clearance + rounding
+        attained = attained + rounding
     else:
         first, last = (move.advance(here.poses, actions, seconds * at)[:, :2] for at in (start, end))
-        clearance = here.scenes.segment_clearance(first, last, here.scene) - footprint.radius
+        clearance, attained = (
+            away - footprint.radius for away in here.segment_clearance(first, last, latest, earliest)
+        )
         between = move.sagitta(length, turn, end - start)
-        attained = clearance + between + rounding
+        attained = attained + between + rounding
+    if here.movers:
+        attained = np.minimum(attained, _at_the_end(here, manoeuvre, actions, end, footprint) + rounding)
     others = manoeuvre.deviation(lower, upper, end, rim)
     deviation = others.away + rim * others.turned
-    shares = np.column_stack([others.shares, between])
+    waited = _waited(cells, manoeuvre, actions, here.fastest)
+    shares = np.column_stack([others.shares + waited[:, :-1], between + waited[:, -1]])
     if cells.offsets is not None:
         radii = 0.5 * (cells.offsets[1] - cells.offsets[0])
         away, turned = move.from_elsewhere(radii, end * length, rim)
@@ -196,3 +205,39 @@ def enclose(
     least = clearance - deviation - between - rounding
     held = (cells.lower <= cells.upper).all(axis=1)  # ends that are crossed, or NaN, bound nothing
     return ClearanceEnclosure(np.where(held, least, -np.inf), np.where(held, attained, np.inf), shares)
+
+
+def _at_the_end(
+    here: ScenePoses, manoeuvre: Manoeuvre, actions: Floats, end: Floats, footprint: Footprint
+) -> Floats:
+    """Return what commands leave at the fractions at which cells end, (C,): mostly the least, as things come nearer."""
+    last = here.moved(manoeuvre.path(here.poses, actions, end))
+    at_least = manoeuvre.counted_between(actions, actions, actions, end, end)[0]
+    return last.footprint_clearance(footprint, at_least)[0]
+
+
+def _times(
+    cells: MotionBoxes, here: ScenePoses, manoeuvre: Manoeuvre, actions: Floats
+) -> tuple[Floats, Floats]:
+    """Return for how long things have moved at least when the centre is in a cell, and at most in any state of it."""
+    if not here.movers:
+        return np.zeros(len(cells)), np.zeros(len(cells))
+    return manoeuvre.counted_between(actions, *cells.commands, *cells.fractions)
+
+
+def _waited(cells: MotionBoxes, manoeuvre: Manoeuvre, actions: Floats, fastest: Floats) -> Floats:
+    """Return how far things get in the time that the extent along each command and the fraction adds, (C, A + 1)."""
+    found = np.zeros((len(cells), cells.axes + 1))
+    rows = np.flatnonzero(fastest > 0.0)
+    if not len(rows):
+        return found
+    lower, upper = (end[rows] for end in cells.commands)
+    start, end = (at[rows] for at in cells.fractions)
+    centre = actions[rows]
+    begin, least = manoeuvre.counted_between(centre, centre, centre, start, end)
+    found[rows, -1] = least - begin
+    for axis in range(cells.axes):
+        wide = np.arange(cells.axes) == axis
+        low, high = (np.where(wide, bound, centre) for bound in (lower, upper))
+        found[rows, axis] = manoeuvre.counted_between(centre, low, high, start, end)[1] - least
+    return found * fastest[:, None]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from viatool.rounding import SIGHT_ROUNDING
 from viatool.safety.proof import Proof, prove_clearance
 from viatool.safety.scene_poses import ScenePoses
 from viatool.setting.rules import Rules
+from viatool.world import Nearest
 
 DENSE_FRACTIONS = np.linspace(0.0, 1.0, 65)
 
@@ -173,14 +174,31 @@ class JudgedStates:
         shape = (*actions.shape[:2], -1)
         return poses.reshape(*shape, 3), seconds.reshape(shape)
 
-    def clearance(self, paths: Floats) -> Floats:
-        """Return the exact clearance of the footprint at poses (B, ..., 3), as (B, ...) metres."""
+    def clearance(self, actions: Floats, fractions: Floats) -> Floats:
+        """Return the exact clearance of the footprint at the poses of `paths`, (B, A, (W + 1) F) metres, at least 0.
+
+        What moves has gone straight at the robot then, for as long as that counts.
+        """
+        paths = self.paths(actions, fractions)
+        return self._clearance(paths, self._counted(paths, actions, fractions))
+
+    def _counted(self, paths: Floats, actions: Floats, fractions: Floats) -> Floats:
+        """Return for how long things have moved at poses of `paths`, where that counts, (B, A, T) seconds.
+
+        Of robots with motors and timing of their own it is not known when they stand: things are where they were, so
+        that no run is said to fail by what moves.
+        """
+        if self.motion is not None:
+            return np.zeros(paths.shape[:-1])
+        return self._instants(actions, fractions, "counted")
+
+    def _clearance(self, paths: Floats, seconds: Floats) -> Floats:
+        """Return the clearance at poses (B, A, T, 3) when things have moved for so many seconds (B, A, T)."""
         shape, at = paths.shape[:-1], self.observing
-        each = int(np.prod(shape[1:], dtype=np.int64))
-        found = at.scenes.footprint_clearance(
-            paths.reshape(-1, 3), self.rules.footprint, np.repeat(at.scene, each)
-        )
-        return np.asarray(found.reshape(shape))
+        rows = np.repeat(np.arange(len(self)), int(np.prod(shape[1:], dtype=np.int64)))
+        there = replace(at.select(rows), poses=paths.reshape(-1, 3), radii=None)
+        found = there.footprint_clearance(self.rules.footprint, seconds.ravel())[0]
+        return np.fmax(found.reshape(shape), 0.0)
 
     def closest_approach(self, actions: Floats) -> tuple[Floats, Floats, Floats]:
         """Find where commands come nearest to an obstacle.
@@ -202,20 +220,44 @@ class JudgedStates:
         sampling.
         """
         if self.motion is None:
-            paths, clock = self.paths(actions, DENSE_FRACTIONS), self._clock(actions)
+            paths = self.paths(actions, DENSE_FRACTIONS)
+            clock = self._instants(actions, DENSE_FRACTIONS, "clock")
         else:
             paths, clock = self._corners(actions, len(DENSE_FRACTIONS))
-        clearances = self.clearance(paths)
+        clearances = self._clearance(paths, self._counted(paths, actions, DENSE_FRACTIONS))
         at = clearances.argmin(axis=2)[..., None]
         seconds = np.take_along_axis(clock, at, axis=2)[..., 0]
         poses = np.take_along_axis(paths, at[..., None], axis=2)[:, :, 0]
         return np.take_along_axis(clearances, at, axis=2)[..., 0], seconds, poses
 
-    def _clock(self, actions: Floats) -> Floats:
-        """Return the seconds since the observation at the poses of `paths` at `DENSE_FRACTIONS`, (B, A, (W + 1) F)."""
-        acting = self.rules.delay + self.rules.manoeuvre.clock(actions[:, :, None], DENSE_FRACTIONS)
-        durations = np.array([seconds for seconds, _, _ in self.waits])
-        begins = np.cumsum(durations) - durations
-        waits = (begins[:, None] + durations[:, None] * DENSE_FRACTIONS).ravel()
-        shape = (*actions.shape[:2], len(waits))
-        return np.concatenate([np.broadcast_to(waits, shape), acting], axis=2)
+    def nearest_movers(self, actions: Floats) -> Nearest:
+        """Return what moves that is nearest at the closest approach of commands (B, A), and how it has gone."""
+        paths = self.paths(actions[:, None], DENSE_FRACTIONS)
+        counted = self._counted(paths, actions[:, None], DENSE_FRACTIONS)
+        at, rows = self._clearance(paths, counted)[:, 0].argmin(axis=1), np.arange(len(self))
+        there = replace(self.observing, poses=paths[rows, 0, at], radii=None)
+        return there.nearest_mover(self.rules.footprint, counted[rows, 0, at])
+
+    def _instants(self, actions: Floats, fractions: Floats, kind: Literal["clock", "counted"]) -> Floats:
+        """Return the seconds since the observation at the poses of `paths`, (B, A, (W + 1) F).
+
+        Parameters
+        ----------
+        actions, fractions : ndarray
+            As for `paths`.
+        kind : str
+            "clock", or "counted" for what moves: see `Manoeuvre.counted`.
+        """
+        rules, shape = self.rules, (*actions.shape[:2], len(fractions))
+
+        def instants(manoeuvre: Manoeuvre, held: Floats) -> Floats:
+            if kind == "counted":
+                return manoeuvre.counted(held, fractions)
+            return manoeuvre.begins + manoeuvre.clock(held, fractions)
+
+        acting = instants(rules.manoeuvre, actions[:, :, None])
+        waits = [
+            instants(manoeuvre, held[:, None, None])
+            for manoeuvre, (_, _, held) in zip(rules.waiting, self.waits, strict=True)
+        ]
+        return np.concatenate([np.broadcast_to(part, shape) for part in (*waits, acting)], axis=2)

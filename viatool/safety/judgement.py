@@ -157,14 +157,19 @@ def settle(states: JudgedStates, threshold: float) -> Booleans:
     rules, motion = states.rules, states.motion
     here = states.acting if motion is None else states.observing
     lower, upper = (np.broadcast_to(end, (len(states), len(end))) for end in (rules.lower, rules.upper))
-    away = here.scenes.clearance(here.poses[:, :2], here.scene) - rules.footprint.reach
     if motion is None:
-        way: Floats | float = rules.manoeuvre.longest(rules.lower, rules.upper)
+        manoeuvre, end = rules.manoeuvre, np.ones(len(states))
+        way: Floats | float = manoeuvre.longest(rules.lower, rules.upper)
+        latest = manoeuvre.counted_between(lower, lower, upper, end, end)[1]
         settled = states.prove_waiting(threshold).proved
     else:
-        way = motion.longest
+        way, latest = motion.longest, motion.end
         settled = np.ones(len(states), dtype=bool)
-    near = ~(away > threshold + way + here.extent + 1e-6 * here.scale) & settled
+    away = here.clearance(latest)[0] - rules.footprint.reach
+    near = ~(away > threshold + way + here.extent + 1e-6 * (here.scale + here.fastest * latest))
+    if here.movers and motion is None:  # which most often make some extreme command fail when its path ends
+        settled[near] &= ~_fails_at_the_end(states.select(near), threshold)
+    near &= settled
     some = states.select(near)
     settled[near] = prove_clearance(
         here.select(near),
@@ -176,6 +181,17 @@ def settle(states: JudgedStates, threshold: float) -> Booleans:
         _COARSE,
     ).proved
     return settled
+
+
+def _fails_at_the_end(states: JudgedStates, threshold: float) -> Booleans:
+    """Tell in which states some of the robot's extreme commands come too near where their paths end, (B,)."""
+    lower, upper = states.rules.lower, states.rules.upper
+    fails = np.zeros(len(states), dtype=bool)
+    for shares in product((1.0, 0.0, 0.5), repeat=len(lower)):
+        rows = np.flatnonzero(~fails)
+        actions = np.broadcast_to(lower + np.array(shares) * (upper - lower), (len(rows), 1, len(lower)))
+        fails[rows] = (states.select(rows).clearance(actions, np.ones(1)) < threshold).any(axis=(1, 2))
+    return fails
 
 
 def prove(states: JudgedStates, lower: Floats, upper: Floats, threshold: float) -> Proof:
@@ -239,5 +255,5 @@ def sample(states: JudgedStates, lower: Floats, upper: Floats, threshold: float)
     asked = states.rules.asked
     shares = np.array(list(product(asked.levels, repeat=lower.shape[1])))  # (9, 2) of two axes
     actions = lower[:, None] + shares * (upper - lower)[:, None]  # (B, 9, A)
-    clearances = states.clearance(states.paths(actions, np.array(asked.instants)))
+    clearances = states.clearance(actions, np.array(asked.instants))
     return np.asarray((clearances > threshold).all(axis=(1, 2)))

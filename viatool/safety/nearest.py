@@ -57,6 +57,14 @@ def describe_nearest(
     return min(candidates, key=lambda candidate: float(candidate[0]))[1]
 
 
+def describe_mover(what: str, origin: Floats, velocity: Floats) -> str:
+    """Say what has come near: what it is, from where (2,), and how (2,)."""
+    speed = float(np.hypot(*velocity))
+    if not speed:
+        return f"{what}, within its bounds at ({origin[0]:.2f}, {origin[1]:.2f})"
+    return f"{what}, from ({origin[0]:.2f}, {origin[1]:.2f}) at {speed:.2f} m/s"
+
+
 def _place(pose: Floats, footprint: Footprint) -> object:
     """Return the footprint at a pose as a shapely geometry; a disc as its centre."""
     import shapely

@@ -11,6 +11,8 @@ motion is over. Its profile is that of its own box, so that cutting the box narr
    D away and turned by delta every path is turned as a whole: the centre path is at most ``|D| + way |delta|`` away,
    and the segment of half-length ``along`` turns by delta as well.
 
+4. *What moves* has moved for as long as the part of the time lasts, whether or not the robot stands by then.
+
 No path is said to be attained: the centre path is one of those that the profile allows, but a robot may know better.
 A cell that fails even for its middle command at its middle instant is given up, as no part of it could be proved.
 """
@@ -99,7 +101,12 @@ def _centre_keeps(
 ) -> tuple[Floats, Floats]:
     """Return what is left around the centre path between two instants, and how much of that the bounds take, (C,)."""
     slack = DISTANCE_ROUNDING * (
-        here.scale + np.abs(here.poses).sum(axis=1) + profile.longest + profile.most_turned + footprint.reach
+        here.scale
+        + np.abs(here.poses).sum(axis=1)
+        + profile.longest
+        + profile.most_turned
+        + footprint.reach
+        + here.fastest * end
     )
     x, y, theta = here.poses.T
     origin, ahead = x + 1j * y, np.exp(1j * theta)
@@ -110,10 +117,10 @@ def _centre_keeps(
         pose = np.column_stack([_points(where), theta + heading])
         halves = (profile.extent(*ends) for ends in ((start, at), (at, end)))
         moved = np.maximum(*(way + footprint.reach * turned for way, turned in halves))
-        return here.scenes.footprint_clearance(pose, footprint, here.scene) - slack, moved
+        return here.moved(pose).footprint_clearance(footprint, end)[0] - slack, moved
     tail, head, beside = spread.swath(*(profile.place(at)[0] for at in (start, end)))
     starts, ends = (_points(origin + ahead * place) for place in (tail, head))
-    clearance = here.scenes.segment_clearance(starts, ends, here.scene)
+    clearance = here.segment_clearance(starts, ends, end)[0]
     return clearance - footprint.radius - slack, beside
 
 

@@ -8,12 +8,12 @@ from itertools import product
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from viatool.arrays import Floats, Indices
 from viatool.policy.network import Network
 from viatool.safety.judged_states import JudgedStates
-from viatool.safety.nearest import describe_nearest
+from viatool.safety.nearest import describe_mover, describe_nearest
 from viatool.schedule import check_time
 from viatool.setting.admissible import AdmissibleSets
 from viatool.setting.driven import DrivenPolicy
@@ -63,6 +63,11 @@ class Witnesses:
         (W,) metres that are left then.
     start, believed : ndarray
         (W, 3) where the robot is when it observes, and where it believes to be.
+    mover : ndarray
+        (W,) what has moved there, in words; empty where nothing that moves is nearest.
+    origin, velocity : ndarray
+        (W, 2) where the point of it was that comes nearest, when it was observed, and how it went on from there, in m
+        and m/s; NaN where nothing has moved.
     """
 
     state: Indices
@@ -73,6 +78,9 @@ class Witnesses:
     clearance: Floats
     start: Floats
     believed: Floats
+    mover: NDArray[np.str_]
+    origin: Floats
+    velocity: Floats
 
     def __len__(self) -> int:
         """Return the number of counterexamples."""
@@ -86,22 +94,51 @@ class Witnesses:
         self, row: int, world_map: WorldMap, scenario: Scenario | None, footprint: Footprint
     ) -> dict[str, Any]:
         """Return one counterexample as plain data: what is observed, what follows, and what it comes near to."""
+        closest = {
+            "seconds": float(self.seconds[row]),
+            "pose": self.pose[row].tolist(),
+            "clearance": float(self.clearance[row]),
+        }
+        if not self.mover[row]:
+            closest["obstacle"] = describe_nearest(world_map, scenario, self.pose[row], footprint)
+        else:
+            closest["obstacle"] = describe_mover(self.mover[row], self.origin[row], self.velocity[row])
+            closest["moved"] = {
+                "what": str(self.mover[row]),
+                "from": self.origin[row].tolist(),
+                "velocity": self.velocity[row].tolist(),
+            }
         return {
             "observation": self.observation[row].tolist(),
             "action": self.action[row].tolist(),
-            "closest": {
-                "seconds": float(self.seconds[row]),
-                "pose": self.pose[row].tolist(),
-                "clearance": float(self.clearance[row]),
-                "obstacle": describe_nearest(world_map, scenario, self.pose[row], footprint),
-            },
+            "closest": closest,
         }
+
+    @classmethod
+    def among_what_stands(cls, *found: Any) -> Witnesses:
+        """Return counterexamples, of their first eight arrays, in which nothing has moved."""
+        nothing = np.full((len(found[0]), 2), np.nan)
+        state, observation, action, seconds, pose, clearance, start, believed = found
+        nobody = np.full(len(state), "", dtype=np.str_)
+        return cls(
+            state,
+            observation,
+            action,
+            seconds,
+            pose,
+            clearance,
+            start,
+            believed,
+            nobody,
+            nothing,
+            nothing.copy(),
+        )
 
     @classmethod
     def join(cls, parts: list[Witnesses], size: int, axes: int) -> Witnesses:
         """Return all parts as one, ordered by state; `size` numbers in an observation, `axes` in a command."""
         shapes = ((0,), (0, size), (0, axes), (0,), (0, 3), (0,), (0, 3), (0, 3))
-        none = cls(np.zeros(0, dtype=np.int64), *(np.zeros(shape) for shape in shapes[1:]))
+        none = cls.among_what_stands(np.zeros(0, dtype=np.int64), *(np.zeros(shape) for shape in shapes[1:]))
         every = [none, *parts]
         names = tuple(cls.__dataclass_fields__)
         joined = {name: np.concatenate([getattr(part, name) for part in every]) for name in names}
@@ -291,7 +328,16 @@ def confirm(policy: SearchablePolicy, states: JudgedStates, candidates: Floats) 
     rows, best = rows[failed], best[failed]
     here = states.observing.poses[rows]
     picked: list[Any] = [array[rows, best] for array in (candidates, actions, seconds, poses, clearances)]
-    return Witnesses(rows, *[*picked, here, here])
+    if not states.observing.movers:
+        return Witnesses.among_what_stands(rows, *picked, here, here)
+    moved = states.select(rows).nearest_movers(picked[1])
+    origin, velocity = (np.column_stack([part.real, part.imag]) for part in (moved.origin, moved.velocity))
+    return replace(
+        Witnesses.among_what_stands(rows, *picked, here, here),
+        mover=moved.labels,
+        origin=origin,
+        velocity=velocity,
+    )
 
 
 def _of_states(found: Witnesses, rows: Indices) -> Witnesses:
@@ -359,5 +405,4 @@ class _Search:
 
     def _clearances(self, actions: Floats) -> Floats:
         """Return the least clearance (B, K) on the paths of commands (B, K, A)."""
-        paths = self.states.paths(self.states.rules.clip(actions), _FRACTIONS)
-        return np.asarray(self.states.clearance(paths).min(axis=2))
+        return np.asarray(self.states.clearance(self.states.rules.clip(actions), _FRACTIONS).min(axis=2))

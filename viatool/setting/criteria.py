@@ -84,7 +84,7 @@ class Braking(Criterion):
     def path(self, held: Manoeuvre, deceleration: float, footprint: Footprint) -> Manoeuvre:
         """Return the control interval and the stop after it; of a polygon its outermost corner counts."""
         rim = footprint.reach if footprint.kind == "polygon" else 0.0
-        return replace(held, deceleration=deceleration, rim=rim)
+        return replace(held, deceleration=deceleration, rim=rim, passive=True)
 
     def check(self, robot: Robot) -> None:
         """Refuse a robot that never stops."""

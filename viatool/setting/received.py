@@ -40,6 +40,7 @@ def as_received(setting: Setting, trajectory: Trajectory) -> Trajectory:
             f"the trajectory has {size} observation entries, the policy takes {expected}",
             "verify with the policy that drove, or give the trajectory the columns of this one",
         )
+    _check_people(setting, trajectory)
     received = np.empty(trajectory.observations.shape)
     for start in range(0, len(trajectory), _ROWS):
         rows = slice(start, start + _ROWS)
@@ -52,6 +53,21 @@ def numbers_received(setting: Setting, observations: Floats) -> Floats:
     fixed = setting.spec.fixed_values()[: observations.shape[1]]
     named = np.where(np.isnan(fixed), observations, fixed)
     return np.asarray(named.astype(setting.number), dtype=np.float64)
+
+
+def _check_people(setting: Setting, trajectory: Trajectory) -> None:
+    """Refuse people of whom the error model does not say that they move, and a term about people without any."""
+    model, told = setting.uncertainty, trajectory.people.shape[1] > 0
+    if told and model.obstacles.people is None:
+        raise ConfigurationError(
+            "the states tell of people, and nobody says how they move",
+            "state obstacles.people in an error model and give it with --errors; 0 for the speed that they have",
+        )
+    if not told and model.obstacles.people is not None:
+        raise ConfigurationError(
+            f"{model.source}: obstacles.people: the states tell of no people",
+            "give a trajectory with `people`, or leave the term out",
+        )
 
 
 def commands_under_way(setting: Setting, trajectory: Trajectory) -> Floats:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -136,7 +136,7 @@ class Rules:
     @property
     def manoeuvre(self) -> Manoeuvre:
         """Return the path on which the clearance counts."""
-        held = Manoeuvre(self.interval, kinematics=self.kinematics)
+        held = Manoeuvre(self.interval, kinematics=self.kinematics, begins=self.delay)
         return self.asked.path(held, self.deceleration, self.footprint)
 
     @property
@@ -173,7 +173,12 @@ class Rules:
     @property
     def waiting(self) -> tuple[Manoeuvre, ...]:
         """Return the W paths that the commands on their way add before the new one acts, the oldest first."""
-        return tuple(Manoeuvre(seconds, kinematics=self.kinematics) for seconds in self.dead_time.durations)
+        acting, durations = self.manoeuvre, self.dead_time.durations
+        begins = np.cumsum(durations) - durations
+        return tuple(
+            replace(acting, interval=seconds, deceleration=None, begins=float(begin))
+            for seconds, begin in zip(durations, begins, strict=True)
+        )
 
     def to_json(self) -> dict[str, Any]:
         """Return the rules as plain data, by which stored work is told from that of other rules."""

@@ -23,6 +23,7 @@ from viatool.policy.runtime import Runtime
 from viatool.policy.specified import Specified, name_of, specification_of
 from viatool.sets.forms import PoseBoxes
 from viatool.setting.driven import DrivenPolicy
+from viatool.setting.moving import check_moving
 from viatool.setting.premises import Premise
 from viatool.setting.reconcile import Parties, reconcile
 from viatool.setting.rules import Rules
@@ -164,6 +165,7 @@ class Setting:
         rules = Rules.of(world_map, wishes.criterion, delay=wishes.delay, errors=wishes.errors)
         commands = command_map(spec, rules.kinematics, robot, name)
         errors = SensorErrors.of(spec, eps, wishes.errors)
+        check_moving(wishes.errors, spec, world_map)
         chosen = world_map.scenarios if scenarios is None else tuple(scenarios)
         premises += _premises(world_map, rules, wishes) + errors.premises() + _stated(wishes.errors)
         setting = cls(

@@ -55,7 +55,7 @@ def load_trajectory(
 
     Notes
     -----
-    The npz arrays are `pose`, `observation`, `action`, `episode`, `time`, `outcome`, `cost` and `scenario`
+    The npz arrays are `pose`, `observation`, `action`, `episode`, `time`, `outcome`, `cost`, `people` and `scenario`
     (JSON); only the first two are needed, so the state table of a verification is a trajectory as well.
     """
     path = Path(path)
@@ -128,6 +128,7 @@ def _write_arrays(path: Path, trajectory: Trajectory) -> None:
             time=trajectory.time,
             outcome=trajectory.outcomes,
             cost=trajectory.costs,
+            people=trajectory.people,
             scenario=np.array([write_scenario(scenario) for scenario in trajectory.scenarios], dtype=np.str_),
         )
 
@@ -159,6 +160,7 @@ def _load_arrays(path: Path, specification: PolicySpecification | None) -> Traje
             costs=arrays.get("cost", np.full(outcomes.shape, np.nan)),
             scenarios=tuple(read_scenario(str(text)) for text in scenarios.ravel()),
             clocked="time" in arrays,
+            people=arrays.get("people", np.zeros((states, 0, 5))),
         )
     except (ValueError, TypeError) as error:
         raise TrajectoryError(
@@ -171,5 +173,5 @@ def _position_in_episode(episode: np.ndarray) -> np.ndarray:
     return np.arange(episode.shape[0], dtype=np.float64)
 
 
-_ARRAYS = {"pose", "observation", "action", "episode", "time", "outcome", "cost", "scenario"}
+_ARRAYS = {"pose", "observation", "action", "episode", "time", "outcome", "cost", "scenario", "people"}
 _READERS = {".npz": _load_arrays, ".csv": load_table}

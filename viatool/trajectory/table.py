@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import islice
@@ -27,6 +28,7 @@ Cells = NDArray[np.object_]
 _POSE = ("x", "y", "theta")
 _BASE = ("episode", "time", *_POSE)
 _EPISODE = ("outcome", "cost", "scenario")
+_PERSON = ("x", "y", "vx", "vy", "radius")
 _ROWS = 8192  # that are text at the same time
 
 
@@ -34,10 +36,18 @@ def write_table(path: Path, trajectory: Trajectory, specification: PolicySpecifi
     """Write a csv whose floats read back exactly; the scenario stands in the first row of its episode."""
     observed, commanded = _names(specification, trajectory.observations.shape[1], trajectory.actions.shape[1])
     scenarios = [write_scenario(scenario) for scenario in trajectory.scenarios]
-    columns = (trajectory.time[:, None], trajectory.poses, trajectory.observations, trajectory.actions)
+    persons = trajectory.people.reshape(len(trajectory), int(np.prod(trajectory.people.shape[1:])))
+    columns = (
+        trajectory.time[:, None],
+        trajectory.poses,
+        trajectory.observations,
+        trajectory.actions,
+        persons,
+    )
     with path.open("w", newline="", encoding="utf-8") as stream:
         table = csv.writer(stream)
-        table.writerow([*_BASE, *observed, *commanded, *_EPISODE])
+        walking = _person_columns(trajectory.people.shape[1])
+        table.writerow([*_BASE, *observed, *commanded, *walking, *_EPISODE])
         for start in range(0, len(trajectory), _ROWS):
             some = slice(start, start + _ROWS)
             numbers = np.hstack([column[some] for column in columns]).tolist()
@@ -55,7 +65,14 @@ def load_table(path: Path, specification: PolicySpecification | None) -> Traject
         observed, commanded = _find_columns(header, specification)
         _require(header, (*_BASE, *observed))
         table = _Table(
-            header, {"time": ["time"], "pose": _POSE, "observation": observed, "action": commanded}
+            header,
+            {
+                "time": ["time"],
+                "pose": _POSE,
+                "observation": observed,
+                "action": commanded,
+                "people": _find_people(header),
+            },
         )
         while batch := list(islice(lines, _ROWS)):
             table.add(batch)
@@ -148,6 +165,9 @@ class _Table:
             outcomes=np.array(self.outcomes, dtype=np.str_),
             costs=np.array(self.costs),
             scenarios=tuple(self.scenarios),
+            people=numbers["people"].reshape(
+                self.rows, len(self.groups["people"]) // len(_PERSON), len(_PERSON)
+            ),
         )
 
 
@@ -187,6 +207,19 @@ def _find_columns(
     if not {*remembered} & {*header}:  # then it is computed from what is sensed
         observed = observed[: len(observed) - len(remembered)]
     return observed, commanded if len(present) == len(commanded) else []
+
+
+def _person_columns(count: int) -> list[str]:
+    """Return the columns of so many people: person_0_x, person_0_y, ..."""
+    return [f"person_{number}_{name}" for number in range(count) for name in _PERSON]
+
+
+def _find_people(header: Sequence[str]) -> list[str]:
+    """Return the columns of people in a file, refusing a person of whom one is missing."""
+    told = {name.split("_")[1] for name in header if re.fullmatch(r"person_\d+_[a-z]+", name)}
+    wanted = _person_columns(len(told))
+    _require(header, wanted)
+    return wanted
 
 
 def _numbered_columns(name: str, found: Sequence[str]) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -50,6 +50,9 @@ class Trajectory:
         (N,) bool: whether the command before each state was recorded, and not assumed; None if nothing was assumed.
     clocked : bool
         Whether `time` was recorded; without a clock nobody knows which rows follow one another.
+    people : ndarray
+        (N, P, 5) people around each state: x, y, velocity along x and y, and radius, in the map frame, in m and m/s;
+        NaN for nobody. By default (N, 0, 5).
 
     Raises
     ------
@@ -71,14 +74,18 @@ class Trajectory:
     from_rest: bool = False
     commanded: Booleans | None = None
     clocked: bool = True
+    people: Floats = field(default_factory=lambda: np.zeros((0, 0, 5)))
 
     def __post_init__(self) -> None:
+        if np.shape(self.people)[1:] == (0, 5):
+            object.__setattr__(self, "people", np.zeros((len(self.poses), 0, 5)))
         for name, kind in _KINDS.items():
             object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=kind))
         object.__setattr__(self, "outcomes", np.asarray(self.outcomes, dtype=np.str_))
         object.__setattr__(self, "scenarios", tuple(self.scenarios))
         _check_shapes(self)
         _check_finite(self)
+        _check_people(self)
         _check_places(self)
         _check_episodes(self)
 
@@ -119,7 +126,7 @@ class Trajectory:
 
 
 _FARTHEST = 1e6  # metres or radians, as for maps
-_BY_STATE = ("poses", "observations", "actions", "episode", "time")
+_BY_STATE = ("poses", "observations", "actions", "episode", "time", "people")
 _KINDS: dict[str, type] = {
     "poses": np.float64,
     "observations": np.float64,
@@ -127,6 +134,7 @@ _KINDS: dict[str, type] = {
     "episode": np.int64,
     "time": np.float64,
     "costs": np.float64,
+    "people": np.float64,
 }
 
 
@@ -138,7 +146,7 @@ def _check_shapes(trajectory: Trajectory) -> None:
         "observations": (states, None),
         "actions": (states, None),
     }
-    expected |= {"episode": (states,), "time": (states,)}
+    expected |= {"episode": (states,), "time": (states,), "people": (states, None, 5)}
     expected |= {"outcomes": (len(trajectory.scenarios),), "costs": (len(trajectory.scenarios),)}
     for name, shape in expected.items():
         found = getattr(trajectory, name).shape
@@ -162,6 +170,20 @@ def _check_finite(trajectory: Trajectory) -> None:
                 f"trajectory array '{name}' holds {values[tuple(bad[0])]} in {place}, which is not finite",
                 "leave out states that were not observed, and replace infinite ranges by the maximum range",
             )
+
+
+def _check_people(trajectory: Trajectory) -> None:
+    """Refuse people of whom only a part is known, or who have a negative radius."""
+    people = trajectory.people
+    nobody = np.isnan(people).all(axis=2)
+    wrong = np.argwhere(~nobody & ~(np.isfinite(people).all(axis=2) & (people[:, :, 4] >= 0.0)))
+    if len(wrong):
+        row, person = wrong[0].tolist()
+        raise TrajectoryError(
+            f"trajectory has person {person} as {people[row, person].tolist()} in row {row}, expected finite x, y, vx, "
+            "vy and a radius of 0 or more",
+            "give all five numbers, or NaN for all of them where nobody is",
+        )
 
 
 def _check_places(trajectory: Trajectory) -> None:

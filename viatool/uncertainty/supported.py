@@ -20,10 +20,15 @@ _DRIVEN = MOTION | {"sensor.angle"}
 _POSE = frozenset({"pose.x", "pose.y", "pose.theta"})
 _START = frozenset({"start.x", "start.y", "start.theta"})
 
+_MOVING = frozenset(
+    f"obstacles.{term}" for term in ("speed", "named", "roams", "returns", "people", "hidden", "behind")
+)
+
 SUPPORTED: dict[str, frozenset[str]] = {
     "verify": frozenset({"sensor.absolute", "sensor.relative", "sensor.bias", "sensor.missing"})
     | MOTION
-    | _POSE,
+    | _POSE
+    | _MOVING,
     "verify with a horizon": frozenset({"sensor.absolute"}) | _START,
     "certify": frozenset({"sensor.absolute", "sensor.relative", "sensor.bias"}) | MOTION | _POSE,
     "mission": frozenset({"sensor.absolute", "start.x", "start.y", "start.theta"}),

@@ -11,6 +11,7 @@ import numpy as np
 from viatool.loop.horizon import Crashes, Tubes
 from viatool.policy import Policy
 from viatool.safety import JudgedStates, ScenePoses, find_contested
+from viatool.safety.moving import movers_around
 from viatool.safety.pieces import CommandPieces, judge_pieces
 from viatool.setting.setting import Setting
 from viatool.verification.clock import Clock
@@ -59,7 +60,10 @@ class StateExamination:
         clock = Clock()
         with clock.timed("geometry"):
             placed = ScenePoses.of(self.setting.world_map, block.scenarios, block.poses, block.episode)
-            sensors = BlockSensors(self.setting, block, placed)
+            movers = movers_around(
+                self.setting, block.scenarios, block.poses, block.episode, block.observations, block.people
+            )
+            sensors = BlockSensors(self.setting, block, placed.among(movers))
             judged = JudgedStates(self.setting.rules, sensors.placed, block.under_way, block.measured)
             contested = find_contested(judged)
         with clock.timed("reach"):

@@ -62,7 +62,7 @@ class HorizonExamination:
     def out_of_reach(self, placed: ScenePoses) -> Booleans:
         """Tell from which states no command comes too near within the horizon, however often, (B,). **Sound:** yes."""
         rules, horizon = self.setting.rules, self.horizon
-        away = placed.scenes.clearance(placed.poses[:, :2], placed.scene) - rules.footprint.reach
+        away = placed.still.clearance(placed.poses[:, :2], placed.scene) - rules.footprint.reach
         fastest = float(rules.kinematics.rates(rules.lower, rules.upper)[0])
         way = (horizon.steps - 1) * rules.interval * fastest + float(np.hypot(*horizon.pose_error[:2]))
         longest = rules.manoeuvre.longest(rules.lower, rules.upper)

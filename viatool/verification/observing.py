@@ -185,7 +185,7 @@ class BlockSensors:
             return np.zeros((len(rows), self.setting.spec.inputs.size))
         scene = self.states.episode[rows]
         goals = self.setting.goals(self.states.scenarios)[scene]
-        return self.setting.drifted(self.exact.scenes, scene, self.states.poses[rows], believed, goals)
+        return self.setting.drifted(self.exact.still, scene, self.states.poses[rows], believed, goals)
 
     def _explained(self, found: Witnesses, state: Indices, drifted: Floats) -> Witnesses:
         """Return the counterexamples that errors within their bounds explain, with the states that they are of."""

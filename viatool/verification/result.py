@@ -326,6 +326,17 @@ class Result(Asked):
             return "the exact pose of the state"
         return f"every pose within {x:g} m, {y:g} m and {theta:g} rad of that of the state"
 
+    @property
+    def _moving(self) -> str:
+        """Return in words whether obstacles move."""
+        places = [
+            place for place, _, _, _ in self.setting.uncertainty.stated() if place.startswith("obstacles.")
+        ]
+        if not places:
+            return "do not move"
+        passive = ", and counts until the robot stands" if self.rules.manoeuvre.passive else ""
+        return f"what moves is what {', '.join(places)} say, in any direction{passive}"
+
     def assumptions(self) -> dict[str, Any]:
         """Return what the verdicts rest on, by name."""
         rules = self.rules
@@ -350,7 +361,7 @@ class Result(Asked):
             if rules.timing is None
             else rules.timing.words,
             "braking": "not asked" if stop is None else f"{stop:g} m/s^2",
-            "obstacles": f"do not move; whatever lies outside the arena is an obstacle{unknown}",
+            "obstacles": f"{self._moving}; whatever lies outside the arena is an obstacle{unknown}",
             "sensor_error": self.setting.reading_errors.words,
             **({"memory": self.setting.memory_words} if self.setting.spec.memory else {}),
         }

@@ -38,6 +38,8 @@ class States:
         (B, W, 2) commands on their way to the motors, the oldest first; NaN where they are not known.
     rows : ndarray
         (B,) how many states of its episode come before each.
+    people : ndarray
+        (B, P, 5) people around each state, see `Trajectory`.
     velocity : ndarray or None
         (B, 2, 3) ends of the velocity that was measured, NaN where it was not; None where it is of no consequence.
     most : int
@@ -52,6 +54,7 @@ class States:
     previous: Floats | None
     under_way: Floats
     rows: Indices
+    people: Floats
     velocity: Floats | None = None
     most: int = _MOST_STATES
 
@@ -73,6 +76,7 @@ class States:
             previous,
             under_way,
             _rows_of_episodes(trajectory),
+            trajectory.people,
             None if velocity is None else np.stack(velocity, axis=1),
             _MOST_STATES if previous is None else _MOST_FOLLOWED,
         )
@@ -117,6 +121,7 @@ class States:
             None if self.previous is None else self.previous[rows],
             self.under_way[rows],
             self.rows[rows],
+            self.people[rows],
             None if self.velocity is None else self.velocity[rows],
             self.most,
         )

@@ -22,7 +22,7 @@ from viatool.policy import Policy
 from viatool.policy.command_map import CommandMap
 from viatool.safety.judged_states import JudgedStates
 from viatool.safety.nearest import describe_nearest
-from viatool.safety.scene_poses import ScenePoses
+from viatool.safety.scene_poses import Movers, ScenePoses
 from viatool.safety.witness import Witnesses
 from viatool.setting.admissible import explain
 from viatool.setting.criteria import criterion_of
@@ -31,7 +31,8 @@ from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
 from viatool.trajectory import read_scenario, write_scenario
 from viatool.verification.result import Result
-from viatool.world import Clearance, Footprint, Scenario, Scenes, WorldMap
+from viatool.world import Capsules, Clearance, Footprint, Scenario, Scenes, WorldMap
+from viatool.world.capsules import NOWHERE
 
 SCHEMA_VERSION = 1
 
@@ -85,7 +86,7 @@ class WitnessFile:
     def judged(self, world_map: WorldMap) -> JudgedStates:
         """Return the states of the counterexamples within a map, under the rules of the file."""
         placed = ScenePoses.of(world_map, self.scenarios, self.poses, np.arange(len(self)))
-        return JudgedStates(self.rules, placed, self.under_way, self.velocity)
+        return JudgedStates(self.rules, placed.among(_moved(self.entries)), self.under_way, self.velocity)
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,7 +265,9 @@ def replay(policy: Policy, world_map: WorldMap, file: WitnessFile) -> Replay:
     )
     nearest = tuple(
         describe_nearest(world_map, scenario, pose, file.rules.footprint)
-        for scenario, pose in zip(file.scenarios, poses, strict=True)
+        if "moved" not in entry["closest"]
+        else str(entry["closest"]["obstacle"])
+        for entry, scenario, pose in zip(file.entries, file.scenarios, poses, strict=True)
     )
     return Replay(actions, seconds, clearance, poses, clearance <= file.rules.clearance.collision, nearest)
 
@@ -395,6 +398,23 @@ def _plain(numbers: Floats) -> list[Any]:
         _plain(one) if one.ndim else (None if np.isnan(one) else float(one))
         for one in map(np.asarray, numbers)
     ]
+
+
+def _moved(entries: Sequence[Mapping[str, Any]]) -> list[Movers]:
+    """Return the points that have moved in counterexamples, each as fast as it did; none where nothing has."""
+    rows = [entry["closest"].get("moved") for entry in entries]
+    if not any(rows):
+        return []
+    place, speed = np.full(len(rows), NOWHERE), np.zeros(len(rows))
+    for row, moved in enumerate(rows):
+        if moved is not None:
+            place[row] = complex(*moved["from"])
+            speed[row] = float(np.hypot(*moved["velocity"]))
+    if not (np.isfinite(place) & np.isfinite(speed)).all():
+        raise ValueError("a point that moves is not finite")
+    label = " or ".join(dict.fromkeys(moved["what"] for moved in rows if moved is not None))
+    points = Capsules(place[None], place[None], np.zeros((1, len(rows))), speed[None], (label,))
+    return [Movers(points, np.arange(len(rows)))]
 
 
 def commands_before(under_way: Floats) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from viatool.world.capsules import Capsules, Nearest
 from viatool.world.generator import ScenarioBatch, ScenarioGenerator
 from viatool.world.lidar import Lidar, bin_ranges
 from viatool.world.map_file import MapFile
@@ -18,12 +19,14 @@ from viatool.world.world_map import Clearance, WorldMap
 
 __all__ = [
     "ROBOTS",
+    "Capsules",
     "Cell",
     "Clearance",
     "Footprint",
     "Lidar",
     "MapFile",
     "MapServerFile",
+    "Nearest",
     "Obstacles",
     "OccupancyGrid",
     "Robot",

@@ -184,7 +184,10 @@ def _obstacles(
     document: YamlDocument, shapes: Sequence[ObstacleShape], location: Sequence[str | int]
 ) -> tuple[Obstacles, Floats]:
     """Return the obstacles, and the centres of those that are compact."""
-    solids = [located(document, (*location, index), shape.solid) for index, shape in enumerate(shapes)]
+    solids = [
+        _named(located(document, (*location, index), shape.solid), shape.name)
+        for index, shape in enumerate(shapes)
+    ]
     empty = [shape for shape, solid in zip(shapes, solids, strict=True) if not len(solid)]
     if empty:
         raise TypeError(
@@ -197,6 +200,10 @@ def _obstacles(
         for kind in (True, False)
     )
     return compact + others, compact.centres()
+
+
+def _named(solid: Obstacles, name: str) -> Obstacles:
+    return replace(solid, names=(name,) * len(solid))
 
 
 def _scenarios(document: YamlDocument, given: Sequence[file.ScenarioFile]) -> tuple[Scenario, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -42,6 +42,8 @@ class Obstacles:
         (n, 2) corners of simple polygons; kept counter-clockwise, without repeated corners.
     grid : OccupancyGrid, optional
         Square cells, of which those that are not free are obstacles.
+    names : tuple of str, optional
+        What the circles, and after them the polygons, are called; empty where nobody named one.
 
     Raises
     ------
@@ -52,11 +54,16 @@ class Obstacles:
     circles: Floats = field(default_factory=_no_circles)
     polygons: tuple[Floats, ...] = ()
     grid: OccupancyGrid | None = None
+    names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "circles", _checked_circles(self.circles))
         polygons = (simple_polygon(ring, f"polygon {index}") for index, ring in enumerate(self.polygons))
         object.__setattr__(self, "polygons", tuple(polygons))
+        if not self.names:
+            object.__setattr__(self, "names", ("",) * len(self))
+        elif len(self.names) != len(self):
+            raise ValueError(f"{len(self.names)} names for {len(self)} shapes")
 
     def __len__(self) -> int:
         """Return the number of shapes, without the cells of a grid."""
@@ -66,14 +73,16 @@ class Obstacles:
         """Return both sets together; only one of them may have a grid."""
         if self.grid is not None and other.grid is not None:
             raise ValueError("both sets of obstacles have a grid")
-        circles = np.concatenate([self.circles, other.circles])
-        return Obstacles(circles, self.polygons + other.polygons, self.grid or other.grid)
+        return replace(Obstacles.together([self, other]), grid=self.grid or other.grid)
 
     @classmethod
     def together(cls, parts: Sequence[Obstacles]) -> Obstacles:
-        """Return sets without grids as one."""
+        """Return the shapes of several sets as one, without grids."""
         circles = np.concatenate([_no_circles(), *(part.circles for part in parts)])
-        return cls(circles, tuple(ring for part in parts for ring in part.polygons))
+        rounds = (name for part in parts for name in part.names[: len(part.circles)])
+        others = (name for part in parts for name in part.names[len(part.circles) :])
+        rings = tuple(ring for part in parts for ring in part.polygons)
+        return cls(circles, rings, names=(*rounds, *others))
 
     def edges(self) -> Floats:
         """Return the edges of all polygons.

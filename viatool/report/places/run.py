@@ -140,7 +140,7 @@ class PlacesRun(PlacesDocument, Cased, Located, Tabled, Drawn, Explorable, Repla
         step = max(1, -(-len(others) // (_MOST_WITNESSES - len(worst))))
         rows = np.concatenate([worst, others[::step]])
         observation = found.observation.astype(np.float64)
-        seen = Witnesses(
+        seen = Witnesses.among_what_stands(
             rows, observation, found.action, found.seconds, found.closest, found.clearance, found.pose, found.pose
         )  # fmt: skip
         about = json.loads(write_scenario(scenario) or "null")

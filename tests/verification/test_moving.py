@@ -1,0 +1,153 @@
+"""Things that move, from the error model to the report: what is refused, what is found, and its replay."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import viatool
+from viatool.errors import ConfigurationError, TrajectoryError
+from viatool.setting.moving import check_moving
+from viatool.setting.setting import Setting
+from viatool.setting.wishes import Wishes
+from viatool.trajectory import load_trajectory
+from viatool.trajectory.files import write_trajectory
+from viatool.uncertainty import ErrorModel
+from viatool.verification.source import Source
+from viatool.verification.witness_file import load_witnesses, replay, witness_document
+
+TERMS = {
+    "speed": {"speed": 1.2},
+    "returns": {"returns": 1.2},
+    "hidden": {"hidden": 1.2, "behind": 2.0},
+    "people": {"people": 1.2},
+    "roams": {"roams": {"pillar-1": 0.8, "desk-3": 0.8, "coffee-table": 0.8}},
+}
+
+
+def model(**terms):
+    return ErrorModel.model_validate({"obstacles": terms})
+
+
+@pytest.fixture(scope="module")
+def policy():
+    return viatool.load_policy("via")
+
+
+@pytest.fixture(scope="module")
+def office():
+    return viatool.load_map("office")
+
+
+@pytest.fixture(scope="module")
+def states(policy, office):
+    setting = Setting.of(policy, office, 0.01, Wishes("braking"), office.scenarios[:3], job="verify")
+    driven = Source().states(policy, setting)
+    return driven.select(np.arange(0, len(driven), 9))
+
+
+def with_people(states):
+    """One person beside each second state, who walks on at 0.4 m/s, and nobody at the others."""
+    people = np.full((len(states), 2, 5), np.nan)
+    ahead = states.poses[:, :2] + 1.0 * np.column_stack(
+        [np.cos(states.poses[:, 2]), np.sin(states.poses[:, 2])]
+    )
+    people[::2, 1] = np.column_stack([ahead, np.full((len(states), 2), 0.4), np.full(len(states), 0.2)])[::2]
+    return replace(states, people=people)
+
+
+def verified(policy, office, states, terms):
+    seen = with_people(states) if "people" in terms else states
+    return viatool.verify(
+        policy,
+        office,
+        eps=0.01,
+        errors=model(**terms),
+        trajectory=seen,
+        criterion="braking",
+        only_contested=True,
+    )
+
+
+@pytest.mark.parametrize("name", TERMS)
+def test_a_term_costs_verdicts_and_its_counterexamples_are_driven_again(
+    policy, office, states, name, tmp_path
+):
+    bare = viatool.verify(
+        policy, office, eps=0.01, trajectory=states, criterion="braking", only_contested=True
+    )
+    found = verified(policy, office, states, TERMS[name])
+    assert found.judgement.safe.sum() < bare.judgement.safe.sum()
+    assert (found.judgement.safe <= bare.judgement.safe).all()
+    assert (found.contested.collision >= bare.contested.collision).all()
+    assert "obstacles." in found.assumptions()["obstacles"]
+    moved = found.witnesses.mover != ""
+    assert moved.any()
+    path = tmp_path / "witnesses.json"
+    path.write_text(json.dumps(witness_document(found)), encoding="utf-8")
+    again = replay(policy, office, load_witnesses(path))
+    assert again.violates.all()
+    np.testing.assert_allclose(again.clearance, found.witnesses.clearance, atol=1e-6)
+    speed = np.hypot(*found.witnesses.velocity[moved].T)
+    np.testing.assert_allclose(speed[speed > 0.0], 1.2, atol=1e-9)
+    entry = next(e for e in witness_document(found)["witnesses"] if "moved" in e["closest"])
+    assert entry["closest"]["moved"]["what"] in entry["closest"]["obstacle"]
+
+
+def test_more_speed_costs_more(policy, office, states):
+    safe = [verified(policy, office, states, {"returns": speed}).judgement.safe for speed in (0.0, 0.3, 1.0)]
+    assert (safe[2] <= safe[1]).all()
+    assert (safe[1] <= safe[0]).all()
+    assert safe[2].sum() < safe[0].sum()
+
+
+@pytest.mark.parametrize("suffix", ["npz", "csv"])
+def test_people_are_read_back_as_they_were_written(states, policy, suffix, tmp_path):
+    told = with_people(states)
+    path = tmp_path / f"drive.{suffix}"
+    write_trajectory(path, told, policy.spec)
+    again = load_trajectory(path, policy.spec)
+    np.testing.assert_array_equal(again.people, told.people)
+    assert load_trajectory(path, policy.spec).select(np.arange(3)).people.shape == (3, 2, 5)
+
+
+def test_half_a_person_is_refused(states):
+    people = np.full((len(states), 1, 5), np.nan)
+    people[0, 0, :2] = 1.0
+    with pytest.raises(TrajectoryError, match="person 0"):
+        replace(states, people=people)
+
+
+@pytest.mark.parametrize(
+    ("terms", "said"),
+    [
+        ({"named": {"throne": 1.0}}, r"obstacles\.named\.throne.*no such obstacle"),
+        ({"roams": {"throne": 1.0}}, r"obstacles\.roams\.throne.*no such obstacle"),
+        ({"named": {"desk-1": 1.0}, "roams": {"desk-1": 1.0}}, "same obstacle"),
+        ({"behind": 1.0}, "nothing is hidden"),
+        ({"hidden": 1.0}, "does not look all around"),
+    ],
+)
+def test_what_means_nothing_is_refused_by_name(policy, office, terms, said):
+    with pytest.raises(ConfigurationError, match=said):
+        Setting.of(policy, office, 0.01, Wishes("braking", errors=model(**terms)), job="verify")
+
+
+def test_terms_that_contradict_one_another_are_refused(policy, office):
+    for part, said in (
+        ({"sensor": {"lidar": {"missing": 1}}}, r"lidar\.missing together"),
+        ({"actuation": {"linear": {"lag": [0.0, 0.1]}}}, r"lag"),
+    ):
+        errors = ErrorModel.model_validate({"obstacles": {"returns": 1.0}, **part})
+        with pytest.raises(ConfigurationError, match=said):
+            check_moving(errors, policy.spec, office)
+
+
+def test_people_need_the_term_and_the_term_needs_people(policy, office, states):
+    with pytest.raises(ConfigurationError, match="nobody says how they move"):
+        viatool.verify(policy, office, eps=0.01, trajectory=with_people(states))
+    with pytest.raises(ConfigurationError, match="tell of no people"):
+        viatool.verify(policy, office, eps=0.01, trajectory=states, errors=model(people=1.0))
