@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tests.motion.actuated_runs import LIMITS, TERMS, Driver, H, limits, machine
 from viatool.motion.actuated import ActuatedMotion
+from viatool.motion.actuation import Actuation, Response
 
 RUNS = 150
 
@@ -48,6 +51,57 @@ def outside(runs, course):
 @pytest.mark.parametrize("term", TERMS)
 def test_velocities_stay_within_the_profile_of_one_term(term):
     assert outside(*drive(1, "differential", (term,))) <= 1e-3
+
+
+def without(asked, term):
+    """The machine as if it were ideal in a term."""
+    ideal = {
+        "limits": ("acceleration", "deceleration"),
+        "lag": ("lag",),
+        "gain": ("relative",),
+        "bias": ("absolute",),
+    }
+    if term in ideal:
+        plain = {name: getattr(Response(), name) for name in ideal[term]}
+        parts = [replace(response, **plain) for response in asked.actuation.responses]
+        return replace(asked, actuation=Actuation(parts[0], parts[1], parts[2], asked.actuation.slip))
+    if term == "slip":
+        return replace(asked, actuation=replace(asked.actuation, slip=0.0))
+    timing = {
+        "jitter": {"interval": (float(np.mean(asked.timing.interval)),) * 2},
+        "delay": {"delay": (float(np.mean(asked.timing.delay)),) * 2},
+        "age": {"age": 0.0},
+    }[term]
+    return replace(asked, timing=replace(asked.timing, **timing))
+
+
+@pytest.mark.parametrize("term", ["limits", "lag", "gain", "bias", "slip", "jitter", "delay", "age"])
+def test_runs_leave_the_profile_of_a_machine_without_one_term(term):
+    runs, motion = drive(
+        5, "differential", ("limits", "gain", term) if term in ("jitter", "delay", "age") else (term,)
+    )
+    assert outside(runs, motion) <= 1e-3
+    assert outside(runs, replace(motion, machine=without(motion.machine, term))) > 0.01
+
+
+def test_runs_leave_a_profile_that_takes_a_measured_velocity_for_exact():
+    runs, motion = drive(5, "differential", ("limits", "lag", "measured"))
+    middle = 0.5 * (motion.velocity[0] + motion.velocity[1])
+    assert outside(runs, motion) <= 1e-3
+    assert outside(runs, replace(motion, velocity=(middle, middle))) > 0.01
+
+
+def test_runs_leave_a_profile_that_forgets_what_was_under_way():
+    runs, motion = drive(5, "differential", ("limits",))
+    still = (0.0 * runs.before, 0.0 * runs.before)
+    assert outside(runs, replace(motion, before=still)) > 0.1
+
+
+def test_brakes_that_take_hold_late_leave_the_profile_of_brakes_that_do_not():
+    runs, motion = drive(5, "differential", ("limits", "jitter", "brake"))
+    assert outside(runs, motion) <= 1e-3
+    harder = replace(motion.machine, deceleration=5.0)
+    assert outside(runs, replace(motion, machine=replace(harder, actuation=Actuation()))) > 0.1
 
 
 @pytest.mark.parametrize("kinematics", LIMITS)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tests.motion.varying import integrate, signs
+from viatool.motion import profile as profiles
 from viatool.motion.profile import VelocityProfile
 
 FINE, RUNS = 24, 200
@@ -76,3 +79,38 @@ def distance(points, start, end):
 @pytest.mark.parametrize("kind", KINDS)
 def test_paths_stay_within_what_encloses_them(kind):
     assert (excess(kind, range(12)) <= 1e-4).all()
+
+
+def without(*names):
+    """What bounds other paths, with some of its parts taken for 0."""
+    right = VelocityProfile.spread
+
+    def spread(profile, start, end):
+        found = right(profile, start, end)
+        return replace(found, **{name: 0.0 * getattr(found, name) for name in names})
+
+    return spread
+
+
+MUTANTS = {
+    "ahead": (VelocityProfile, "spread", without("along"), "forth and back"),
+    "aside": (VelocityProfile, "spread", without("aside"), "differential"),
+    "sliding": (VelocityProfile, "spread", without("along"), "sliding"),
+    "headings": (VelocityProfile, "spread", without("apart"), "turning"),
+    "before": (VelocityProfile, "spread", without("first"), "differential"),
+    "sagitta": (profiles, "sagitta_of", lambda length, chord: 0.0 * length, "turning"),
+    "swung": (
+        profiles,
+        "_headings",
+        lambda radius, held: (right_headings(radius, held)[0], 0.0 * held),
+        "differential",
+    ),
+}
+right_headings = profiles._headings
+
+
+@pytest.mark.parametrize("name", MUTANTS)
+def test_paths_leave_a_bound_without_one_of_its_parts(monkeypatch, name):
+    place, part, mutant, kind = MUTANTS[name]
+    monkeypatch.setattr(place, part, mutant)
+    assert any((excess(kind, [seed]) > 1e-3).any() for seed in range(30))

@@ -30,7 +30,7 @@ def make_cases(world, criterion, seed, count=60, reach=0.12, scenario=None, **ru
     spread = rules.upper - rules.lower
     centre = generator.uniform(rules.lower - 0.1 * spread, rules.upper + 0.1 * spread, (count, 2))
     radius = generator.choice([0.0, 0.01, 0.15], (count, 2)) * spread
-    under_way = generator.uniform(rules.lower, rules.upper, (count, rules.dead_time.commands, 2))
+    under_way = generator.uniform(rules.lower, rules.upper, (count, rules.commands_before, 2))
     return JudgedStates(rules, placed, under_way), centre - radius, centre + radius
 
 

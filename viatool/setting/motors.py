@@ -45,8 +45,8 @@ def actuation_of(errors: ErrorModel, kinematics: Kinematics) -> Actuation:
     return found
 
 
-def timing_of(errors: ErrorModel, interval: float, delay: float) -> Timing | None:
-    """Return when commands act; None where an error model says nothing else than `interval` and `delay`.
+def timing_of(errors: ErrorModel, interval: float, delay: float) -> tuple[Timing | None, float]:
+    """Return when commands act, None where that does not vary, and the delay, the longest one of several.
 
     Raises
     ------
@@ -67,8 +67,8 @@ def timing_of(errors: ErrorModel, interval: float, delay: float) -> Timing | Non
             "correct one of them; the interval may come from the policy, the map or --interval",
         )
     found = Timing((least, most), stated.delay or (delay, delay), stated.sensing or 0.0)
-    exact = Timing((interval, interval), (delay, delay))
-    return None if found == exact else found
+    exact = found.interval == (interval, interval) and found.delay[0] == found.latest
+    return (None if exact else found), found.delay[1]
 
 
 def _response(terms: AxisTerms) -> Response:

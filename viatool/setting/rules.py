@@ -108,7 +108,7 @@ class Rules:
             )
         asked.check(robot)
         actuation = actuation_of(errors, kinematics)
-        timing = timing_of(errors, interval, delay)
+        timing, delay = timing_of(errors, interval, delay)
         if not asked.proves and (timing is not None or not actuation.is_ideal):
             raise ConfigurationError(
                 f"{errors.source}: criterion '{criterion}' does not take motors and timing into account",
@@ -122,7 +122,7 @@ class Rules:
             upper=upper,
             interval=interval,
             deceleration=robot.deceleration,
-            delay=delay if timing is None else timing.delay[1],
+            delay=delay,
             kinematics=kinematics,
             actuation=actuation,
             timing=timing,
