@@ -2,7 +2,7 @@
 
 Known are a box of the velocity that it has, boxes of the commands before, and the box of the new one. In every
 *phase* (`Timing.phases`) the commands that may act draw the velocity to a target between the least and the greatest
-of theirs; within these it follows `Actuation.highest` and `Actuation.lowest`, from the box with which the phase
+of theirs; within these it follows `Actuation.extremes`, from the box with which the phase
 before ended. Where the velocity was not measured, it was anything that the robot can have when the oldest command
 that is known was surely the only one to act, and has followed the known ones since.
 
@@ -25,10 +25,12 @@ tau seconds. It matters only where the robot is, not when.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from viatool.arrays import Floats, Indices
 from viatool.motion.actuation import Actuation, remaining
@@ -127,6 +129,26 @@ class ActuatedMotion(VaryingMotion):
         """Return B."""
         return len(self.before[0])
 
+    def select(self, which: NDArray[Any]) -> ActuatedMotion:
+        """Return some of the robots, with all that is known of them before any new command."""
+
+        def of(ends: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+            return ends[0][which], ends[1][which]
+
+        found = replace(
+            self, before=of(self.before), velocity=None if self.velocity is None else of(self.velocity)
+        )
+        stages, box = self._waiting
+        stages = [_Stages(part.end[:, which], part.lower[:, which], part.upper[:, which]) for part in stages]
+        known: dict[str, Any] = {
+            "_waiting": (stages, of(box)),
+            "observed": of(self.observed),
+            "_older": of(self._older),
+        }
+        known |= {"end": self.end[which], "longest": self.longest[which], "phases": self.phases}
+        vars(found).update(known)
+        return found
+
     @cached_property
     def phases(self) -> tuple[Phase, ...]:
         """Return what changes when."""
@@ -135,13 +157,22 @@ class ActuatedMotion(VaryingMotion):
 
     @cached_property
     def end(self) -> Floats:
-        """See `VaryingMotion.end`; that of all commands that the robot carries out."""
+        """See `VaryingMotion.end`: after a stop from any velocity that the robot can have, or was measured to have."""
         last = np.full(len(self), self.machine.timing.last)
         if self.machine.deceleration is None:
             return last
-        lower, upper = (np.broadcast_to(end, (len(self), len(end))) for end in self.machine.limits)
-        box = self._held(np.arange(len(self)), lower, upper)[1]
-        return last + self._stopping(box) + 3.0 * self._brake_lag
+        return last + self.machine.stopping(self._largest) * SLIGHTLY_MORE**8 + 3.0 * self._brake_lag
+
+    @cached_property
+    def _largest(self) -> Floats:
+        """Bounds of the size of each part of the velocity at every instant, (B, 3)."""
+        ends = [*self.machine.reachable, *(self.velocity or ())]
+        largest = np.zeros((len(self), 3))
+        for end in ends:
+            largest = np.fmax(
+                largest, np.abs(end)
+            )  # NaN where a velocity is not known, and is one of the others
+        return largest
 
     def shares(self, lower: Floats, upper: Floats, seconds: Floats, rim: float) -> Floats:
         """See `VaryingMotion.shares`."""
@@ -201,14 +232,7 @@ class ActuatedMotion(VaryingMotion):
 
         The share that is left falls linearly for S, or with a lag tau; its integral is at most ``S / 2 + tau``.
         """
-        machine, ends = self.machine, [*self.machine.reachable]
-        if self.velocity is not None:
-            ends += list(self.velocity)
-        largest = np.zeros((len(self), 3))
-        for end in ends:
-            largest = np.fmax(
-                largest, np.abs(end)
-            )  # NaN where a velocity is not known, and is one of the others
+        machine, largest = self.machine, self._largest
         seconds = np.full(len(self), machine.timing.last)
         if machine.deceleration is not None:
             seconds = seconds + 0.5 * machine.stopping(largest) + self._brake_lag
@@ -258,8 +282,7 @@ class ActuatedMotion(VaryingMotion):
             pieces = 0
         shares = np.arange(pieces + 1)[:, None] / max(pieces, 1)
         after = np.concatenate([shares * settled, np.full((1, len(settled)), length)])  # (S + 1, C)
-        lows = motors.lowest(box[0], target[0], after[..., None])
-        highs = motors.highest(box[1], target[1], after[..., None])
+        lows, highs = motors.extremes(box, target, after[..., None])
         last = lows[-1], highs[-1]
         low, high = np.minimum(lows[:-1], lows[1:]), np.maximum(highs[:-1], highs[1:])
         if phase.stopping:

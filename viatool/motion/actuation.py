@@ -172,9 +172,14 @@ class Actuation:
         left = remaining(distance, seconds, rate, tau)
         return np.where(rises, target - left / SLIGHTLY_MORE, target + left * SLIGHTLY_MORE)
 
-    def lowest(self, begin: Floats, target: Floats, seconds: Floats) -> Floats:
-        """Return the smallest velocities after some time, as `highest`."""
-        return -self.highest(-begin, -target, seconds)
+    def extremes(
+        self, begin: tuple[Floats, Floats], target: tuple[Floats, Floats], seconds: Floats
+    ) -> tuple[Floats, Floats]:
+        """Return the smallest and the largest velocities after some time, (..., 3), as `highest`."""
+        begins, targets = np.stack([-begin[0], begin[1]]), np.stack([-target[0], target[1]])
+        shape = (2, *(1,) * (seconds.ndim - begins[0].ndim), *begins[0].shape)
+        low, high = self.highest(begins.reshape(shape), targets.reshape(shape), seconds)
+        return -low, high
 
     def settling(self, begin: tuple[Floats, Floats], target: tuple[Floats, Floats]) -> Floats:
         """Return after how many seconds little changes between boxes of velocities (..., 3), roughly; (...)."""

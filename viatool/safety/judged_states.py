@@ -59,7 +59,10 @@ class JudgedStates:
         """Return some of the states."""
         under_way = None if self.under_way is None else self.under_way[which]
         velocity = None if self.velocity is None else (self.velocity[0][which], self.velocity[1][which])
-        return replace(self, observing=self.observing.select(which), under_way=under_way, velocity=velocity)
+        found = replace(self, observing=self.observing.select(which), under_way=under_way, velocity=velocity)
+        if self.motion is not None:
+            vars(found)["motion"] = self.motion.select(which)
+        return found
 
     @cached_property
     def motion(self) -> ActuatedMotion | None:

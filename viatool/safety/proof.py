@@ -15,6 +15,9 @@ from viatool.safety.varying import enclose_varying, keep_at_best
 from viatool.sets.bounds import require_ordered
 from viatool.world import Footprint
 
+_TRIED = 2
+"""Levels after which it is asked again whether cutting is in vain."""
+
 
 @dataclass(frozen=True)
 class ProofEffort:
@@ -112,7 +115,7 @@ def prove_clearance(
         crowded = np.bincount(cells.state, minlength=len(lower)) > effort.cells
         hopeless = cells.state[~(shares.sum(axis=1) >= effort.tolerance)]
         crowded[hopeless] = True
-        if isinstance(manoeuvre, VaryingMotion) and len(cells):
+        if isinstance(manoeuvre, VaryingMotion) and len(cells) and level % _TRIED == 0:
             tried = cells.corners() if level == 0 else cells
             best = keep_at_best(tried, placed, manoeuvre, footprint)
             crowded[tried.state[best < threshold]] = True
@@ -123,5 +126,9 @@ def prove_clearance(
         cells, shares = cells.select(kept), shares[kept]
         if not len(cells):
             break
-        cells = cells.halved(shares.argmax(axis=1))
+        axis = shares.argmax(axis=1)
+        cells = cells.halved(axis)
+        if isinstance(manoeuvre, VaryingMotion):  # whose steps cost more than their cells
+            shares[np.arange(len(shares)), axis] *= 0.5
+            cells = cells.halved(np.tile(shares.argmax(axis=1), 2))
     return Proof(proved & ~refuted, refuted)
