@@ -12,12 +12,15 @@ from click.testing import CliRunner
 
 from tests.bags import drive_messages, write_bag
 from tests.doctor.layouts import AHEAD, AROUND, LAYOUTS, PLAIN, Layout, plants
+from tests.report.page.test_page import Outline
 from viatool.channels import Quantities, View
 from viatool.cli import main
 from viatool.doctor import Diagnosis, diagnose, scenarios_of
 from viatool.doctor.interpretation import Interpretation
 from viatool.errors import ConfigurationError, EmptyEvaluationError, PolicyError, TrajectoryError
 from viatool.policy import Policy, PolicySpecification, load_policy, load_specification
+from viatool.report import Check
+from viatool.report.diagnoses.run import DiagnosisRun
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
 from viatool.simulate import drive
@@ -39,6 +42,16 @@ def means(diagnosis: Diagnosis, layout: Layout) -> bool:
     """Whether the best reading is the right one."""
     found = diagnosis.ranking.best.interpretation
     return found.meaning == Interpretation(layout.spec).meaning
+
+
+def is_reported(diagnosis: Diagnosis, layout: Layout) -> bool:
+    """Whether the right reading is named, or among those that driving cannot tell from the one that is."""
+    right = Interpretation(layout.spec).meaning
+    (name,) = [
+        one.interpretation.name for one in diagnosis.ranking.examined if one.interpretation.meaning == right
+    ]
+    document = DiagnosisRun(diagnosis)
+    return name in (document.best.name, *document.alike)
 
 
 def wrong(policies: dict[str, Policy], layout: Layout, what: str) -> Policy:
@@ -72,8 +85,11 @@ def test_every_wrong_reading_of_every_layout_is_found(
     layout = next(one for one in LAYOUTS if one.name == name)
     spec = PLANTED[name, what]
     diagnosis = diagnose(replace(policies[name], spec=spec), LAB, scenarios_of(LAB, 60, 1))
-    if what == "actions not scaled" or Interpretation(spec).meaning == Interpretation(layout.spec).meaning:
-        assert diagnosis.verdict == "specified"  # commands are clipped either way, so it drives as well
+    if Interpretation(spec).meaning == Interpretation(layout.spec).meaning:
+        assert diagnosis.verdict == "specified"
+    elif what == "actions not scaled":  # commands are clipped either way, so it drives as well
+        assert diagnosis.verdict in ("specified", "undecided")
+        assert is_reported(diagnosis, layout)
     else:
         assert diagnosis.verdict == "another"
         assert means(diagnosis, layout)
@@ -83,6 +99,36 @@ def test_a_right_specification_is_kept(policies: dict[str, Policy]) -> None:
     diagnosis = diagnose(policies["plain"], LAB, SCENARIOS)
     assert diagnosis.verdict == "specified"
     assert not diagnosis.edits
+
+
+def test_a_wrong_scale_that_drives_the_same_is_reported_as_not_told_apart(
+    policies: dict[str, Policy],
+) -> None:
+    diagnosis = diagnose(wrong(policies, AROUND, "actions not scaled"), LAB, SCENARIOS[:12])
+    assert diagnosis.verdict in ("specified", "undecided")
+    assert is_reported(diagnosis, AROUND)
+    document = DiagnosisRun(diagnosis)
+    assert "outputs normalised to [-1, 1]" in (document.best.name, *document.alike)
+    told = dict(document.facts)["not told apart"]
+    assert all(name in told for name in document.alike[:12])
+    assert "only a recording of commands can tell" in told
+
+
+def test_the_page_holds_finding_picture_and_every_reading_and_needs_no_network(
+    policies: dict[str, Policy],
+) -> None:
+    document = DiagnosisRun(diagnose(wrong(policies, AHEAD, "mirrored bearing"), LAB, SCENARIOS[:8]))
+    page = document.page((Check("overall >= 0.9", passed=False, figures="0 of 8"),))
+    elements = Outline(page).elements
+    references = [a[name] for _, a in elements for name in ("src", "href", "srcset") if name in a]
+    assert [each[:24] for each in references] == ["#explorer", "data:image/svg+xml;base6"]
+    assert "Gate failed" in page
+    assert "observation.goal_bearing.scale" in page
+    assert len([a for tag, a in elements if tag == "tr" and "data-alike" in a]) == len(
+        document.record.readings
+    )
+    assert "Figures drawn with Bokeh" not in page
+    assert len(page) < 2_000_000  # no plotting library
 
 
 def test_what_is_in_doubt_is_driven_again_on_other_scenarios(policies: dict[str, Policy]) -> None:

@@ -57,6 +57,64 @@ def test_a_reversed_scan_looks_to_the_other_side() -> None:
         np.testing.assert_allclose(there, here.conj(), atol=1e-12)
 
 
+def directions(layout: Layout, name: str) -> np.ndarray:
+    """The rays of a reading in degrees, in the order in which they are observed."""
+    was = layout.spec.observation[[c.kind for c in layout.spec.observation].index("lidar")]
+    return np.degrees(readings(layout.spec)[name].channel(was.name).lidar.lidar().angles())
+
+
+def test_scans_span_what_scanners_of_the_field_do() -> None:
+    turned = directions(AHEAD, "scan over 360 degrees")  # clockwise, 180 rays
+    np.testing.assert_allclose(turned, 180.0 - 2.0 * np.arange(180), atol=1e-9)
+    assert "scan over 270 degrees" in readings(AHEAD.spec)
+    half = directions(AROUND, "scan over 180 degrees")  # 360 rays, before from straight ahead to the left
+    np.testing.assert_allclose(np.diff(half), 0.5, atol=1e-9)
+    assert half[0] == pytest.approx(-half[-1])
+    found = readings(AROUND.spec)
+    assert Interpretation(found["scan over 360 degrees"]).meaning == Interpretation(AROUND.spec).meaning
+    assert (
+        "scan over 360 degrees, the last ray where the first is" not in found
+    )  # 359 gaps are no round number
+
+
+def test_a_full_turn_may_have_its_first_ray_twice() -> None:
+    rays = {"start": 0.0, "step": 2.0 * math.pi / 361, "rays": 361, "maximum_range": 7.0}
+    spec = PolicySpecification.model_validate(
+        {
+            "schema_version": 2,
+            "observation": [{"name": "scan", "kind": "lidar", "lidar": rays}],
+            "action": PLAIN.action,
+        }
+    )
+    name = "scan over 360 degrees, the last ray where the first is"
+    angles = np.degrees(readings(spec)[name].channel("scan").lidar.lidar().angles())
+    np.testing.assert_allclose(angles, np.arange(361), atol=0.01)
+
+
+def test_numbers_of_rays_that_are_not_round_are_not_tried() -> None:
+    rays = {"field_of_view": math.pi, "rays": 77, "bins": 77, "maximum_range": 7.0}
+    spec = PolicySpecification.model_validate(
+        {
+            "observation": [{"name": "scan", "kind": "lidar", "size": 77, "lidar": rays}],
+            "action": PLAIN.action,
+        }
+    )
+    assert not [name for name in readings(spec) if name.startswith("scan over")]
+
+
+def test_rays_without_a_return_and_small_ranges_may_read_otherwise() -> None:
+    found = readings(PLAIN.spec)
+    assert told(PLAIN.spec, found["rays without a return read 0"]) == [
+        "observation.scan.lidar.no_return: 0 (was maximum)"
+    ]
+    assert told(PLAIN.spec, found["rays without a return read the minimum range"]) == [
+        "observation.scan.lidar.no_return: 0.2 (was maximum)"
+    ]
+    assert told(PLAIN.spec, found["ranges from 0 m on"]) == [
+        "observation.scan.lidar.minimum_range: 0 (was 0.2)"
+    ]
+
+
 def test_the_keys_to_change_are_named() -> None:
     assert told(PLAIN.spec, readings(PLAIN.spec)["rays in reversed order"]) == [
         "observation.scan.lidar.order: clockwise (was counter_clockwise)"

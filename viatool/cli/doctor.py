@@ -63,8 +63,8 @@ if TYPE_CHECKING:
     "-o",
     multiple=True,
     metavar="FORMAT:PATH",
-    help="Write a report: json, figure (png, svg, pdf), csv (a row for each reading), markdown or github; PATH - is "
-    "stdout, and png:PATH is figure:PATH. Repeatable.",
+    help="Write a report: json, figure (png, svg, pdf), html (a page that opens offline), csv (a row for each "
+    "reading), markdown or github; PATH - is stdout, and png:PATH is figure:PATH. Repeatable.",
 )
 @options.threads_option
 @options.quiet_option
@@ -72,7 +72,8 @@ def command(**given: Any) -> None:
     """Tell whether the specification of POLICY (ONNX) is right.
 
     The policy is driven as specified, and as other readings of its numbers would have it: rays in another order or from
-    another start, bearings mirrored or in degrees, normalisers that are missing, actions swapped, flipped or scaled. A
+    another start or over another angle, bearings mirrored or in degrees, normalisers that are missing, actions swapped,
+    flipped or scaled. A
     reading that is clearly better is named with the keys to change. With a recording, the commands in it are compared
     with the policy's under each reading instead.
     """

@@ -1,4 +1,4 @@
-"""Other readings of a scan: in which direction its rays follow each other, and where they begin."""
+"""Other readings of a scan: its rays' order, where they begin and how far they span, and what no return reads."""
 
 from __future__ import annotations
 
@@ -13,6 +13,10 @@ from viatool.policy.specification import ObservationChannel
 
 Sensor = Callable[[LidarSpecification], LidarSpecification]
 _OTHER = {"counter_clockwise": "clockwise", "clockwise": "counter_clockwise"}
+_OPENINGS = (360, 270, 180)
+"""Degrees over which scanners of the field look."""
+_SHORT = 1e-4
+"""Radians by which the last ray of a full turn misses the first one where that is there twice."""
 _QUARTERS = {90: 0.5 * math.pi, 180: math.pi, -90: -0.5 * math.pi}
 
 
@@ -35,6 +39,78 @@ def scan_turned(spec: PolicySpecification, around: Background) -> Variants:
                 "scan begins on the other side" if degrees == 180 else f"scan a quarter turn further {side}"
             )
             yield words, _with_scan(spec, partial(_rotated, angle=angle))
+
+
+@reads("span of the scan")
+def scan_spans(spec: PolicySpecification, around: Background) -> Variants:
+    """Yield scans over a full turn, with the first ray once and twice, and over 270 and 180 degrees.
+
+    As far as the rays' number is plausible: they would be whole or half degrees apart, or a whole number to the degree.
+    """
+    sensors = _lidars(spec)
+    if not sensors or min(sensor.rays for sensor in sensors) < 2:
+        return
+    for degrees in _OPENINGS:
+        for gaps, words in (
+            (0, ""),
+            (-1, ", the last ray where the first is" if degrees == 360 else ", both ends seen"),
+        ):
+            if all(_is_plausible(degrees, sensor.rays + gaps) for sensor in sensors):
+                change = partial(_spread, span=math.radians(degrees), gaps=gaps)
+                yield f"scan over {degrees} degrees{words}", _with_scan(spec, change)
+
+
+@reads("rays without a return")
+def rays_without_return(spec: PolicySpecification, around: Background) -> Variants:
+    """Yield rays that meet nothing and read the maximum range, 0, or the minimum range."""
+    for words, number in (("the maximum range", "maximum"), ("0", 0.0), ("the minimum range", None)):
+
+        def changed(lidar: LidarSpecification, number: str | float | None = number) -> LidarSpecification:
+            return lidar.model_copy(update={"no_return": lidar.minimum_range if number is None else number})
+
+        if _lidars(spec):
+            yield f"rays without a return read {words}", _with_scan(spec, changed)
+
+
+@reads("smallest range")
+def ranges_from(spec: PolicySpecification, around: Background) -> Variants:
+    """Yield ranges that are not cut at their lower end, and such that are cut at the robot's smallest range."""
+    for least in dict.fromkeys((0.0, around.robot.lidar.minimum_range)):
+
+        def changed(lidar: LidarSpecification, least: float = least) -> LidarSpecification:
+            return lidar.model_copy(update={"minimum_range": least})
+
+        if all(least < lidar.maximum_range for lidar in _lidars(spec)) and _lidars(spec):
+            yield f"ranges from {least:g} m on", _with_scan(spec, changed)
+
+
+def _is_plausible(degrees: float, gaps: int) -> bool:
+    """Tell whether so many equal gaps over an opening are a round number of degrees each, or of them to a degree."""
+    step = degrees / max(gaps, 1)
+    return min(abs(size - round(size)) for size in (2.0 * step, 1.0 / step)) < 1e-9 and step < degrees
+
+
+def _spread(lidar: LidarSpecification, span: float, gaps: int) -> LidarSpecification:
+    """Return the sensor with its rays spread over another angle: a full turn from the same first ray, else about it."""
+    rays = lidar.rays
+    if lidar.angles is not None:
+        first, second = lidar.angles[0], lidar.angles[min(1, rays - 1)]
+        order = "clockwise" if second < first else "counter_clockwise"
+        was = abs(second - first) * rays
+        lidar = lidar.model_copy(update={"angles": None, "start": first, "step": was / rays, "order": order})
+    lidar = _stepped(lidar)
+    assert lidar.start is not None
+    assert lidar.step is not None
+    side = -1.0 if lidar.order == "clockwise" else 1.0
+    full = 2.0 * math.pi - 1e-9
+    was = lidar.step * rays
+    if span >= full:
+        short = _SHORT if gaps else 0.0
+        start = lidar.start if was >= 0.99 * full else -side * math.pi
+        return lidar.model_copy(update={"start": start, "step": (span - short) / (rays + gaps)})
+    ahead = 0.0 if was >= 0.99 * full else lidar.start + 0.5 * side * lidar.step * (rays - 1)
+    step = span / (rays + gaps)
+    return lidar.model_copy(update={"start": ahead - 0.5 * side * step * (rays - 1), "step": step})
 
 
 def _lidars(spec: PolicySpecification) -> list[LidarSpecification]:

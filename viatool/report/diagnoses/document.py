@@ -61,7 +61,12 @@ class DiagnosisDocument(Annotated, Tabled):
             case "undecided":
                 return f"another reading seems better: {best.name} ({both}), but that may be chance"
             case "specified":
-                return f"no reading is better than the specification ({_told(own)})"
+                found = f"no reading is better than the specification ({_told(own)})"
+                return (
+                    f"{found}, but {counted(len(self.alike), 'other')} cannot be told from it"
+                    if self.alike
+                    else found
+                )
             case _:
                 return f"no reading is good: the specification is as good as any ({_told(own)})"
 
@@ -101,24 +106,46 @@ class DiagnosisDocument(Annotated, Tabled):
 
     @property
     def sections(self) -> Sequence[Section]:
-        """Return the finding, what to change, the readings, and which of them cannot be told apart."""
+        """Return the finding, what to change, and the readings."""
+        change = [] if self.change is None else [self.change]
+        return [Facts("Finding", self.facts), *change, self._readings()]
+
+    @property
+    def facts(self) -> tuple[tuple[str, str], ...]:
+        """Return what was found, what to do, and which readings cannot be told apart."""
         facts = [("found", self.finding), ("advice", self._short_advice)]
         again = self.record.again
         if again is not None:
             shares = (again.driven.success.share, again.specified.success.share)
             told = f"{shares[0].of()} against {shares[1].of()} as specified"
             facts.append(("driven again", f"{again.name}: {told}, on scenarios that did not choose it"))
-        alike = [one.name for one in self.record.readings if one.as_good and one is not self.best]
-        if alike:
-            told = ", ".join(alike[:_SHOWN]) + (", ..." if len(alike) > _SHOWN else "")
-            facts.append(("as good, so not told apart", told))
+        if self.alike:
+            told = ", ".join(self.alike[:_SHOWN]) + (", ..." if len(self.alike) > _SHOWN else "")
+            facts.append(("not told apart", f"{told}: {self._as_good}"))
+        return tuple(facts)
+
+    @property
+    def alike(self) -> list[str]:
+        """Return the names of the readings that do as well as the best, as far as can be told."""
+        return [one.name for one in self.record.readings if one.as_good and one is not self.best]
+
+    @property
+    def _as_good(self) -> str:
+        many = len(self.alike) > 1
+        if self.record.method == "driven":
+            drive = "these readings drive" if many else "this reading drives"
+            return f"{drive} as well, and only a recording of commands can tell which is right (--trajectory)"
+        return (
+            f"{'these readings explain' if many else 'this reading explains'} the recorded commands as well"
+        )
+
+    @property
+    def change(self) -> Table | None:
+        """Return what to write in the specification, where a reading is named instead of it."""
         edits = [(edit.key, edit.now or "leave it out", edit.was or "nothing") for edit in self.best.edits]
-        change: list[Section] = []
-        if edits and self.record.verdict in ("another", "undecided"):
-            change = [
-                Table(("key", "write", "instead of"), tuple(edits), title="In the specification", texts=2)
-            ]
-        return [Facts("Finding", tuple(facts)), *change, self._readings()]
+        if not edits or self.record.verdict not in ("another", "undecided"):
+            return None
+        return Table(("key", "write", "instead of"), tuple(edits), title="In the specification", texts=2)
 
     @property
     def _short_advice(self) -> str:
@@ -131,19 +158,21 @@ class DiagnosisDocument(Annotated, Tabled):
         chosen = self.record.readings[:_SHOWN]
         if self.specified not in chosen:
             chosen = [*chosen, self.specified]
-        rows = tuple(self._row(reading) for reading in chosen)
+        rows = tuple(self.row(reading) for reading in chosen)
         left = len(self.record.readings) - len(chosen)
         remark = f"the best {len(chosen)} of {len(self.record.readings)}" if left else ""
-        return Table(self._head, rows, title="Readings", remark=remark)
+        return Table(self.head, rows, title="Readings", remark=remark)
 
     @property
-    def _head(self) -> tuple[str, ...]:
+    def head(self) -> tuple[str, ...]:
+        """Return what the figures of a reading are."""
         against = ("better/worse", "chance")
         if self.record.method == "driven":
             return "reading", "goals", "95 %", "collide", "time out", *against
         return "reading", "explained", "median", "90 %", *against
 
-    def _row(self, reading: ReadingRecord) -> tuple[str, ...]:
+    def row(self, reading: ReadingRecord) -> tuple[str, ...]:
+        """Return the figures of a reading."""
         name = f"{reading.name} *" if reading is self.best else reading.name
         chance = significant(reading.chance, 2) if reading.chance >= _RARE else f"< {_RARE:g}"
         against = (f"{reading.better}/{reading.worse}", chance)

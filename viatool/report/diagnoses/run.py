@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from viatool.doctor import Compared, Driven
 from viatool.report.diagnoses.document import DiagnosisDocument
-from viatool.report.document import Drawn
+from viatool.report.document import Drawn, Explorable
+from viatool.report.sections import Check
 from viatool.versions import installed_versions
 
 if TYPE_CHECKING:
@@ -20,7 +22,7 @@ if TYPE_CHECKING:
 SCHEMA_VERSION = 1
 
 
-class DiagnosisRun(DiagnosisDocument, Drawn):
+class DiagnosisRun(DiagnosisDocument, Drawn, Explorable):
     """The report of a diagnosis."""
 
     def __init__(self, diagnosis: Diagnosis) -> None:
@@ -32,6 +34,12 @@ class DiagnosisRun(DiagnosisDocument, Drawn):
         from viatool.report.diagnoses.figure import draw_diagnosis
 
         return draw_diagnosis(self.diagnosis, self)
+
+    def page(self, checks: Sequence[Check]) -> str:
+        """Return the finding, the picture and the readings with their keys as one page."""
+        from viatool.report.diagnoses.html.page import render_page
+
+        return render_page(self, checks)
 
 
 def _content(diagnosis: Diagnosis) -> dict[str, Any]:

@@ -55,7 +55,7 @@ def assemble(
     data : Any
         Plain data that the scripts read.
     figures : sequence of figure
-        Each is embedded in the element ``plot-NAME``.
+        Each is embedded in the element ``plot-NAME``; without any, the page carries no plotting library.
     checks : sequence of Check
         The decided conditions of the gate.
     **context : Any
@@ -67,7 +67,7 @@ def assemble(
         return (own if own.is_file() else files(_SHARED).joinpath(name)).read_text(encoding="utf-8")
 
     record = document.record
-    sources = [*_library(), *map(asset, scripts)]
+    sources = [*(_library() if figures else ()), *map(asset, scripts)]
     environment = Environment(
         loader=FunctionLoader(asset), autoescape=True, undefined=StrictUndefined, keep_trailing_newline=True
     )
@@ -83,7 +83,7 @@ def assemble(
         scripts=sources,
         data=as_script(data),
         figures=as_script([json_item(plot, f"plot-{plot.name}") for plot in figures]),
-        bokeh_version=bokeh.__version__,
+        bokeh_version=bokeh.__version__ if figures else "",
         checks=checks,
         gate_passed=all(check.passed for check in checks),
         **context,
