@@ -11,10 +11,11 @@ import pytest
 
 from tests.needs import WITHOUT_PYBULLET
 from viatool.errors import ConfigurationError
+from viatool.policy.specification import ObservationChannel
 from viatool.setting.reconcile import with_robot
 from viatool.simulate import Conditions, NavigationSimulator, Simulator, make_simulator
 from viatool.simulate.models import MODELS
-from viatool.world import ROBOTS, Lidar, Obstacles, Scenario, Scenes, WorldMap, load_map
+from viatool.world import ROBOTS, Footprint, Lidar, Obstacles, Scenario, Scenes, WorldMap, load_map
 
 if WITHOUT_PYBULLET:
     pytest.skip("pybullet has no wheel for this Python", allow_module_level=True)
@@ -83,7 +84,7 @@ def test_both_engines_observe_the_same_at_the_same_pose(name: str) -> None:
     assert (np.abs(kinematic[:, :20] - bullet[:, :20]) < 5e-3).mean() > 0.97
 
 
-@pytest.mark.parametrize("robot", list(MODELS))
+@pytest.mark.parametrize("robot", [name for name, model in MODELS.items() if not model.pushed])
 def test_constant_commands_end_where_the_unicycle_ends(lab: WorldMap, robot: str) -> None:
     empty = replace(with_robot(lab, robot), obstacles=Obstacles())
     limits = ROBOTS[robot]
@@ -111,6 +112,97 @@ def test_constant_commands_end_where_the_unicycle_ends(lab: WorldMap, robot: str
     assert away.max() < 0.02
     assert turned.max() < 0.03
     assert np.hypot(*(ends[1][0] - start.start)[:2]) > 0.8 * fast * 2.0 - fast**2 / acceleration
+
+
+def ramped(start: np.ndarray, command: np.ndarray, most: np.ndarray, seconds: float) -> np.ndarray:
+    """Where a body gets whose velocity ahead, turning and to the left grows evenly, by the midpoint rule."""
+    (x, y, theta), held, step = start, np.zeros(3), 1e-3
+    for _ in range(round(seconds / step)):
+        held = held + np.clip(command - held, -most * step, most * step)
+        middle = theta + 0.5 * step * held[1]
+        x += step * (held[0] * np.cos(middle) - held[2] * np.sin(middle))
+        y += step * (held[0] * np.sin(middle) + held[2] * np.cos(middle))
+        theta += step * held[1]
+    return np.array([x, y, theta])
+
+
+@pytest.mark.parametrize(
+    ("robot", "commands"),
+    [
+        ("spot", [(0.8, 0.0, 0.0), (0.5, 1.0, 0.3), (0.0, 0.0, -0.6), (-0.4, -0.8, 0.5), (0.0, 1.5, 0.0)]),
+        ("f1tenth", [(1.0, 0.0), (0.8, 0.7), (0.8, -0.7), (-0.5, 0.4), (0.0, 0.0)]),
+    ],
+)
+def test_a_pushed_body_goes_where_its_velocity_leads(
+    lab: WorldMap, robot: str, commands: list[tuple[float, ...]]
+) -> None:
+    model = MODELS[robot]
+    empty = replace(with_robot(lab, robot), obstacles=Obstacles())
+    start = Scenario("", (-2.5, -2.5, 0.3), (4.0, 4.0))
+    with BulletSimulator(
+        empty, len(commands), scenarios=[start] * len(commands), lidar="analytic"
+    ) as simulator:
+        simulator.reset()
+        for _ in range(20):
+            simulator.step(np.array(commands))
+        ends = simulator.poses.copy()
+    most = np.array([model.acceleration, model.acceleration / model.reach, model.acceleration])
+    for command, end in zip(commands, ends, strict=True):
+        full = np.array([*command, 0.0][:3])
+        expected = ramped(np.array(start.start), full, most, 20 * empty.robot.control_interval)
+        assert np.hypot(*(end - expected)[:2]) < 0.01, command
+        assert abs(np.angle(np.exp(1j * (end - expected)[2]))) < 0.01, command
+
+
+@pytest.mark.parametrize(("robot", "command"), [("spot", (0.0, 0.0, 0.8)), ("f1tenth", (0.8, 0.0))])
+def test_a_pushed_body_does_not_pass_through_what_it_touches(
+    lab: WorldMap, robot: str, command: tuple[float, ...]
+) -> None:
+    world = with_robot(lab.with_clearance(0.001, 0.001), robot)
+    aside = robot == "spot"
+    post = [0.0, 0.8, 0.1] if aside else [1.0, 0.0, 0.1]
+    scenario = Scenario("post", (0.0, 0.0, 0.0), (3.0, 0.0), Obstacles(np.array([post])))
+    narrow = replace(world, robot=replace(world.robot, footprint=Footprint()))
+    with BulletSimulator(narrow, 1, scenarios=[scenario], lidar="analytic") as simulator:
+        simulator.reset()
+        for _ in range(30):
+            step = simulator.step(np.array([command]))
+            if step.collision[0]:
+                break
+        x, y, _ = simulator.poses[0]
+    assert step.collision[0]
+    front = MODELS[robot].outline[:, 1 if aside else 0].max()  # of the body, from the origin
+    assert (y if aside else x) == pytest.approx((0.8 if aside else 1.0) - 0.1 - front, abs=0.04)
+
+
+@pytest.mark.parametrize("robot", ["spot", "f1tenth"])
+def test_both_engines_fill_the_observations_of_robots_without_driven_wheels(
+    robot: str, lab: WorldMap
+) -> None:
+    kinds = ["linear_velocity", "angular_velocity", "pose_x", "pose_y", "heading", "goal_x", "goal_y"]
+    kinds += ["lateral_velocity", "previous_lateral"] if robot == "spot" else []
+    channels = [ObservationChannel(name=kind, kind=kind, size=1) for kind in kinds]
+    world = replace(with_robot(lab, robot), obstacles=Obstacles())
+    scenario = Scenario("", (-2.5, -2.5, 0.3), (4.0, 4.0))
+    command = np.array([[0.5, 0.4, 0.3][: 3 if robot == "spot" else 2]])
+    seen = []
+    for engine in ("kinematic", "bullet"):
+        simulator = make_simulator(engine, world, 1, scenarios=[scenario], channels=channels, noise=0.0)
+        simulator.reset()
+        for _ in range(15):
+            step = simulator.step(command)
+        seen.append(step.observation[0])
+        simulator.close()
+    kinematic, bullet = (dict(zip(kinds, row.tolist(), strict=True)) for row in seen)
+    for kind in kinds:
+        near = 0.02 if "velocity" in kind or "previous" in kind else 0.2  # the body starts from rest
+        assert bullet[kind] == pytest.approx(kinematic[kind], abs=near), kind
+
+
+def test_a_body_of_another_kind_of_robot_is_refused_by_name(lab: WorldMap) -> None:
+    robot = replace(ROBOTS["spot"], name="jackal")
+    with pytest.raises(ConfigurationError, match="'jackal', which moves as 'holonomic', is not known"):
+        BulletSimulator(replace(lab, robot=robot), 1, scenarios=lab.scenarios)
 
 
 def test_a_robot_that_stands_stays(lab: WorldMap) -> None:

@@ -7,9 +7,11 @@ are round figures of the right size. A chassis is centred on the axis of the dri
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
+import numpy as np
+
+from viatool.arrays import Floats
 from viatool.errors import ConfigurationError
 from viatool.motion.kinematics import DIFFERENTIAL
 from viatool.world import Robot
@@ -17,7 +19,7 @@ from viatool.world import Robot
 
 @dataclass(frozen=True)
 class RobotModel:
-    """A robot on two driven wheels and two casters without friction.
+    """A robot on two driven wheels and two casters without friction, or a base that is pushed as its command says.
 
     Parameters
     ----------
@@ -43,6 +45,11 @@ class RobotModel:
         Distance between the axles of a robot with four wheels, in metres; 0 for two wheels. Only drawn.
     friction : float
         Coefficient between wheel and floor.
+    pushed : bool
+        Whether no wheel drives it: the engine gives the base the velocity of the command, and it stands on four casters
+        without friction. So are legs, wheels that slide, and wheels that steer.
+    ahead : float
+        How far the middle of the chassis lies before the robot's origin, in metres.
     """
 
     name: str
@@ -59,6 +66,8 @@ class RobotModel:
     lidar_height: float
     wheelbase: float = 0.0
     friction: float = 1.0
+    pushed: bool = False
+    ahead: float = 0.0
 
     @property
     def caster_radius(self) -> float:
@@ -68,8 +77,15 @@ class RobotModel:
     @property
     def reach(self) -> float:
         """Largest distance of the body from its origin, seen from above, in metres."""
-        half_width = max(0.5 * self.width, 0.5 * self.track + 0.5 * self.wheel_width)
-        return math.hypot(0.5 * self.length, half_width)
+        return float(np.hypot(*self.outline.T).max())
+
+    @property
+    def outline(self) -> Floats:
+        """Corners of the body, seen from above in the robot's frame, (4, 2) metres."""
+        x, y = 0.5 * self.length, max(0.5 * self.width, 0.5 * self.track + 0.5 * self.wheel_width)
+        return np.array(
+            [[self.ahead - x, -y], [self.ahead + x, -y], [self.ahead + x, y], [self.ahead - x, y]]
+        )
 
     @property
     def wheel_width(self) -> float:
@@ -123,9 +139,45 @@ _JACKAL = RobotModel(
     wheelbase=0.262,
 )
 
+# Spot walks, and its body floats: here it is a box that is pushed over the floor. 32.7 kg, 610 mm high where it walks;
+# the acceleration is an assumption.
+_SPOT = RobotModel(
+    name="spot",
+    length=1.100,
+    width=0.500,
+    height=0.200,
+    ground_clearance=0.410,
+    mass=32.7,
+    wheel_radius=0.0,
+    track=0.0,
+    wheel_mass=0.0,
+    wheel_torque=0.0,
+    acceleration=2.0,
+    lidar_height=0.660,
+    pushed=True,
+)
+# f1tenth_gym, default parameters: 3.74 kg, 9.51 m/s^2; its origin is the middle of the rear axle. How its tyres slip is
+# left out, as in the kinematic engine.
+_F1TENTH = RobotModel(
+    name="f1tenth",
+    length=0.580,
+    width=0.310,
+    height=0.070,
+    ground_clearance=0.040,
+    mass=3.74,
+    wheel_radius=0.0,
+    track=0.0,
+    wheel_mass=0.0,
+    wheel_torque=0.0,
+    acceleration=9.51,
+    lidar_height=0.150,
+    pushed=True,
+    ahead=0.1651,
+)
+
 MODELS: dict[str, RobotModel] = {
     "turtlebot3": _WAFFLE,  # the task's robot has its own limits and the body of a Waffle
-    **{model.name: model for model in (_BURGER, _WAFFLE, _JACKAL)},
+    **{model.name: model for model in (_BURGER, _WAFFLE, _JACKAL, _SPOT, _F1TENTH)},
 }
 """The body of every robot that is known by name."""
 
@@ -148,13 +200,13 @@ def model_of(robot: Robot) -> RobotModel:
     Raises
     ------
     ConfigurationError
-        If no body is known for it, or it does not drive on two wheels.
+        If no body is known for it, or that of another kind of robot.
     """
-    _require_wheels(robot)
     model = MODELS.get(robot.name)
-    if model is None:
+    if model is None or model.pushed != (robot.kinematics != DIFFERENTIAL.name):
         raise ConfigurationError(
-            f"the body of robot '{robot.name}' is not known: neither its wheels nor its mass",
+            f"the body of robot '{robot.name}', which moves as '{robot.kinematics}', is not known: neither how it "
+            "drives nor its mass",
             f"choose one with --robot: {', '.join(MODELS)}",
         )
     return model

@@ -1,4 +1,4 @@
-"""The physics engine: every robot drives on its wheels in a physics world of its own."""
+"""The physics engine: every robot drives in a physics world of its own."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _RATE = 120.0  # least number of steps of the engine in a second
 
 
 class BulletSimulator(Simulator):
-    """Robots with mass, wheels, motors and friction.
+    """Robots with mass, on wheels with motors and friction, or on a base that is pushed as the command says.
 
     Parameters
     ----------
@@ -60,8 +60,7 @@ class BulletSimulator(Simulator):
         if lidar not in ("rays", "analytic"):
             raise ConfigurationError(f"unknown LiDAR '{lidar}'", "choose rays or analytic")
         self.model = model_of(self.robot)
-        width = max(self.model.width, self.model.track + self.model.wheel_width)
-        self._body = Footprint.rectangle(self.model.length, width)
+        self._body = Footprint("polygon", polygon=self.model.outline)
         acceleration = self.conditions.acceleration
         interval = self.robot.control_interval
         self._steps_per_interval = math.ceil(interval * _RATE - 1e-9)
@@ -116,7 +115,7 @@ class BulletSimulator(Simulator):
             (
                 slot,
                 [
-                    (length, *command[row].tolist())
+                    (length, command[row].tolist())
                     for length, (_, command) in zip(lengths, commands, strict=True)
                 ],
             )

@@ -23,13 +23,16 @@ def write_urdf(model: RobotModel) -> str:
     -------
     str
         URDF. The driven wheels touch the floor as spheres, so that the point of contact, and with it the track, does
-        not wander; they are drawn as cylinders. Casters are spheres without friction.
+        not wander; they are drawn as cylinders. Casters are spheres without friction; a base that is pushed has four of
+        them and no wheels.
     """
     parts = [_chassis(model), _sensor(model)]
-    for joint, side in ((LEFT, 1.0), (RIGHT, -1.0)):
-        parts.append(_driven_wheel(model, joint, side))
-    for name, direction in (("front_caster", 1.0), ("rear_caster", -1.0)):
-        parts.append(_caster(model, name, direction))
+    sides = (0.0,) if not model.pushed else (0.4 * model.width, -0.4 * model.width)
+    if not model.pushed:
+        parts += [_driven_wheel(model, joint, side) for joint, side in ((LEFT, 1.0), (RIGHT, -1.0))]
+    for end, direction in (("front", 1.0), ("rear", -1.0)):
+        for number, side in enumerate(sides):
+            parts.append(_caster(model, f"{end}_caster_{number}", direction, side))
     for index, (ahead, side) in enumerate(_idle_wheels(model)):
         parts.append(_idle_wheel(model, f"idle_wheel_{index}", ahead, side))
     return f'<?xml version="1.0"?>\n<robot name="{model.name}">\n{"".join(parts)}</robot>\n'
@@ -46,9 +49,9 @@ def _chassis(model: RobotModel) -> str:
     deck = f'<box size="{0.8 * x} {0.8 * y} 0.01"/>'
     top = model.ground_clearance + z + 0.005
     return (
-        f'<link name="base">{_inertial(mass, inertia, low)}'
-        f"{_visual(box, _BODY, z=middle)}{_visual(deck, _DECK, z=top)}"
-        f'<collision><origin xyz="0 0 {middle}"/><geometry>{box}</geometry></collision></link>\n'
+        f'<link name="base">{_inertial(mass, inertia, low, model.ahead)}'
+        f"{_visual(box, _BODY, x=model.ahead, z=middle)}{_visual(deck, _DECK, x=model.ahead, z=top)}"
+        f'<collision><origin xyz="{model.ahead} 0 {middle}"/><geometry>{box}</geometry></collision></link>\n'
     )
 
 
@@ -76,10 +79,10 @@ def _driven_wheel(model: RobotModel, joint: str, side: float) -> str:
     )
 
 
-def _caster(model: RobotModel, name: str, direction: float) -> str:
+def _caster(model: RobotModel, name: str, direction: float, side: float) -> str:
     radius = model.caster_radius
     ball = f'<geometry><sphere radius="{radius}"/></geometry>'
-    at = f"{direction * 0.4 * model.length} 0 {radius}"
+    at = f"{model.ahead + direction * 0.4 * model.length} {side} {radius}"
     return (
         f'<link name="{name}"><contact><{_GRIP} value="0"/></contact>{_inertial(0.001, (1e-6,) * 3, 0.0)}'
         f"<collision>{ball}</collision></link>\n{_fixed(name, at)}"
@@ -112,16 +115,16 @@ def _fixed(name: str, at: str = "0 0 0") -> str:
     )
 
 
-def _inertial(mass: float, inertia: tuple[float, ...], height: float) -> str:
+def _inertial(mass: float, inertia: tuple[float, ...], height: float, ahead: float = 0.0) -> str:
     xx, yy, zz = inertia
     return (
-        f'<inertial><origin xyz="0 0 {height}"/><mass value="{mass}"/>'
+        f'<inertial><origin xyz="{ahead} 0 {height}"/><mass value="{mass}"/>'
         f'<inertia ixx="{xx}" ixy="0" ixz="0" iyy="{yy}" iyz="0" izz="{zz}"/></inertial>'
     )
 
 
-def _visual(geometry: str, colour: str, *, z: float = 0.0, turn: str = "0 0 0") -> str:
+def _visual(geometry: str, colour: str, *, x: float = 0.0, z: float = 0.0, turn: str = "0 0 0") -> str:
     return (
-        f'<visual><origin xyz="0 0 {z}" rpy="{turn}"/><geometry>{geometry}</geometry>'
+        f'<visual><origin xyz="{x} 0 {z}" rpy="{turn}"/><geometry>{geometry}</geometry>'
         f'<material name="m_{colour.replace(" ", "_").replace(".", "")}"><color rgba="{colour}"/></material></visual>'
     )

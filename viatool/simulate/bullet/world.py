@@ -1,4 +1,4 @@
-"""One physics world: a floor, the obstacles of a map, and one robot on its wheels."""
+"""One physics world: a floor, the obstacles of a map, and one robot."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ import numpy as np
 import pybullet
 
 from viatool.arrays import Floats
+from viatool.simulate.bullet.propulsion import propulsion_of
 from viatool.simulate.bullet.scenery import HEIGHT, Ring, TriangleMesh, canonical_form, map_meshes, prisms
-from viatool.simulate.bullet.urdf import LEFT, RIGHT, write_urdf
+from viatool.simulate.bullet.urdf import write_urdf
 from viatool.simulate.models import RobotModel
 from viatool.world import Obstacles, WorldMap
 
 Form = float | Ring  # radius of a cylinder, or corners of a prism
-Segments = Sequence[tuple[int, float, float]]  # steps of the engine, v in m/s, omega in rad/s
+Segments = Sequence[tuple[int, Sequence[float]]]  # steps of the engine, and a command of the kinematics
 
 _GRAVITY = 9.81
 _RAY, _ROBOT, _FLOOR, _SOLID = (
@@ -42,7 +43,7 @@ class BulletWorld:
     model : RobotModel
         The body of the robot.
     acceleration : float
-        Largest change of a wheel's rim speed, in m/s^2.
+        Largest change of a wheel's rim speed, or of the speed of a base without driven wheels, in m/s^2.
     step : float
         Seconds of one step of the engine.
     visible : bool
@@ -63,7 +64,6 @@ class BulletWorld:
     ) -> None:
         self.model = model
         self.visible = visible
-        self._most = acceleration * step  # change of a rim speed in one step, in m/s
         self.client = pybullet.connect(pybullet.GUI if window else pybullet.DIRECT)
         self._solids: dict[Form, list[int]] = {}  # of scenarios, in use or waiting
         pybullet.setGravity(0.0, 0.0, -_GRAVITY, physicsClientId=self.client)
@@ -79,12 +79,7 @@ class BulletWorld:
         for x, y, radius in world_map.obstacles.circles:
             self._add_cylinder(float(radius), (float(x), float(y)), _PAINT["map"])
         self.robot = self._load_robot()
-        joints = {
-            pybullet.getJointInfo(self.robot, joint, physicsClientId=self.client)[1].decode(): joint
-            for joint in range(pybullet.getNumJoints(self.robot, physicsClientId=self.client))
-        }
-        self._wheels = [joints[LEFT], joints[RIGHT]]
-        self._speeds = [0.0, 0.0]  # rim speeds that the motors hold, in m/s
+        self._propulsion = propulsion_of(self.client, self.robot, model, acceleration, step, self._offset)
 
     def close(self) -> None:
         """Give the memory of the engine back."""
@@ -103,13 +98,10 @@ class BulletWorld:
             Of the scenario.
         """
         self.arrange(own)
-        self._speeds = [0.0, 0.0]
-        self._set_motors()
         # In the air the engine forgets the contacts of before, so that nothing is left of an earlier episode.
         for height, steps in ((1.0, 2), (0.0, _SETTLING)):
             self.move_to(pose, height)
-            for joint in self._wheels:
-                pybullet.resetJointState(self.robot, joint, 0.0, 0.0, physicsClientId=self.client)
+            self._propulsion.halt()
             for _ in range(steps):
                 pybullet.stepSimulation(physicsClientId=self.client)
         self.move_to(pose)  # settling may turn it by a hair
@@ -129,14 +121,11 @@ class BulletWorld:
         Parameters
         ----------
         segments : sequence of tuple
-            Steps of the engine, and the v in m/s and omega in rad/s that are asked for during them.
+            Steps of the engine, and what is commanded during them, in the order of the axes of its kinematics.
         """
-        half = 0.5 * self.model.track
-        for steps, linear, angular in segments:
-            targets = (linear - angular * half, linear + angular * half)
+        for steps, command in segments:
             for _ in range(steps):
-                if self._ramp(targets):
-                    self._set_motors()
+                self._propulsion.toward(command)
                 pybullet.stepSimulation(physicsClientId=self.client)
 
     def pose(self) -> tuple[float, float, float]:
@@ -183,28 +172,6 @@ class BulletWorld:
             starts.tolist(), ends.tolist(), collisionFilterMask=_SOLID, physicsClientId=self.client
         )
         return limit * np.array([hit[2] for hit in hits])
-
-    def _ramp(self, targets: tuple[float, float]) -> bool:
-        """Bring the motors' speeds nearer to their targets; tell whether they changed."""
-        most = self._most
-        speeds = [
-            speed + min(max(target - speed, -most), most)
-            for speed, target in zip(self._speeds, targets, strict=True)
-        ]
-        changed = speeds != self._speeds
-        self._speeds = speeds
-        return changed
-
-    def _set_motors(self) -> None:
-        radius, torque = self.model.wheel_radius, self.model.wheel_torque
-        pybullet.setJointMotorControlArray(
-            self.robot,
-            self._wheels,
-            pybullet.VELOCITY_CONTROL,
-            targetVelocities=[speed / radius for speed in self._speeds],
-            forces=[torque, torque],
-            physicsClientId=self.client,
-        )
 
     def _base(self) -> tuple[tuple[float, float, float], tuple[float, float, float, float]]:
         place, turn = pybullet.getBasePositionAndOrientation(self.robot, physicsClientId=self.client)
