@@ -106,3 +106,12 @@ def test_what_no_kinematics_follows_is_bounded_and_refused_by_name(layout):
     asked = run("verify", layout, "--map", room(layout), "--eps", 0.01)
     assert asked.exit_code == 2
     assert "linear_acceleration" in asked.output
+
+
+def test_the_commands_among_which_a_policy_chooses_are_listed():
+    told = run("inspect", "robotis_dqn").output
+    assert "the largest of 5 numbers" in told
+    assert "0 to 4" not in told
+    rows = [line.split() for line in told.splitlines()]
+    table = [(int(row[0]), float(row[1]), float(row[2])) for row in rows if len(row) == 3 and row[1] == "0.2"]
+    assert table == [(0, 0.2, 1.5), (1, 0.2, 0.75), (2, 0.2, 0.0), (3, 0.2, -0.75), (4, 0.2, -1.5)]

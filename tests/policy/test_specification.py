@@ -92,7 +92,7 @@ def test_yaml_and_json_give_the_specification_back(tmp_path: Path) -> None:
         ("upper: 0.5", "upper: -0.5", "- name: v", "exceeds upper"),
         ("upper: 0.5", "uper: 0.5", "uper: 0.5", "uper"),
         ("schema_version: 1", "schema_version: 3", "schema_version", "1"),
-        ("name: omega", "name: v", "schema_version", "'v' is given twice"),
+        ("name: omega", "name: v", "name: v", "'v' is given twice"),
         ("value: 3.5", "value: .nan", "value: .nan", "finite"),
         ("control_interval: 0.1", "control_interval: 0", "control_interval: 0", "greater than 0"),
     ],
@@ -109,6 +109,41 @@ def test_a_mistake_is_named_with_its_line(
         load_specification(path)
     named = [int(line.split(":")[1]) for line in refusal.value.message.splitlines()]
     assert any(where in changed.splitlines()[number - 1] for number in named)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "marked"),
+    [
+        ("name: omega", "name: v  # here", "'v' is given twice"),
+        ("  kind: angular\n  scale: 1.0", "  kind: angular\n  scale: 2.0", "`schema_version: 2`"),
+        ("overrides: []", "frames: {count: 2}  # here\noverrides: []", "`schema_version: 2`"),
+        ("schema_version: 1", "schema_version: 2\naction_map: {scale: [1, 1], offset: [0, 0]}  # here", "version 1"),
+        ("memory: {}", "action_map:\n  scale: [1, 1]\n  offset: [0, 0, 1]  # here\nmemory: {}", "3 numbers for 2"),
+        (
+            "overrides: []",
+            "overrides:\n- when:\n    goal_distanc: {below: 1}  # here\n  command: [0, 0]",
+            "nearest is 'goal_distance'",
+        ),
+        (
+            "overrides: []",
+            "overrides:\n- when: {goal_distance: {below: 1}}\n  command: [0]  # here",
+            "1 numbers for 2",
+        ),
+    ],
+)  # fmt: skip
+def test_what_a_whole_document_gets_wrong_is_shown_at_the_key_that_says_it(
+    old: str, new: str, marked: str, tmp_path: Path
+) -> None:
+    path, text = tmp_path / "robot.yaml", SPEC.to_yaml()
+    assert old in text
+    changed = text.replace(old, new, 1)
+    if new.startswith("overrides:"):
+        changed = changed.replace("schema_version: 1", "schema_version: 2")
+    path.write_text(changed)
+    with pytest.raises(PolicyError, match=marked) as refusal:
+        load_specification(path)
+    line = changed.splitlines()[int(refusal.value.message.split(":")[1]) - 1]
+    assert "# here" in line or line == "- name: omega"
 
 
 def test_files_that_are_no_specification(tmp_path: Path) -> None:

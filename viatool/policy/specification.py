@@ -20,7 +20,7 @@ from viatool.channels.inputs import Inputs
 from viatool.channels.memory import check_memory, first_numbers
 from viatool.errors import ConfigurationError
 from viatool.policy.action_channels import ActionChannel, ActionMap, Override
-from viatool.world.fields import Strict
+from viatool.world.fields import Strict, misplaced
 
 _FULL = 1e-3
 """Radians by which a full circle may be rounded, as in 6.283."""
@@ -129,21 +129,23 @@ class PolicySpecification(Strict):
 
     @model_validator(mode="after")
     def _consistent(self) -> PolicySpecification:
-        checks: list[tuple[str, list[str]]] = [
-            ("observation channel", [channel.name for channel in self.observation]),
-            ("action", [channel.name for channel in self.action]),
-            ("input", self.input if isinstance(self.input, list) else []),
-            ("kind of action", [c.kind for c in self.action if c.kind != "other"]),
+        checks: list[tuple[str, str, list[str]]] = [
+            ("observation", "observation channel", [channel.name for channel in self.observation]),
+            ("action", "action", [channel.name for channel in self.action]),
+            ("input", "input", self.input if isinstance(self.input, list) else []),
+            ("action", "kind of action", ["" if c.kind == "other" else c.kind for c in self.action]),
         ]
-        for what, names in checks:
-            twice = sorted({name for name in names if names.count(name) > 1})
+        for key, what, names in checks:
+            twice = sorted({name for name in names if name and names.count(name) > 1})
             if twice:
-                raise ValueError(f"{what} {', '.join(map(repr, twice))} is given twice")
+                second = names.index(twice[0], names.index(twice[0]) + 1)
+                raise misplaced(f"{what} {', '.join(map(repr, twice))} is given twice", key, second)
         if self.action_map is not None:
             for name, values in (("scale", self.action_map.scale), ("offset", self.action_map.offset)):
                 if len(values) != len(self.action):
-                    raise ValueError(
-                        f"action_map.{name} has {len(values)} numbers for {len(self.action)} actions"
+                    raise misplaced(
+                        f"action_map.{name} has {len(values)} numbers for {len(self.action)} actions",
+                        *("action_map", name),
                     )
         self._check_version()
         check_memory(self.memory, self.observation, self.frames, self.output)
@@ -154,29 +156,46 @@ class PolicySpecification(Strict):
 
     def _check_version(self) -> None:
         """Refuse what version 1 does not have, and what is said twice."""
-        if self.schema_version == 1:
-            newer = [channel.name for channel in self.observation if channel.encoding or channel.frames]
-            newer += [action.name for action in self.action if (action.scale, action.offset) != (1.0, 0.0)]
-            newer += [action.name for action in self.action if action.entry is not None]
-            newer += [name for name in ("frames", "overrides", "memory") if getattr(self, name)]
-            newer += [
-                c.name for c in self.observation if c.lidar is not None and c.lidar.field_of_view is None
-            ]
-            newer += ["input"] if isinstance(self.input, list) else []
-            if newer:
-                raise ValueError(f"{', '.join(dict.fromkeys(newer))}: this needs `schema_version: 2`")
+        newer = self._newer() if self.schema_version == 1 else {}
+        if newer:
+            place = next(iter(newer.values()))
+            raise misplaced(f"{', '.join(newer)}: this needs `schema_version: 2`", *place)
         own = [channel.name for channel in self.observation if channel.frames]
         if own and self.frames:
-            raise ValueError(f"frames are given for everything and for {', '.join(own)}: give one of them")
+            raise misplaced(
+                f"frames are given for everything and for {', '.join(own)}: give one of them", "frames"
+            )
         if self.action_map is not None and self.schema_version == 2:
-            raise ValueError("action_map is of version 1: give each action its own `scale` and `offset`")
+            raise misplaced(
+                "action_map is of version 1: give each action its own `scale` and `offset`", "action_map"
+            )
+
+    def _newer(self) -> dict[str, tuple[str | int, ...]]:
+        """Return what version 1 does not have, by names, and where it stands."""
+        newer: dict[str, tuple[str | int, ...]] = {}
+        for number, channel in enumerate(self.observation):
+            if channel.encoding or channel.frames:
+                newer.setdefault(channel.name, ("observation", number))
+        for number, action in enumerate(self.action):
+            if (action.scale, action.offset) != (1.0, 0.0) or action.entry is not None:
+                newer.setdefault(action.name, ("action", number))
+        for name in ("frames", "overrides", "memory"):
+            if getattr(self, name):
+                newer.setdefault(name, (name,))
+        for number, channel in enumerate(self.observation):
+            if channel.lidar is not None and channel.lidar.field_of_view is None:
+                newer.setdefault(channel.name, ("observation", number, "lidar"))
+        if isinstance(self.input, list):
+            newer.setdefault("input", ("input",))
+        return newer
 
     def _check_choice(self) -> None:
         """Refuse another action beside a choice."""
         choices = [action.name for action in self.action if action.kind == "choice"]
         if choices and len(self.action) > 1:
-            raise ValueError(
-                f"action '{choices[0]}' is a choice, so it is the only one, but there are {len(self.action)}"
+            raise misplaced(
+                f"action '{choices[0]}' is a choice, so it is the only one, but there are {len(self.action)}",
+                "action",
             )
 
     def _check_entries(self) -> None:
@@ -184,14 +203,16 @@ class PolicySpecification(Strict):
         entries = {action.name: action.entry for action in self.action if action.entry is not None}
         silent = [action.name for action in self.action if action.entry is None]
         if entries and silent:
-            raise ValueError(
-                f"action '{silent[0]}' has no `entry`, but '{next(iter(entries))}' has one: give all of them"
+            raise misplaced(
+                f"action '{silent[0]}' has no `entry`, but '{next(iter(entries))}' has one: give all of them",
+                *("action", [action.name for action in self.action].index(silent[0])),
             )
         given = list(entries.values())
         twice = [name for name, entry in entries.items() if given.count(entry) > 1]
         if twice:
-            raise ValueError(
-                f"actions {' and '.join(map(repr, twice))} take the same entry, {entries[twice[0]]}"
+            raise misplaced(
+                f"actions {' and '.join(map(repr, twice))} take the same entry, {entries[twice[0]]}",
+                *("action", [action.name for action in self.action].index(twice[1]), "entry"),
             )
 
     def _check_overrides(self) -> None:
@@ -201,14 +222,15 @@ class PolicySpecification(Strict):
             unknown = [name for name in rule.when if name not in known]
             if unknown:
                 close = get_close_matches(unknown[0], sorted(known), n=1, cutoff=0.0)
-                raise ValueError(
-                    f"overrides.{number}.when: no channel is called '{unknown[0]}' or of that kind, "
-                    f"nearest is '{close[0]}'"
+                raise misplaced(
+                    f"no channel is called '{unknown[0]}' or of that kind, nearest is '{close[0]}'",
+                    *("overrides", number, "when", unknown[0]),
                 )
             if len(rule.command) != len(self.axes):
-                raise ValueError(
-                    f"overrides.{number}.command has {len(rule.command)} numbers for {len(self.axes)} "
-                    f"({', '.join(axis.name for axis in self.axes)})"
+                raise misplaced(
+                    f"{len(rule.command)} numbers for {len(self.axes)} "
+                    f"({', '.join(axis.name for axis in self.axes)})",
+                    *("overrides", number, "command"),
                 )
 
     @property

@@ -18,6 +18,7 @@ from viatool.channels import Frames, LidarSpecification
 from viatool.errors import PolicyError
 from viatool.policy.action_channels import ActionChannel, ActionMap, Bound, Override
 from viatool.policy.specification import ObservationChannel, PolicySpecification
+from viatool.world.fields import place_of
 
 _SPEC_HINT = (
     "see docs/specification.md for the layout, or write a template with `viatool inspect --write-spec`"
@@ -71,8 +72,9 @@ def load_specification(path: str | os.PathLike[str]) -> PolicySpecification:
 def _findings(error: ValidationError, path: Path | None = None, root: Any = None) -> str:
     lines = []
     for finding in error.errors():
-        field = ".".join(str(part) for part in finding["loc"]) or "the document"
-        place = f"{path}:{_line(root, finding['loc'])}: " if path is not None else ""
+        where = place_of(finding)
+        field = ".".join(map(str, where)) or "the document"
+        place = f"{path}:{_line(root, where)}: " if path is not None else ""
         lines.append(f"{place}{field}: {_said(finding)}")
     return "\n".join(lines)
 

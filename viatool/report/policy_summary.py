@@ -16,7 +16,7 @@ from viatool.report.numbers import MISSING, count, counted
 from viatool.report.summaries import print_facts
 
 if TYPE_CHECKING:
-    from viatool.policy import Inspection, PolicySpecification
+    from viatool.policy import ActionChannel, Inspection, PolicySpecification
     from viatool.policy.inspection import Value
 
 _LAYERS_SHOWN = 40
@@ -139,14 +139,37 @@ def _print_specification(spec: PolicySpecification, console: Console) -> None:
     table.add_section()
     for action in spec.action:
         limits = f"{action.lower:g} to {action.upper:g}"
-        _add_row(table, action.name, "1", action.unit, action.kind, limits, *("" for _ in taken), "")
+        if action.commands is not None:
+            limits = f"the largest of {len(action.commands)} numbers selects a command"
+        _add_row(
+            table,
+            action.name,
+            str(action.outputs),
+            action.unit,
+            action.kind,
+            limits,
+            *("" for _ in taken),
+            "",
+        )
     console.print(table)
+    if spec.choice is not None:
+        _print_choice(spec.choice, console)
     facts = [
         ("robot", spec.robot),
         ("control interval", f"{spec.control_interval:g} s"),
         *((f"training {n}", str(v)) for n, v in spec.training.items() if not isinstance(v, dict | list)),
     ]
     print_facts("specification", facts, console)
+
+
+def _print_choice(choice: ActionChannel, console: Console) -> None:
+    """Print the commands among which a policy chooses."""
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False)
+    for name in (f"'{choice.name}' selects", *(choice.axes or ())):
+        table.add_column(Text(shown(name)), justify="right")
+    for number, command in enumerate(choice.commands or ()):
+        _add_row(table, str(number), *(f"{part:g}" for part in command))
+    console.print(table)
 
 
 def _add_row(table: Table, *texts: str) -> None:

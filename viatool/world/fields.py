@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic_core import ErrorDetails, PydanticCustomError
 
 
 def _refuse_truth(value: Any) -> Any:
@@ -38,3 +39,13 @@ class Strict(BaseModel):
     """A typed model that takes no key which it does not know, and does not change."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+def misplaced(message: str, *place: str | int) -> PydanticCustomError:
+    """Return the error of a whole mapping, and at which of its keys it is to be shown."""
+    return PydanticCustomError("value_error", "{message}", {"message": message, "place": place})
+
+
+def place_of(finding: ErrorDetails) -> tuple[str | int, ...]:
+    """Return the key that something found by pydantic is about."""
+    return (*finding["loc"], *finding.get("ctx", {}).get("place", ()))
