@@ -14,6 +14,7 @@ from tests.safety.hand_made_policy import specification, write_policy
 from viatool.errors import ConfigurationError, EmptyEvaluationError, PolicyError, TrajectoryError
 from viatool.policy import ActionChannel, load_policy
 from viatool.simulate import roll_out
+from viatool.taylor import memory
 from viatool.trajectory import Trajectory, load_trajectory, write_trajectory
 from viatool.verification import verify
 from viatool.world import Obstacles, load_map
@@ -134,6 +135,35 @@ def test_only_contested_changes_no_verdict(result, policy, driven):
     skipped = np.isnan(quick.lower).all(axis=1)
     np.testing.assert_array_equal(skipped, ~quick.contested.either)
     json.dumps(quick.to_json(), allow_nan=False)
+
+
+def test_bounds_of_a_large_network_are_refined_only_where_a_verdict_depends_on_them(result, monkeypatch):
+    near = np.flatnonzero(result.contested.either)[:30].tolist()
+    near = np.array(sorted({*near, *range(20)}))
+    large, some = load_policy("policies/via-256.onnx"), result.trajectory.select(near)
+    quick = verify(large, LAB, eps=0.03, trajectory=some, **DISTANCES)
+    assert quick.engine["refined"] == "where a verdict depends on it"
+    monkeypatch.setattr(memory, "_SMALL", np.inf)
+    tight = verify(large, LAB, eps=0.03, trajectory=some, **DISTANCES)
+    assert "refined" not in tight.engine
+    np.testing.assert_array_equal(quick.verdict, tight.verdict)
+    assert quick.danger_rate == tight.danger_rate
+    contested = tight.contested.either
+    assert 0 < contested.sum() < len(contested)
+    assert (quick.lower <= tight.lower + 1e-9).all()
+    assert (quick.upper >= tight.upper - 1e-9).all()
+    settled = (quick.upper - quick.lower)[~contested].mean()
+    assert settled > 1.01 * (tight.upper - tight.lower)[~contested].mean()
+    open_ = ~tight.judgement.all_hold
+    assert open_.any()
+    np.testing.assert_allclose(quick.upper[open_], tight.upper[open_], atol=1e-9)
+
+    monkeypatch.setattr(memory, "_SMALL", 0.0)
+    monkeypatch.setattr(memory, "_KEPT_IN_PASSING", 0.0)
+    none = verify(large, LAB, eps=0.03, trajectory=some, **DISTANCES)
+    assert none.engine["bounded"] == "contested states alone"
+    np.testing.assert_array_equal(none.verdict, tight.verdict)
+    np.testing.assert_array_equal(np.isnan(none.upper).all(axis=1), ~contested)
 
 
 @pytest.mark.parametrize("suffix", ["npz", "csv"])

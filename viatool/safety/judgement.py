@@ -57,6 +57,11 @@ class Judgement:
         if any(part.dtype != np.bool_ for part in (self.safe, self.danger, self.sampled)):
             raise TypeError("verdicts are booleans: a NaN would count as true")
 
+    @property
+    def all_hold(self) -> Booleans:
+        """Return in which states nothing is left open, (N,): tighter bounds of commands would tell nothing new."""
+        return self.safe & self.danger & self.sampled
+
 
 def find_contested(states: JudgedStates) -> Contested:
     """Return which states geometry alone does not settle, at both distances."""

@@ -34,6 +34,12 @@ _OPERATIONS = 4e9
 _LEAST_PARTS, _MOST_PARTS = 512, 1024
 """Parts of a box that are examined for one command of a choice; the most where passes cost little."""
 
+_SMALL = 4e6
+"""Multiplications of a pass over one state up to which tighter bounds cost some milliseconds at most."""
+
+_KEPT_IN_PASSING = 3e6
+"""Coefficients that a pass over one state keeps up to which it takes less than a tenth of a second."""
+
 _ALIKE = 4
 """Free inputs by which the boxes of one pass of higher order may differ."""
 
@@ -95,6 +101,16 @@ def affords_passes(network: Network, count: int) -> bool:
 def affordable_parts(network: Network) -> int:
     """Return how many parts of a box are worth their time for one command of a choice."""
     return int(np.clip(_OPERATIONS / max(_operations_of_a_pass(network), 1.0), _LEAST_PARTS, _MOST_PARTS))
+
+
+def refines_at_once(network: Network) -> bool:
+    """Tell whether bounds may be refined without asking first whether those of one pass do."""
+    return _operations_of_a_pass(network) <= _SMALL
+
+
+def bounds_in_passing(network: Network) -> bool:
+    """Tell whether a pass over a state costs little enough where nothing depends on its bounds."""
+    return _floats_of_a_pass(network) <= _KEPT_IN_PASSING
 
 
 @lru_cache(maxsize=64)

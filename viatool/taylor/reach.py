@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Any, Literal, Protocol, get_args
@@ -19,7 +19,13 @@ from viatool.taylor.choices import Choices, Program, enclose_choices
 from viatool.taylor.deviation import enclose_program
 from viatool.taylor.head import hulls_through, split_head, values_through
 from viatool.taylor.higher_order import higher_hulls
-from viatool.taylor.memory import CACHED_FLOATS, affordable_parts, affords_passes, blocks_of_states
+from viatool.taylor.memory import (
+    CACHED_FLOATS,
+    affordable_parts,
+    affords_passes,
+    blocks_of_states,
+    refines_at_once,
+)
 from viatool.taylor.propagation import Box, propagate
 from viatool.taylor.refinement import (
     extrema_of,
@@ -171,6 +177,14 @@ class ReachableSet:
         parts: dict[str, Any] = {each.name: getattr(self, each.name) for each in fields(self)}
         return replace(self, **{name: part[which] for name, part in parts.items() if part is not None})
 
+    def where(self, these: Booleans, others: ReachableSet) -> ReachableSet:
+        """Return the sets of some of the B boxes, (B,), and for the others those of another reachable set."""
+        chosen: dict[str, Any] = {}
+        for each in fields(self):
+            mine, theirs = getattr(self, each.name), getattr(others, each.name)
+            chosen[each.name] = None if mine is None else np.where(these[:, None], mine, theirs)
+        return ReachableSet(**chosen)
+
     def spread(self, known: Booleans) -> ReachableSet:
         """Return B sets of which some are known, (B,); the others have NaN bounds, and all is possible."""
         spread: dict[str, Any] = {}
@@ -279,6 +293,12 @@ def reach(
         none = empty.astype(bool) if is_choice(policy) else None
         return ReachableSet(empty, empty, empty, empty, empty, none, none)
     return ReachableSet.join(parts)
+
+
+def efforts_of(policy: HasNetwork, settings: Mapping[str, Any]) -> tuple[Mapping[str, Any], ...]:
+    """Return the settings of `reach` to try in turn while something is open: first one pass, where that takes long."""
+    single = {**settings, "refine": "none"}
+    return (settings,) if settings == single or refines_at_once(policy.network) else (single, settings)
 
 
 def is_choice(policy: HasNetwork) -> bool:

@@ -31,10 +31,12 @@ class StateExamination:
         n inputs; it gives commands, of A entries.
     setting : Setting
         Where the robot drives, the meaning of n observation entries and their uncertainty, and what is to hold.
-    engine : mapping
-        Settings of `viatool.reach`.
+    efforts : tuple of mapping
+        Settings of `viatool.reach`: the first for all states, each of the others where a verdict is open still.
+    everywhere : bool
+        Whether the actions of states that are not contested are bounded, too.
     only_contested : bool
-        Whether only the actions of contested states are bounded.
+        Whether the closed loop is followed only from where it can come too near.
     seed : int
         Of the search for counterexamples.
     horizon : HorizonExamination, optional
@@ -45,7 +47,8 @@ class StateExamination:
 
     policy: Policy
     setting: Setting
-    engine: Mapping[str, Any]
+    efforts: tuple[Mapping[str, Any], ...]
+    everywhere: bool
     only_contested: bool
     seed: int
     horizon: HorizonExamination | None = None
@@ -66,14 +69,20 @@ class StateExamination:
             sensors = BlockSensors(self.setting, block, placed.among(movers))
             judged = JudgedStates(self.setting.rules, sensors.placed, block.under_way, block.measured)
             contested = find_contested(judged)
-        with clock.timed("reach"):
-            wanted = contested.either if self.only_contested else np.ones(len(block), dtype=bool)
-            reachable = sensors.reach(self.policy, self.engine, wanted, contested.either)
-            policy = self.setting.driven(self.policy)
-            pieces = CommandPieces.of(policy, reachable, *sensors.bounds)
-            commands = reachable if policy.is_plain else pieces.reachable(reachable)
-        with clock.timed("judge"):
-            judgement = judge_pieces(judged, pieces, contested)
+        policy = self.setting.driven(self.policy)
+        wanted, reachable = contested.either | self.everywhere, None
+        for effort in self.efforts:
+            thorough = contested.either & (effort is self.efforts[-1])
+            with clock.timed("reach"):
+                found = sensors.reach(self.policy, effort, wanted, thorough)
+                reachable = found if reachable is None else found.where(wanted, reachable)
+                pieces = CommandPieces.of(policy, reachable, *sensors.bounds)
+                commands = reachable if policy.is_plain else pieces.reachable(reachable)
+            with clock.timed("judge"):
+                judgement = judge_pieces(judged, pieces, contested)
+            wanted = contested.either & ~judgement.all_hold
+            if not wanted.any():
+                break
         with clock.timed("search"):
             doubtful = np.flatnonzero(~judgement.safe & judged.known & self.search)
             bounds = commands.lower, commands.upper
@@ -86,14 +95,14 @@ class StateExamination:
         return StateFindings(commands, contested, judgement, witnesses, clock.seconds, tubes, crashes)
 
     def _follow(self, block: States, placed: ScenePoses) -> tuple[Tubes | None, Crashes | None]:
-        """Follow the closed loop from every state, or with `only_contested` from those that can come too near."""
+        """Follow the closed loop from every state, or from those that can come too near if the others are left out."""
         if self.horizon is None:
             return None, None
         assert block.previous is not None
         known = np.isfinite(block.previous).all(axis=1)
-        wanted = np.ones(len(block), dtype=bool)
-        if self.only_contested or not known.all():
-            wanted = ~self.horizon.out_of_reach(placed) | (known & (not self.only_contested))
+        wanted, only_near = np.ones(len(block), dtype=bool), self.only_contested
+        if only_near or not known.all():
+            wanted = ~self.horizon.out_of_reach(placed) | (known & (not only_near))
         return self.horizon.examine(
             block.scenarios,
             block.poses,

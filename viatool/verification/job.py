@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from viatool.arrays import Booleans, Indices
 from viatool.errors import ConfigurationError
@@ -18,7 +18,7 @@ from viatool.setting.received import as_received, commands_observed, commands_un
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
 from viatool.simulate import Places
-from viatool.taylor import Arithmetic, Refinement
+from viatool.taylor import Arithmetic, Refinement, bounds_in_passing, efforts_of
 from viatool.taylor.approximation import Approximation
 from viatool.trajectory import BagSettings, Trajectory
 from viatool.uncertainty import ErrorModel, as_error_model
@@ -114,7 +114,9 @@ def verify(
     horizon : Horizon or int, optional
         Follow the closed loop from every state over so many control intervals; see `viatool.safety.Horizon`.
     only_contested : bool
-        Bound the actions only of states that geometry alone does not settle; the others have NaN bounds.
+        Bound the actions only of states that geometry alone does not settle; the others have NaN bounds. Of a very
+        large network in any case (`bounded` in `Result.engine`); bounds of a large one are `refined` only where a
+        verdict depends on it.
     explain_errors : bool
         Judge the states that are not proved again without each error in turn, to tell what it costs.
     noise, seed
@@ -186,11 +188,17 @@ def verify(
             setting.goals(trajectory.scenarios)  # refuses episodes without one
         asked = _states(setting, trajectory, followed=horizon is not None)
         recording = source.compared(setting, trajectory)
-    engine = {"order": order, "approximation": approximation, "refine": refine}
+    engine: dict[str, Any] = {"order": order, "approximation": approximation, "refine": refine}
     commanding = setting.commanding(policy)
+    efforts = efforts_of(commanding, {**engine, "arithmetic": arithmetic})
+    if len(efforts) > 1:
+        engine["refined"] = "where a verdict depends on it"
+    everywhere = not only_contested and bounds_in_passing(commanding.network)
+    if not (everywhere or only_contested):
+        engine["bounded"] = "contested states alone"
     beyond = None if horizon is None else HorizonExamination(commanding, setting.bare(), horizon, arithmetic)
     examination = StateExamination(
-        commanding, setting.bare(), {**engine, "arithmetic": arithmetic}, only_contested, seed, beyond
+        commanding, setting.bare(), efforts, everywhere, only_contested, seed, beyond
     )
     campaign = Campaign(scheduler, checkpoint, resume, chunk)
     with clock.timed("examine"):
@@ -207,7 +215,7 @@ def verify(
             states = _states(other, trajectory, followed=False).select(rows)
             plain = replace(
                 examination, policy=other.commanding(policy), setting=other.bare(), only_contested=True, horizon=None,
-                search=False,
+                everywhere=False, search=False,
             )  # fmt: skip
             return plain(states).judgement.safe
 
