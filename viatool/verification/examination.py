@@ -74,8 +74,8 @@ class StateExamination:
         for effort in self.efforts:
             thorough = contested.either & (effort is self.efforts[-1])
             with clock.timed("reach"):
-                found = sensors.reach(self.policy, effort, wanted, thorough)
-                reachable = found if reachable is None else found.where(wanted, reachable)
+                bounded = sensors.reach(self.policy, effort, wanted, thorough)
+                reachable = bounded if reachable is None else bounded.where(wanted, reachable)
                 pieces = CommandPieces.of(policy, reachable, *sensors.bounds)
                 commands = reachable if policy.is_plain else pieces.reachable(reachable)
             with clock.timed("judge"):
