@@ -174,7 +174,7 @@ class JudgedStates:
         count = runs.seconds.shape[3]
         some = np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int))
         poses, seconds = runs.poses[:, :, :, some], runs.seconds[:, :, :, some]
-        shape = (*actions.shape[:2], -1)
+        shape = (*actions.shape[:2], seconds.shape[2] * len(some))
         return poses.reshape(*shape, 3), seconds.reshape(shape)
 
     def clearance(self, actions: Floats, fractions: Floats) -> Floats:
