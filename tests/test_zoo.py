@@ -22,9 +22,6 @@ REMEMBERING = {
     RECURRENT: "'h' of kind 'memory' holds what the policy remembers",
 }
 """Stacked frames and memory: refused by name where a set of poses is asked about."""
-ACCELERATING = {"archcomp_nav"}
-"""Commands an acceleration: bounded, and refused by name where a robot is to move."""
-
 LARGE = {"navrep", "rl_collision_avoidance", "ros_jackal"}
 """Scans of 512 to 1080 rays: some tens of seconds each."""
 
@@ -50,7 +47,7 @@ def test_there_are_fifteen_layouts_each_with_a_policy_and_a_row_in_the_docs():
     assert [layout for layout in LAYOUTS if not (ZOO / layout / "policy.onnx").exists()] == []
 
 
-@pytest.mark.parametrize("layout", marked(sorted({*LAYOUTS} - ACCELERATING)))
+@pytest.mark.parametrize("layout", marked(LAYOUTS))
 def test_a_layout_is_inspected_driven_and_verified(layout, tmp_path):
     assert run("inspect", layout).exit_code == 0
     drive = f"trajectory:{tmp_path / 'drive.npz'}"
@@ -74,7 +71,7 @@ def test_a_layout_is_inspected_driven_and_verified(layout, tmp_path):
     assert (moved > 0.0).all()
 
 
-@pytest.mark.parametrize("layout", marked(sorted({*LAYOUTS} - ACCELERATING)))
+@pytest.mark.parametrize("layout", marked(LAYOUTS))
 def test_places_are_certified_or_refused_by_name(layout):
     asked = run(
         "certify",
@@ -97,15 +94,20 @@ def test_places_are_certified_or_refused_by_name(layout):
         assert asked.exit_code == 0, asked.output
 
 
-@pytest.mark.parametrize("layout", sorted(ACCELERATING))
-def test_what_no_kinematics_follows_is_bounded_and_refused_by_name(layout):
-    assert run("inspect", layout).exit_code == 0
-    policy = load_policy(ZOO / layout / "policy.onnx", ZOO / layout / "specification.yaml")
+def test_speeds_that_nothing_limits_are_driven_and_verified_but_fill_no_cells():
+    free = "archcomp_nav", "--map", ZOO / "room.yaml", "--eps", 0.01
+    asked = run("verify", *free)
+    assert asked.exit_code == 0, asked.output
+    assert "v unlimited" in asked.output
+    refused = run("certify", *free, "--sample", 1e-5)
+    assert refused.exit_code == 2
+    assert "hold every state that the robot's motion may have" in refused.output
+
+
+def test_bounds_of_accelerations_hold_what_the_network_gives():
+    policy = load_policy(ZOO / "archcomp_nav" / "policy.onnx", ZOO / "archcomp_nav" / "specification.yaml")
     sets = reach(policy, np.zeros((1, policy.input_size)), eps=0.01)
     assert (sets.lower <= policy(np.zeros((1, policy.input_size)))).all()
-    asked = run("verify", layout, "--map", room(layout), "--eps", 0.01)
-    assert asked.exit_code == 2
-    assert "linear_acceleration" in asked.output
 
 
 def test_the_commands_among_which_a_policy_chooses_are_listed():

@@ -12,7 +12,7 @@ import pytest
 from tests.channels.square import lidar, square
 from viatool import verify
 from viatool.errors import ConfigurationError, PolicyError
-from viatool.motion.kinematics import kinematics_of
+from viatool.motion.kinematics import kinematics_of, motion_of
 from viatool.policy import (
     ActionChannel,
     Affine,
@@ -80,7 +80,7 @@ def test_commands_of_the_network_are_those_of_the_program(tmp_path: Path) -> Non
     [
         (["linear", "other"], "no action of p is of kind 'angular'"),
         (["linear", "lateral", "angular"], "p commands angular, lateral and linear, a robot of kinematics"),
-        (["linear_acceleration", "angular"], "p commands linear_acceleration, which no kinematics follows"),
+        (["linear_acceleration", "angular"], "p commands angular and linear_acceleration, a robot of"),
         (
             ["steering", "linear"],
             "p commands linear and steering, a robot of kinematics 'differential' takes",
@@ -147,13 +147,24 @@ def test_rims_are_clipped_one_by_one() -> None:
     [
         (replace(CAR, wheelbase=0.0), "wheelbase of 0 m"),
         (replace(CAR, max_steering=1.6), "steers up to 1.6 rad"),
-        (replace(CAR, max_steering_rate=3.2), "turns by at most 3.2 rad/s, which is not followed"),
+        (
+            replace(CAR, max_steering_rate=3.2, kinematics="second_order_ackermann"),
+            "turns its wheels by at most 3.2 rad/s, and is followed only where they turn at once",
+        ),
     ],
 )
 def test_cars_that_are_not_known_or_not_followed_are_refused(robot: Robot, told: str) -> None:
     with pytest.raises(ConfigurationError, match=told) as raised:
-        kinematics_of("ackermann").limits(robot)
+        motion_of(robot).limits(robot)
     assert raised.value.hint
+
+
+@pytest.mark.parametrize("name", ["second_order_linear", "second_order_angular", "second_order"])
+def test_robots_of_which_nobody_said_how_they_accelerate_are_refused(name: str) -> None:
+    robot = Robot(kinematics=name)
+    with pytest.raises(ConfigurationError, match=r"accelerates .* is not known") as raised:
+        motion_of(robot).limits(robot)
+    assert "acceleration" in raised.value.hint
 
 
 def test_wheels_of_a_robot_whose_width_nobody_said_are_refused() -> None:

@@ -120,7 +120,7 @@ MUTANTS = {
     ),
     "longer braking": (
         (twists, "path"),
-        lambda right: lambda part, others, seconds: right(part, others, Manoeuvre(0.1).seconds),
+        lambda right: lambda part, others, seconds: right(part, others, Manoeuvre(0.1)),
         "point",
         "braking",
     ),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from viatool import load_map
 from viatool.errors import ConfigurationError, MapError
 from viatool.motion.manoeuvre import Manoeuvre
 from viatool.setting.criteria import CRITERIA
@@ -158,3 +160,15 @@ def test_nothing_else_is_a_footprint(footprint, message):
 def test_an_outline_that_is_not_simple_is_refused(corners):
     with pytest.raises(MapError, match="footprint"):
         Rules.of(world(), footprint=corners)
+
+
+def test_rules_of_robots_that_move_otherwise_are_told_apart():
+    """Stored work is told from that of other rules by them: by the kinematics, and by what it knows of the robot."""
+    world = load_map("maps/lab.yaml")
+    robot = replace(world.robot, max_acceleration=1.0, max_angular_acceleration=1.0)
+    told = [
+        json.dumps(Rules.of(world.with_robot(replace(robot, kinematics=name, max_linear=fast))).to_json())
+        for name in ("differential", "second_order_linear", "second_order_angular", "second_order")
+        for fast in (0.5, 0.6)
+    ]
+    assert len(set(told)) == len(told)

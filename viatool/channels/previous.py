@@ -11,7 +11,7 @@ from viatool.channels.channel import Channel
 from viatool.channels.quantity import Part, Quantity, observes, refuse_lidar
 from viatool.channels.views import BoxView, Extent, RecordedInstants, View
 from viatool.errors import PolicyError
-from viatool.motion.kinematics import kinematics_of
+from viatool.motion.kinematics import motion_of
 from viatool.sets.forms import Forms
 
 
@@ -33,7 +33,7 @@ class PreviousCommand(Quantity):
         PolicyError
             If the robot has no such axis.
         """
-        kinematics = kinematics_of(self.robot.kinematics)
+        kinematics = motion_of(self.robot)
         axis = kinematics.axis(self.command)
         if axis is None:
             raise PolicyError(
@@ -57,12 +57,16 @@ class PreviousCommand(Quantity):
         return recorded.previous[:, ("linear", "lateral", "angular").index(self.command)]
 
     def enclose(self, view: BoxView) -> Forms:
-        """Return the part of the state."""
-        return view.command(self.axis)
+        """Return the part of the state; where sets hold the state of the motion instead, any that was carried out."""
+        return view.between(*self._limits) if motion_of(self.robot).state else view.command(self.axis)
 
     def bounds(self, extent: Extent) -> tuple[float, float]:
         """Return the robot's limits."""
-        lower, upper = kinematics_of(self.robot.kinematics).limits(self.robot)
+        return self._limits
+
+    @property
+    def _limits(self) -> tuple[float, float]:
+        lower, upper = motion_of(self.robot).limits(self.robot)
         return float(lower[self.axis]), float(upper[self.axis])
 
     def mirror(self) -> tuple[Indices, Floats]:

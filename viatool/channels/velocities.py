@@ -9,9 +9,14 @@ import numpy as np
 from viatool.arrays import Floats, Indices, Reals
 from viatool.channels.quantity import Quantity, observes
 from viatool.channels.views import BoxView, Extent, RecordedInstants, View
-from viatool.motion.kinematics import kinematics_of
+from viatool.motion.changing import ChangingTwist
+from viatool.motion.kinematics import motion_of
+from viatool.motion.law import Axis
 from viatool.motion.twists import PARTS, HeldTwist, Part
 from viatool.sets.forms import Forms
+
+_KINDS: dict[Part, str] = {"ahead": "linear", "left": "lateral", "turn": "angular"}
+"""The kinds of axes that are parts of a velocity."""
 
 
 class MeasuredVelocity(Quantity):
@@ -23,44 +28,63 @@ class MeasuredVelocity(Quantity):
 
     def measure(self, view: View) -> Reals:
         """Return the velocity at the end of the interval; without one, that of the command before."""
+        number = PARTS.index(self.part)
         if view.velocity is not None:
-            return view.velocity[:, PARTS.index(self.part)]
-        return self._twist.parts(view.previous)[PARTS.index(self.part)]
+            return view.velocity[:, number]
+        if isinstance(self._move, HeldTwist):
+            return self._move.parts(view.previous)[number]
+        raise self.lacks("measure")
 
     def record(self, recorded: RecordedInstants) -> Floats:
         """Return the velocity that the odometry measured."""
         return recorded.velocities[:, PARTS.index(self.part)]
 
     def enclose(self, view: BoxView) -> Forms:
-        """Return the command before: a robot without actuator dynamics has the velocity that it was told to have."""
-        axis = self._axis
-        return view.constant(0.0, 1) if axis is None else view.command(axis)
+        """Return the velocity that sets of states hold, or the command before, which is had at once.
+
+        Of a robot whose motion has a state no command before is held: what it may have of it is the limits.
+        """
+        held = self._held(self._move.before)
+        if held is not None:
+            return view.command(held)
+        return view.between(*self._limits)
 
     def bounds(self, extent: Extent) -> tuple[float, float]:
         """Return the robot's limits."""
-        axis = self._axis
-        if axis is None:
-            return 0.0, 0.0
-        lower, upper = self._twist.limits(self.robot)
-        return float(lower[axis]), float(upper[axis])
+        return self._limits
 
     def mirror(self) -> tuple[Indices, Floats]:
         """Return the speed ahead as it is, the others turned round."""
         return np.arange(1), np.full(1, self.sign)
 
     @property
-    def _twist(self) -> HeldTwist:
-        """Return the robot's kinematics, by which a command is a velocity."""
-        kinematics = kinematics_of(self.robot.kinematics)
-        if not isinstance(kinematics, HeldTwist):
+    def _move(self) -> HeldTwist | ChangingTwist:
+        """Return the robot's kinematics, of which a velocity is known."""
+        kinematics = motion_of(self.robot)
+        if not isinstance(kinematics, HeldTwist | ChangingTwist):
             raise self.lacks("measure")
         return kinematics
 
+    def _held(self, axes: tuple[Axis, ...]) -> int | None:
+        """Return which number of a command or a state this part is; None if it is none of them."""
+        if isinstance(self._move, HeldTwist):
+            velocity = self._move.velocity
+            return velocity.index(self.part) if self.part in velocity else None
+        kinds = [axis.kind for axis in axes]
+        return kinds.index(_KINDS[self.part]) if _KINDS[self.part] in kinds else None
+
     @property
-    def _axis(self) -> int | None:
-        """Return which number of a command this part is; None for a robot that never moves so."""
-        velocity = self._twist.velocity
-        return velocity.index(self.part) if self.part in velocity else None
+    def _limits(self) -> tuple[float, float]:
+        """Return the least and the largest of it that the robot has; of one that never moves so, 0."""
+        move = self._move
+        ends = [(move.axes, move.limits(self.robot)), (move.state, move.state_range)]
+        for axes, (lower, upper) in ends:
+            number = self._held(axes) if axes else None
+            if number is not None:
+                return float(lower[number]), float(upper[number])
+        if isinstance(move, ChangingTwist) and self.part == "turn":
+            return move.turn_limits(self.robot)
+        return 0.0, 0.0
 
 
 @observes("linear_velocity")

@@ -209,12 +209,18 @@ class BoxView:
         return self._column(POSE.index(name))
 
     def command(self, axis: int) -> Forms:
-        """Return one number of the command before as forms (C, 1)."""
+        """Return one number of what sets of states hold behind the pose as forms (C, 1), see `Kinematics.before`."""
         return self._column(len(POSE) + axis)
 
     def _column(self, number: int) -> Forms:
         column, states = [number], self.states
         return Forms(states.centre[:, column], states.slope[:, :, column], states.rest[:, column])
+
+    def between(self, lower: float, upper: float) -> Forms:
+        """Return one number of which nothing is known but its ends, as forms (C, 1)."""
+        ends = (np.full((len(self), 1), end) for end in (lower, upper))
+        found = Forms.between(*ends)
+        return Forms(found.centre, np.zeros((*self.states.slope.shape[:2], 1)), found.rest)
 
     def constant(self, value: float, size: int) -> Forms:
         """Return `size` equal numbers that no state changes, as forms (C, size)."""

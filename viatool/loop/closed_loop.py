@@ -148,6 +148,7 @@ class ClosedLoop:
             np.array(scenario.goal),
             setting.rules.footprint.holds_origin(setting.rules.clearance.collision),
             setting.reading_errors.over_sets(setting.pose_radii),
+            setting.rules.kinematics,
         )
         return cls(setting.commanding(policy), setting, sensors, nowhere, arithmetic)
 
@@ -175,13 +176,19 @@ class ClosedLoop:
     def settled(self, boxes: PoseBoxes) -> Booleans:
         """Tell in which boxes no admissible commands, before and next, endanger a free pose, (C,). **Sound:** yes."""
         lower, upper = self._any_commands(len(boxes))
-        return self.holds(StateBoxes(boxes, lower, upper), lower, upper)
+        before = lower, upper
+        if self.rules.kinematics.state:
+            least, most = self.rules.kinematics.state_range
+            shape = (len(boxes), len(least))
+            before = np.broadcast_to(least, shape), np.broadcast_to(most, shape)
+        return self.holds(StateBoxes(boxes, *before), lower, upper)
 
     def holds(self, cells: StateBoxes, lower: Floats, upper: Floats) -> Booleans:
         """Tell in which cells every command of a box (C, 2) keeps every free pose clear, (C,). **Sound:** yes.
 
         With a dead time the command before goes on from the pose, and the next one acts where that has led. Of the
-        commands that were given before that one nothing is known: each may be any that the robot carries out.
+        commands that were given before that one nothing is known: each may be any that the robot carries out. Where the
+        motion has a state, a command is given in any of those that the cell holds.
         """
         cells.checked()
         require_ordered("commands", lower, upper)
@@ -196,8 +203,16 @@ class ClosedLoop:
             kept[some] = self._keep_clear(boxes.select(some), manoeuvre, held[0][some], held[1][some])
             boxes = after_waiting(boxes, manoeuvre, *held)
         some = np.flatnonzero(kept)
+        lower, upper = self.given_in(cells, lower, upper)
         kept[some] = self._keep_clear(boxes.select(some), rules.manoeuvre, lower[some], upper[some])
         return kept
+
+    def given_in(self, cells: StateBoxes, lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
+        """Return boxes of commands (C, A) with the states of the motion of cells behind them, if it has one."""
+        if not self.rules.kinematics.state:
+            return lower, upper
+        begun = np.stack([cells.previous_lower, cells.previous_upper], axis=1)
+        return self.rules.begun(lower, upper, begun)
 
     def all_hold(self, cells: StateBoxes, pieces: CommandPieces) -> Booleans:
         """Tell in which cells every piece of the commands keeps every free pose clear, (C,). **Sound:** yes."""
@@ -292,7 +307,7 @@ class ClosedLoop:
         moved = influence / np.maximum(influence.sum(axis=1, keepdims=True), 1e-12)
         moved = moved.max(axis=2)  # (C, 3 + A + n)
         pose, before = moved.sum(axis=1), []
-        for axis in range(len(self.rules.kinematics.axes)):
+        for axis in range(len(self.rules.kinematics.before)):
             before.append(moved[:, [3 + axis, *self._told_of(axis, moved.shape[1])]].sum(axis=1))
             pose = pose - before[-1]
         return CommandBounds(pieces, np.stack([pose, *before], axis=1))
@@ -350,6 +365,8 @@ class ClosedLoop:
 
     def _told_of(self, axis: int, symbols: int) -> list[int]:
         """Return the columns of an influence in which the previous command of an axis errs as the policy is told it."""
+        if self.rules.kinematics.state:
+            return []
         quantities, first = self.sensors.quantities, symbols - len(self.setting.radii)
         return [
             first + place.start

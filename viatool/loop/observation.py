@@ -9,6 +9,8 @@ import numpy as np
 from viatool.arrays import Booleans, Floats
 from viatool.channels import BoxView, Quantities, Sightings, View, see_precisely
 from viatool.channels.erring import Erring
+from viatool.motion.kinematics import DIFFERENTIAL
+from viatool.motion.law import Kinematics
 from viatool.rounding import SIGHT_ROUNDING
 from viatool.sets.forms import Forms, PoseBoxes
 from viatool.sets.states import StateBoxes
@@ -35,6 +37,8 @@ class Sensors:
         poses count then; else sensors may read there whatever they can.
     radii : ndarray or Erring, optional
         (n,) by how much each reading may be off, in the unit of its sensor, or how else; None for perfect sensors.
+    kinematics : Kinematics
+        Says what stands behind the poses of states: the command before, or the state of the motion.
     """
 
     quantities: Quantities
@@ -43,6 +47,7 @@ class Sensors:
     goal: Floats
     dry: bool = False
     radii: Floats | Erring | None = None
+    kinematics: Kinematics = DIFFERENTIAL
 
     def enclose(self, cells: StateBoxes, states: Forms | None = None) -> Sightings:
         """Enclose what the network takes anywhere in sets of states, whatever the sensors err.
@@ -80,7 +85,9 @@ class Sensors:
         """Return what perfect sensors read at poses (B, 3) after commands (B, 2), (B, n) in float64 rays."""
         scene = np.zeros(len(poses), np.int64)
         goals = np.broadcast_to(self.goal, (len(poses), 2))
-        return self.quantities.read(View(self.scenes, poses, scene, goals, previous, eyes=see_precisely))
+        command, velocity = self.kinematics.recalled(previous)
+        view = View(self.scenes, poses, scene, goals, command, velocity=velocity, eyes=see_precisely)
+        return self.quantities.read(view)
 
     def _submerged(self, boxes: PoseBoxes) -> Booleans:
         """Tell in which boxes the origin may be in an obstacle or off the map at a pose that counts, (C,)."""

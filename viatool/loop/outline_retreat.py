@@ -81,7 +81,7 @@ class Placements:
         place, shape = middle[:, 0] + 1j * middle[:, 1], (count, _PIECES)
         return cls(
             place.reshape(shape), middle[:, 2].reshape(shape), shift.reshape(shape), turning.reshape(shape),
-            *move.velocities(lower, upper),
+            *move.velocities(lower, upper, manoeuvre.interval),
         )  # fmt: skip
 
     def select(self, which: Indices) -> Placements:

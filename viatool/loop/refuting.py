@@ -13,6 +13,7 @@ from viatool.safety import JudgedStates, Witnesses, search_witnesses
 from viatool.schedule import check_time
 from viatool.sets.forms import PoseBoxes
 from viatool.sets.states import StateBoxes
+from viatool.setting.rules import Rules
 from viatool.taylor.propagation import Box
 
 _CORNERS = np.array([(x, y) for x in (-1.0, 0.0, 1.0) for y in (-1.0, 0.0, 1.0)])
@@ -81,13 +82,21 @@ def refute(loop: ClosedLoop, cells: StateBoxes, commands: CommandBounds, *, seed
     radii = np.maximum(setting.radii - AS_RECEIVED * (1.0 + np.abs(readings).max(axis=0)), 0.0)
     box = Box(*loop.sensors.quantities.inputs.around(readings, radii, within=True))
     placed = replace(loop.geometry, poses=poses, scene=np.zeros(len(row), np.int64), radii=None)
-    judged = JudgedStates(rules, placed, rules.queue(previous[row]))
+    under_way, begun = _known(rules, previous[row])
+    judged = JudgedStates(rules, placed, under_way, begun=begun)
     check_time()
     found = search_witnesses(
         loop.driven, judged, np.arange(len(row)), observations, box,
         commands.lower[row], commands.upper[row], seed=seed,
     )  # fmt: skip
     return Refutations(poses[found.state], previous[row][found.state], replace(found, state=row[found.state]))
+
+
+def _known(rules: Rules, before: Floats) -> tuple[Floats | None, Floats | None]:
+    """Return the commands under way and the ends of the state of the motion, one of both by what stands before."""
+    if rules.kinematics.state:
+        return None, np.stack([before, before], axis=1)
+    return rules.queue(before), None
 
 
 def observe(loop: ClosedLoop, poses: Floats, previous: Floats) -> Floats:
@@ -107,7 +116,8 @@ def _worst_poses(loop: ClosedLoop, boxes: PoseBoxes, place: Floats, previous: Fl
     before = np.repeat(previous, len(_TURNS), axis=0)
     actions = rules.clip(loop.driven(observe(loop, flat, before)))
     placed = replace(loop.geometry, poses=flat, scene=np.zeros(len(flat), np.int64), radii=None)
-    judged = JudgedStates(rules, placed, rules.queue(before))
+    under_way, begun = _known(rules, before)
+    judged = JudgedStates(rules, placed, under_way, begun=begun)
     left = judged.clearance(actions[:, None], _FRACTIONS).reshape(count, len(_TURNS), -1)
     free = _clearance(loop, poses) > rules.clearance.collision + _FREE  # corners may be nearer when turned
     least = np.where(free, left.min(axis=2), np.inf)

@@ -122,6 +122,11 @@ def mission(
         criterion, clearance, None, interval, footprint, 0.0, deceleration, robot, prefer or {}, model
     )
     setting = Setting.of(policy, world_map, eps, wishes, scenarios, job="mission")
+    if setting.rules.kinematics.state:
+        raise ConfigurationError(
+            f"what a {setting.rules.kinematics.description} does over several intervals is not enclosed",
+            "verify its recorded or simulated states, or certify places",
+        )
     chosen = setting.scenarios
     if not chosen:
         raise ConfigurationError(

@@ -8,20 +8,17 @@ from typing import ClassVar
 import numpy as np
 
 from viatool.arrays import Floats
-from viatool.errors import ConfigurationError
-from viatool.motion.law import Axis, Limited
+from viatool.motion.law import Axis, Kinematics, Limited
+from viatool.motion.steered import check_steering, slowly_steered
 from viatool.motion.twists import HeldTwist, Part
-
-STEEPEST = 1.5
-"""Radians of steering within which a car turns: its front wheels stay clear of a quarter turn."""
 
 
 class AckermannDrive(HeldTwist):
     """A command is a speed v of the middle of the rear axle, and the turning speed that it has at a steering angle.
 
     The robot's origin is the middle of the rear axle, which never slips sideways, so ``omega = v tan(steering) /
-    wheelbase``. The steering angle is taken to be reached at once; while a car brakes it is held, so that v and omega
-    fall together.
+    wheelbase``. The steering angle is taken to be reached at once, unless the robot has a `max_steering_rate`: then it
+    moves as a `SlowlySteeredCar`. While a car brakes the angle is held, so that v and omega fall together.
 
     Notes
     -----
@@ -39,20 +36,13 @@ class AckermannDrive(HeldTwist):
         """Return the speed and the steering angle."""
         return (("linear", "steering"),)
 
+    def fitted(self, robot: Limited) -> Kinematics:
+        """See `Kinematics.fitted`."""
+        return slowly_steered(robot) if robot.max_steering_rate else self
+
     def limits(self, robot: Limited) -> tuple[Floats, Floats]:
-        """See `Kinematics.limits`; ConfigurationError if the robot has no wheelbase, or steers too far or slowly."""
-        if robot.max_steering_rate:
-            raise ConfigurationError(
-                f"the car's steering turns by at most {robot.max_steering_rate:g} rad/s, which is not followed: its "
-                "wheels would stand between the angle before and the one that is commanded",
-                "leave `max_steering_rate` out; verdicts are then of a car whose wheels are steered at once",
-            )
-        if not (robot.wheelbase > 0.0 and robot.max_steering <= STEEPEST):
-            raise ConfigurationError(
-                f"a car has a wheelbase of {robot.wheelbase:g} m and steers up to {robot.max_steering:g} rad, expected "
-                f"a positive length and at most {STEEPEST:g} rad",
-                "give the map's robot its `wheelbase` and `max_steering`, or name a known car such as f1tenth",
-            )
+        """See `Kinematics.limits`; ConfigurationError if the robot has no wheelbase, or steers too far."""
+        check_steering(robot)
         fastest = max(abs(robot.min_linear), abs(robot.max_linear))
         turn = fastest * math.tan(robot.max_steering) / robot.wheelbase
         return np.array([robot.min_linear, -turn]), np.array([robot.max_linear, turn])

@@ -106,6 +106,22 @@ class Machine:
 
 
 @dataclass(frozen=True, eq=False)
+class _Lasting:
+    """Paths (C,) that last as long as is said, whatever their speeds."""
+
+    lasting: Floats
+
+    @property
+    def interval(self) -> float:
+        """Return for how long a command acts at most."""
+        return float(self.lasting.max(initial=0.0))
+
+    def seconds(self, speed: Floats, turn: Floats) -> Floats:
+        """See `viatool.motion.law.Timed`."""
+        return self.lasting
+
+
+@dataclass(frozen=True, eq=False)
 class ActuatedMotion(VaryingMotion):
     """What B robots of one make may do.
 
@@ -177,7 +193,7 @@ class ActuatedMotion(VaryingMotion):
     def shares(self, lower: Floats, upper: Floats, seconds: Floats, rim: float) -> Floats:
         """See `VaryingMotion.shares`."""
         once = np.ones(len(lower))
-        return self.machine.kinematics.deviation(lower, upper, once, rim, lambda *_: seconds).shares
+        return self.machine.kinematics.deviation(lower, upper, once, rim, _Lasting(seconds)).shares
 
     def profile(self, state: Indices, lower: Floats, upper: Floats) -> VelocityProfile:
         """See `VaryingMotion.profile`, and the module for why."""

@@ -9,15 +9,15 @@ from 0 to 1 and the pose at s is what holding the command for s of the time give
 - where a whole set of states leads (`successor`, `displacement`), which is what tubes are made of;
 - which way displacements and points of the body go (`directions`, `velocities`), for what retreats.
 
-All laws are the same wherever the robot is and however it is turned. A *state* of the motion beyond the pose (a speed
-that a motor is still to reach, an angle of steered wheels) is declared in `state`; the previous command is not one:
-it is only observed.
+All laws are the same wherever the robot is and however it is turned. A *state* of the motion beyond the pose (the speed
+that an acceleration changes, the angle of steered wheels) is declared in `state`; the previous command is not one:
+it is only observed. What moves a robot is then the command together with the state in which it is given: wherever a law
+takes commands (..., A), it takes (..., A + S), the state behind the command, and a box of them is a box of both.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
@@ -27,8 +27,16 @@ from numpy.typing import ArrayLike
 from viatool.arrays import Booleans, Floats, Plane
 from viatool.sets.forms import Forms, PoseBoxes
 
-Seconds = Callable[[Floats, Floats], Floats]
-"""For how long a command is held: of its speed and turning speed, and growing with both (see `Manoeuvre.seconds`)."""
+
+class Timed(Protocol):
+    """For how long a command is held, and how long its path lasts."""
+
+    @property
+    def interval(self) -> float:
+        """Seconds for which the command acts; afterwards the robot keeps its velocity."""
+
+    def seconds(self, speed: Floats, turn: Floats) -> Floats:
+        """Return how long the path lasts, of the speed and turn at the end of the interval; grows with both."""
 
 
 class Limited(Protocol):
@@ -61,6 +69,18 @@ class Limited(Protocol):
     @property
     def max_steering_rate(self) -> float:
         """How fast they turn, in rad/s; 0 for at once."""
+
+    @property
+    def min_acceleration(self) -> float:
+        """Smallest acceleration along x, in m/s^2."""
+
+    @property
+    def max_acceleration(self) -> float:
+        """Largest acceleration along x, in m/s^2."""
+
+    @property
+    def max_angular_acceleration(self) -> float:
+        """Largest acceleration of the turn to either side, in rad/s^2."""
 
 
 @dataclass(frozen=True)
@@ -116,6 +136,15 @@ class Directions:
     still: Booleans
 
 
+def _words(axes: tuple[Axis, ...], lower: Floats, upper: Floats) -> str:
+    return ", ".join(
+        f"{axis.name} {low:g} to {high:g} {axis.unit}"
+        if low > -np.inf or high < np.inf
+        else f"{axis.name} unlimited"
+        for axis, low, high in zip(axes, lower, upper, strict=True)
+    )
+
+
 class Kinematics(ABC):
     """How a robot moves while it holds a command.
 
@@ -141,6 +170,33 @@ class Kinematics(ABC):
         """Return the kinds of actions that make up a command: one set of them, or one of several, the usual first."""
         return (tuple(axis.kind for axis in self.axes),)
 
+    @property
+    def before(self) -> tuple[Axis, ...]:
+        """Return what sets of states hold beside poses: the state of the motion; without one, the command before."""
+        return self.state or self.axes
+
+    def fitted(self, robot: Limited) -> Kinematics:
+        """Return the kinematics with what it has to know of a robot: itself, unless its motion has a state."""
+        return self
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Return the numbers that it knows of its robot by name; none of a kinematics without a state."""
+        return {}
+
+    @property
+    def state_range(self) -> tuple[Floats, Floats]:
+        """Return the ends of the state of a fitted kinematics, (S,) each; infinite where nothing limits it."""
+        return np.zeros(0), np.zeros(0)
+
+    def after(self, held: Floats, seconds: ArrayLike) -> Floats:
+        """Return the state (..., S) after commands with their state (..., A + S) were held."""
+        return np.zeros((*held.shape[:-1], 0))
+
+    def recalled(self, before: Floats) -> tuple[Floats, Floats | None]:
+        """Return the command before (B, A), and the velocity (B, 3) if that is another one, of states (B, K)."""
+        return before, None
+
     def axis(self, kind: str) -> int | None:
         """Return the number of the axis of a kind; None if there is none."""
         return next((number for number, axis in enumerate(self.axes) if axis.kind == kind), None)
@@ -151,10 +207,12 @@ class Kinematics(ABC):
 
     def range_words(self, lower: Floats, upper: Floats) -> str:
         """Return the ends (A,) of commands in words."""
-        return ", ".join(
-            f"{axis.name} {low:g} to {high:g} {axis.unit}"
-            for axis, low, high in zip(self.axes, lower, upper, strict=True)
-        )
+        return _words(self.axes, lower, upper)
+
+    @property
+    def state_words(self) -> str:
+        """Return the ends of the state in words; nothing without one."""
+        return _words(self.state, *self.state_range)
 
     @abstractmethod
     def limits(self, robot: Limited) -> tuple[Floats, Floats]:
@@ -180,15 +238,24 @@ class Kinematics(ABC):
         """
 
     @abstractmethod
-    def rates(self, lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
+    def rates(self, lower: Floats, upper: Floats, seconds: float) -> tuple[Floats, Floats]:
         """Bound the speed in m/s and the turning speed in rad/s, (...) each, of commands of boxes (..., A).
 
-        For boxes of one command these are what it drives and turns at, not only bounds.
+        They hold at every instant until `seconds`. Without a state, and for boxes of one command, these are what it
+        drives and turns at, not only bounds.
         """
+
+    def last_rates(self, lower: Floats, upper: Floats, seconds: float) -> tuple[Floats, Floats]:
+        """Bound the same after `seconds`; for boxes of one command these are what it then drives and turns at."""
+        return self.rates(lower, upper, seconds)
+
+    def drive(self, poses: Floats, commands: Floats, seconds: ArrayLike, until: float) -> Floats:
+        """Return poses (..., 3) after commands acted for up to `until` seconds, and the velocity stayed after it."""
+        return self.advance(poses, commands, seconds)
 
     @abstractmethod
     def deviation(
-        self, lower: Floats, upper: Floats, until: Floats, rim: float, seconds: Seconds
+        self, lower: Floats, upper: Floats, until: Floats, rim: float, timed: Timed
     ) -> PathDeviation:
         """Bound how far any command of a box leads from where its centre leads.
 
@@ -200,7 +267,7 @@ class Kinematics(ABC):
             (C,) the last fraction of the path that counts.
         rim : float
             Metres to the outermost point that turns with the robot; only for the shares.
-        seconds : callable
+        timed : Timed
             For how long a command is held.
 
         Notes
@@ -216,16 +283,8 @@ class Kinematics(ABC):
         """
 
     @abstractmethod
-    def sagitta(self, length: Floats, turn: Floats, span: Floats) -> Floats:
-        """Bound how far a path leaves its chord between two fractions that are `span` apart.
-
-        Parameters
-        ----------
-        length, turn : ndarray
-            (C,) metres and radians of the whole path.
-        span : ndarray
-            (C,).
-        """
+    def sagitta(self, commands: Floats, timed: Timed, span: Floats) -> Floats:
+        """Bound how far the path of commands (C, A) leaves its chord between fractions that are `span` (C,) apart."""
 
     @abstractmethod
     def outline_motion(self, length: Floats, turn: Floats, span: Floats, rim: float) -> Floats:
@@ -264,12 +323,12 @@ class Kinematics(ABC):
         """
 
     @abstractmethod
-    def directions(self, lower: Floats, upper: Floats, seconds: Seconds) -> Directions:
+    def directions(self, lower: Floats, upper: Floats, timed: Timed) -> Directions:
         """Bound where the displacements of commands of boxes (C, A) point, up to any instant of the path."""
 
     @abstractmethod
-    def velocities(self, lower: Floats, upper: Floats) -> tuple[Plane, Floats]:
-        """Return velocities of the body whose convex hull holds those of all commands of boxes (C, A).
+    def velocities(self, lower: Floats, upper: Floats, seconds: float) -> tuple[Plane, Floats]:
+        """Return velocities of the body whose convex hull holds those of all commands of boxes (C, A) until `seconds`.
 
         Returns
         -------

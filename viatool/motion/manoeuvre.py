@@ -34,11 +34,11 @@ class Manoeuvre:
 
     Notes
     -----
-    The brakes act along the commanded path: all speeds fall in proportion and linearly to 0, as fast as
-    no point within `rim` decelerates harder than `deceleration`. That takes ``(speed + rim turn) /
-    deceleration`` seconds and covers the way that the full command would cover in half of that time. The
-    whole path is hence that of the constant command over `seconds`, which makes braking a longer interval
-    and nothing else.
+    The brakes act along the path of the velocity at the end of the interval: all speeds fall in proportion and linearly
+    to 0, as fast as no point within `rim` decelerates harder than `deceleration`. That takes ``(speed + rim turn) /
+    deceleration`` seconds and covers the way that the full velocity would cover in half of that time. The
+    whole path is hence that of a velocity which stays from then on until `seconds`, which makes braking a longer
+    interval and nothing else. Steered wheels keep their angle while a car brakes.
     """
 
     interval: float
@@ -54,7 +54,7 @@ class Manoeuvre:
         Parameters
         ----------
         speed, turn : ndarray
-            (...) m/s and rad/s, at least 0; the result grows with both.
+            (...) m/s and rad/s at the end of the interval, at least 0; the result grows with both.
 
         Returns
         -------
@@ -67,7 +67,7 @@ class Manoeuvre:
 
     def duration(self, actions: Floats) -> Floats:
         """Return `seconds` of commands (..., A), as (...)."""
-        return self.seconds(*self.kinematics.rates(actions, actions))
+        return self.seconds(*self.kinematics.last_rates(actions, actions, self.interval))
 
     def path(self, poses: Floats, actions: Floats, fractions: Floats) -> Floats:
         """Return the poses at fractions of the path.
@@ -75,7 +75,7 @@ class Manoeuvre:
         Parameters
         ----------
         poses, actions : ndarray
-            (..., 3) and (..., A).
+            (..., 3) and (..., A), behind it the state of the motion if it has one.
         fractions : ndarray
             (...) in [0, 1].
 
@@ -84,7 +84,7 @@ class Manoeuvre:
         ndarray
             (..., 3) poses.
         """
-        return self.kinematics.advance(poses, actions, self.duration(actions) * fractions)
+        return self.kinematics.drive(poses, actions, self.duration(actions) * fractions, self.interval)
 
     def clock(self, actions: Floats, fractions: Floats) -> Floats:
         """Return after how many seconds the robot really is at fractions of the path.
@@ -101,7 +101,7 @@ class Manoeuvre:
         ndarray
             (...) seconds since the command began to act; later than at full speed while it brakes.
         """
-        return self._after(*self.kinematics.rates(actions, actions), fractions)
+        return self._after(*self.kinematics.last_rates(actions, actions, self.interval), fractions)
 
     def _after(self, speed: Floats, turn: Floats, fractions: Floats) -> Floats:
         at_full_speed = fractions * self.seconds(speed, turn)
@@ -114,7 +114,7 @@ class Manoeuvre:
 
     def moves(self, lower: Floats, upper: Floats) -> Booleans:
         """Tell which commands of boxes (..., A) move a point of the footprint: drive it, or turn its corners."""
-        speed, turn = self.kinematics.rates(lower, upper)
+        speed, turn = self.kinematics.rates(lower, upper, self.interval)
         return np.asarray(~((speed == 0.0) & (self.rim * turn == 0.0)))
 
     def counted(self, actions: Floats, fractions: Floats) -> Floats:
@@ -149,7 +149,7 @@ class Manoeuvre:
         (m - sqrt((1 - s) (m^2 + c m))) / deceleration``. Brakes act where ``(1 - s) (m + c) <= m``, and there the slope
         in m is at least ``1 - (m + c / 2) / (m + c)`` of ``1 / deceleration``, which is positive.
         """
-        speed, turn = self.kinematics.rates(lower, upper)
+        speed, turn = self.kinematics.last_rates(lower, upper, self.interval)
         brakes = 0.0 if self.deceleration is None else (speed + self.rim * turn) / self.deceleration
         spare, last = CLOCK_ROUNDING * (self.interval + brakes), self.interval + brakes
         latest = self.begins + np.minimum(self._after(speed, turn, end) + spare, last * SLIGHTLY_MORE)
@@ -161,24 +161,32 @@ class Manoeuvre:
 
     def longest(self, lower: Floats, upper: Floats) -> Floats:
         """Return a bound of the length of the path over boxes of commands (..., A); metres."""
-        speed, turn = self.kinematics.rates(lower, upper)
-        return np.asarray(speed * self.seconds(speed, turn))
+        speed, _ = self.kinematics.rates(lower, upper, self.interval)
+        return np.asarray(speed * self._most_seconds(lower, upper))
 
     def extent(self, actions: Floats) -> tuple[Floats, Floats]:
-        """Return the length in metres and the turn in radians of the paths of commands (..., A), at least 0."""
-        speed, turn = self.kinematics.rates(actions, actions)
-        seconds = self.seconds(speed, turn)
+        """Return the length in metres and the turn in radians of the paths of commands (..., A) at most, at least 0."""
+        speed, turn = self.kinematics.rates(actions, actions, self.interval)
+        seconds = self.duration(actions)
         return speed * seconds, turn * seconds
+
+    def sagitta(self, actions: Floats, span: Floats) -> Floats:
+        """Bound how far the paths of commands (C, A) leave their chords, see `Kinematics.sagitta`."""
+        return self.kinematics.sagitta(actions, self, span)
+
+    def _most_seconds(self, lower: Floats, upper: Floats) -> Floats:
+        """Return how long the path of a command of boxes (..., A) lasts at most, (...)."""
+        return self.seconds(*self.kinematics.last_rates(lower, upper, self.interval))
 
     def deviation(self, lower: Floats, upper: Floats, until: Floats, rim: float = 0.0) -> PathDeviation:
         """Bound how far commands of boxes (C, A) lead from where their centres lead, see `Kinematics.deviation`."""
-        return self.kinematics.deviation(lower, upper, until, rim, self.seconds)
+        return self.kinematics.deviation(lower, upper, until, rim, self)
 
     def directions(self, lower: Floats, upper: Floats) -> Directions:
         """Bound where commands of boxes (C, A) displace the robot, see `Kinematics.directions`."""
-        return self.kinematics.directions(lower, upper, self.seconds)
+        return self.kinematics.directions(lower, upper, self)
 
     def loss(self, lower: Floats, upper: Floats) -> Floats:
         """Return how far the extent of boxes (C, A) along each axis spreads where the path ends, roughly; (C, A)."""
-        speed, turn = self.kinematics.rates(lower, upper)
-        return self.kinematics.loss(upper - lower, speed, self.seconds(speed, turn))
+        speed, _ = self.kinematics.rates(lower, upper, self.interval)
+        return self.kinematics.loss(upper - lower, speed, self._most_seconds(lower, upper))

@@ -35,7 +35,7 @@ from numpy.typing import ArrayLike
 
 from viatool.arrays import Floats, Plane
 from viatool.motion.arcs import cosine_range, drive_arc, least_sinc, sinc, swing
-from viatool.motion.law import Directions, Kinematics, PathDeviation, Seconds
+from viatool.motion.law import Directions, Kinematics, PathDeviation, Timed
 from viatool.rounding import SLIGHTLY, SLIGHTLY_MORE
 from viatool.sets.forms import Forms, PoseBoxes
 
@@ -78,20 +78,20 @@ class HeldTwist(Kinematics):
         ahead, left, turn = self.parts(commands)
         return drive_arc(states, ahead, turn, seconds, left if self.slides else None)
 
-    def rates(self, lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
+    def rates(self, lower: Floats, upper: Floats, seconds: float) -> tuple[Floats, Floats]:
         """See `Kinematics.rates`."""
         ahead, left, turn = self.parts(np.maximum(np.abs(lower), np.abs(upper)))
         return _speed(ahead, left), turn
 
     def deviation(
-        self, lower: Floats, upper: Floats, until: Floats, rim: float, seconds: Seconds
+        self, lower: Floats, upper: Floats, until: Floats, rim: float, timed: Timed
     ) -> PathDeviation:
         """See `Kinematics.deviation`, and the module for why."""
         centre = self.parts(0.5 * (lower + upper))
         length = _speed(*centre[:2])
-        time = seconds(length, np.abs(centre[2]))
+        time = timed.seconds(length, np.abs(centre[2]))
         length = length * time
-        ahead, left, turned = path_radii(self.parts(lower), self.parts(upper), seconds)
+        ahead, left, turned = path_radii(self.parts(lower), self.parts(upper), timed)
         heading = until * turned
         away = until * _speed(ahead, left) + sideways(until * length, heading)
         moves = np.array([part != "turn" for part in self.velocity])
@@ -104,9 +104,10 @@ class HeldTwist(Kinematics):
         by_turn = 0.5 * speed[:, None] * width * np.square(seconds)[:, None]
         return np.where(turning, by_turn, width * seconds[:, None])
 
-    def sagitta(self, length: Floats, turn: Floats, span: Floats) -> Floats:
+    def sagitta(self, commands: Floats, timed: Timed, span: Floats) -> Floats:
         """See `Kinematics.sagitta`."""
-        return np.asarray(0.125 * length * turn * np.square(span))
+        speed, turn = self.rates(commands, commands, timed.interval)
+        return np.asarray(0.125 * speed * turn * np.square(timed.seconds(speed, turn) * span))
 
     def outline_motion(self, length: Floats, turn: Floats, span: Floats, rim: float) -> Floats:
         """See `Kinematics.outline_motion`."""
@@ -169,13 +170,13 @@ class HeldTwist(Kinematics):
             states.rest[:, :3] + np.stack(added, axis=1) + slack[:, None],
         )
 
-    def directions(self, lower: Floats, upper: Floats, seconds: Seconds) -> Directions:
+    def directions(self, lower: Floats, upper: Floats, timed: Timed) -> Directions:
         """See `Kinematics.directions`: half of the turn, for a robot that drives ahead and turns by less than a circle.
 
         Beyond a circle the chord points backwards.
         """
-        speed, fastest = self.rates(lower, upper)
-        half = 0.5 * seconds(speed, fastest)
+        speed, fastest = self.rates(lower, upper, timed.interval)
+        half = 0.5 * timed.seconds(speed, fastest)
         ahead, _, turn = self.parts(lower)
         right, left = half * np.minimum(turn, 0.0), half * np.maximum(self.parts(upper)[2], 0.0)
         held = (ahead >= 0.0) & (left - right < np.pi)
@@ -184,7 +185,7 @@ class HeldTwist(Kinematics):
             held &= aside == 0.0
         return Directions(np.where(held, right, -np.pi), np.where(held, left, np.pi), speed == 0.0)
 
-    def velocities(self, lower: Floats, upper: Floats) -> tuple[Plane, Floats]:
+    def velocities(self, lower: Floats, upper: Floats, seconds: float) -> tuple[Plane, Floats]:
         """Return those of the corners of the boxes, as they are linear in the command; see `Kinematics.velocities`."""
         axes = len(self.axes)
         corner = (np.arange(2**axes)[:, None] >> np.arange(axes)[::-1]) & 1  # (K, A)
@@ -193,7 +194,7 @@ class HeldTwist(Kinematics):
 
 
 def path_radii(
-    lower: tuple[Floats, Floats, Floats], upper: tuple[Floats, Floats, Floats], seconds: Seconds
+    lower: tuple[Floats, Floats, Floats], upper: tuple[Floats, Floats, Floats], timed: Timed
 ) -> tuple[Floats, Floats, Floats]:
     """Bound by how much the parts of a path differ from those of the centre: metres ahead, to the left, and radians.
 
@@ -201,11 +202,11 @@ def path_radii(
     ----------
     lower, upper : tuple of ndarray
         (C,) each: ends of the speeds ahead and to the left in m/s, and of the turning speed in rad/s.
-    seconds : callable
+    timed : Timed
         For how long a command is held.
     """
     centre = tuple(0.5 * (low + high) for low, high in zip(lower, upper, strict=True))
-    middle = path(centre, centre, seconds)
+    middle = path(centre, centre, timed)
     largest = tuple(np.maximum(np.abs(low), np.abs(high)) for low, high in zip(lower, upper, strict=True))
     smallest = tuple(
         np.where(low * high > 0.0, np.minimum(np.abs(low), np.abs(high)), 0.0)
@@ -214,22 +215,20 @@ def path_radii(
     radii = [np.zeros_like(part) for part in middle]
     for end in (lower, upper):
         for other in (smallest, largest):
-            apart = [np.abs(at - mid) for at, mid in zip(path(end, other, seconds), middle, strict=True)]
+            apart = [np.abs(at - mid) for at, mid in zip(path(end, other, timed), middle, strict=True)]
             radii = [np.maximum(*both) for both in zip(radii, apart, strict=True)]
     return radii[0], radii[1], radii[2]
 
 
-def path(
-    part: tuple[Floats, ...], others: tuple[Floats, ...], seconds: Seconds
-) -> tuple[Floats, Floats, Floats]:
+def path(part: tuple[Floats, ...], others: tuple[Floats, ...], timed: Timed) -> tuple[Floats, Floats, Floats]:
     """Return each part of a path, signed, that goes with the sizes of the other parts; metres and radians."""
     ahead, left, turn = part
     speeds = _speed(ahead, others[1]), _speed(others[0], left), _speed(others[0], others[1])
     turning = np.abs(others[2])
     return (
-        ahead * seconds(speeds[0], turning),
-        left * seconds(speeds[1], turning),
-        turn * seconds(speeds[2], np.abs(turn)),
+        ahead * timed.seconds(speeds[0], turning),
+        left * timed.seconds(speeds[1], turning),
+        turn * timed.seconds(speeds[2], np.abs(turn)),
     )
 
 

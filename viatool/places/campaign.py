@@ -149,7 +149,7 @@ def describe(examination: RootExamination, scenario: Scenario) -> dict[str, Any]
         "radii": setting.radii.tolist(),
         "errors": dict(setting.uncertainty.premises()),
         "arithmetic": loop.arithmetic,
-        "cells": {name: part.tolist() for name, part in vars(examination.lattice).items()},
+        "cells": {name: np.asarray(part).tolist() for name, part in vars(examination.lattice).items()},
         "seed": examination.seed,
         **{f"version of {name}": text for name, text in result_versions().items()},
     }

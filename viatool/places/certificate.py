@@ -14,7 +14,7 @@ from viatool.arrays import Indices
 from viatool.places.findings import SETTLED, STATUSES, CellFindings
 from viatool.places.over_time import LastingCells
 from viatool.places.raster import Raster, rasterise
-from viatool.places.tree import Lattice, Nodes
+from viatool.places.tree import AXES, Lattice, Nodes
 from viatool.policy import Policy
 from viatool.setting.asked import Asked
 from viatool.setting.setting import Setting
@@ -154,7 +154,8 @@ class Certificate(Asked):
             "delay": self.rules.delay,
             "arithmetic": self.arithmetic,
             "previous_command": {"lower": lower.tolist(), "upper": upper.tolist()},
-            "smallest_cell": dict(zip(("x", "y", "theta", "v", "omega"), size.tolist(), strict=True)),
+            **self._state,
+            "smallest_cell": dict(zip(self._names, size.tolist(), strict=False)),
             "roots": {"examined": self.examined, "total": self.roots},
             "cells": {name: int((status == kind).sum()) for kind, name in enumerate(STATUSES)},
             "volume": {name: units * unit for name, units in self.units.items()},
@@ -166,6 +167,28 @@ class Certificate(Asked):
             "seconds": dict(self.seconds),
             "versions": dict(self.versions),
             "premises": [premise.to_json() for premise in self.premises],
+        }
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        """Return what the axes of cells are called; of two that are not cut along a second number, four."""
+        state = self.rules.kinematics.state
+        return ("x", "y", "theta", *(axis.name for axis in state)) if state else AXES
+
+    @property
+    def _state(self) -> dict[str, Any]:
+        """Return what the cells hold behind the pose, of a robot whose motion has a state."""
+        kinematics = self.rules.kinematics
+        if not kinematics.state:
+            return {}
+        lower, upper = kinematics.state_range
+        return {
+            "state": {
+                "command": [f"{axis.name} {axis.unit}" for axis in kinematics.axes],
+                "axes": [f"{axis.name} {axis.unit}" for axis in kinematics.state],
+                "lower": lower.tolist(),
+                "upper": upper.tolist(),
+            }
         }
 
     def _witness(self, row: int) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from viatool.arrays import Floats
 from viatool.errors import ConfigurationError, EmptyEvaluationError
 from viatool.loop.closed_loop import ClosedLoop
 from viatool.places.campaign import RootExamination, RootWork, SearchBudget, describe
@@ -20,6 +21,7 @@ from viatool.places.tree import Lattice
 from viatool.policy import Policy, PolicySpecification, load_policy
 from viatool.schedule import Campaign, Deadline, Progress, ignore
 from viatool.setting.criteria import PROVING
+from viatool.setting.rules import Rules
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
 from viatool.taylor import Arithmetic
@@ -164,7 +166,7 @@ def certify(
     smallest = (resolution.side, resolution.side, resolution.halvings)
     lookahead = lookahead or Lookahead()
     grain = max(1, lookahead.coarser)
-    lattice = Lattice.over(setting.world_map.bounds, (rules.lower, rules.upper), smallest, grain)
+    lattice = Lattice.over(setting.world_map.bounds, _before(rules), smallest, grain)
     if lookahead.asked:
         check_lookahead(lookahead, rules, lattice)
     start = time.perf_counter()
@@ -192,6 +194,26 @@ def certify(
         policy, setting, scenario, arithmetic, lattice, found.part, found.units,
         int(np.prod(lattice.count)), seconds, result_versions(), lasting,
     )  # fmt: skip
+
+
+def _before(rules: Rules) -> tuple[Floats, Floats]:
+    """Return the ends (K,) of what stands behind the pose of cells.
+
+    Raises
+    ------
+    ConfigurationError
+        If nothing limits the state of the motion.
+    """
+    kinematics = rules.kinematics
+    if not kinematics.state:
+        return rules.lower, rules.upper
+    lower, upper = kinematics.state_range
+    if not (np.isfinite(lower).all() and np.isfinite(upper).all()):
+        raise ConfigurationError(
+            f"cells hold every state that the robot's motion may have, and its {kinematics.state_words}",
+            "give the map's robot its largest speeds",
+        )
+    return lower, upper
 
 
 def _too_short(until: Deadline, left: float, workers: int) -> EmptyEvaluationError:

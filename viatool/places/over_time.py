@@ -229,6 +229,11 @@ def check_lookahead(lookahead: Lookahead, rules: Rules, lattice: Lattice) -> Mes
             "with a delay it is not known for how long cells stay certified",
             "leave out --delay, --steps and --forever",
         )
+    if rules.kinematics.state:
+        raise ConfigurationError(
+            f"how long cells stay certified is not followed for a {rules.kinematics.description}",
+            "leave out --steps and --forever",
+        )
     mesh = Mesh.of(lattice, lookahead.coarser)
     if len(mesh) > _MOST_CELLS:
         raise ConfigurationError(

@@ -124,15 +124,19 @@ def _largest_axis(nodes: Nodes, deepest: Indices) -> Indices:
 def _loosest_axis(loop: ClosedLoop, lattice: Lattice, nodes: Nodes, commands: CommandBounds) -> Indices:
     """Return the axis whose extent costs most: the command box that it widens, or the places that it spreads."""
     rules = loop.rules
-    loss = rules.manoeuvre.loss(commands.lower, commands.upper).sum(axis=1)
     cells = lattice.cells(nodes)
+    axes = len(rules.kinematics.axes)
+    lost = rules.manoeuvre.loss(*loop.given_in(cells, commands.lower, commands.upper))
+    loss = lost[:, :axes].sum(axis=1)
+    spread = lost[:, axes:] if rules.kinematics.state else _spread_while_waiting(loop, cells)
     places = cells.poses.extent
     score = np.column_stack(
         [
             commands.influence[:, :1] * loss[:, None] + places[:, None],
-            commands.influence[:, 1:3] * loss[:, None] + _spread_while_waiting(loop, cells)[:, :2],
+            commands.influence[:, 1:3] * loss[:, None] + spread[:, :2],
         ]
     )
+    score = np.column_stack([score, np.zeros((len(score), 3 - score.shape[1]))])  # a state of one number
     may = np.column_stack(
         [(nodes.level < lattice.deepest)[:, :_POSE].any(axis=1), (nodes.level < lattice.deepest)[:, _POSE:]]
     )

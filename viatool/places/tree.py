@@ -1,7 +1,8 @@
 """Cells of the state space as nodes of a binary tree: exact volumes, and children that meet without gaps.
 
-The axes are x, y, theta, and v and omega of the step before. A node is a level and an index for every axis: at
-level l each root is cut into 2^l equal parts. Bounds of neighbours come from the same float64 numbers.
+The axes are x, y, theta, and v and omega of the step before, or up to two numbers of the state of the motion. A node
+is a level and an index for every axis: at level l each root is cut into 2^l equal parts. Bounds of neighbours come from
+the same float64 numbers.
 """
 
 from __future__ import annotations
@@ -76,8 +77,10 @@ class Lattice:
         (5,) levels at which the question what is contested is settled.
     deepest : ndarray
         (5,) levels of the smallest cells.
+    numbers : int
+        K, of what stands behind the pose, at most two of which are cut.
     beyond : ndarray
-        (A - 2, 2) ends of the commands before along further axes, which are never cut: every cell takes all of them.
+        (K - 2, 2) ends of the commands before along further axes, which are never cut: every cell takes all of them.
     """
 
     origin: Floats
@@ -86,6 +89,7 @@ class Lattice:
     grain: Indices
     deepest: Indices
     beyond: Floats = field(default_factory=lambda: np.zeros((0, 2)))
+    numbers: int = 2
 
     @classmethod
     def over(
@@ -102,7 +106,7 @@ class Lattice:
         bounds : tuple
             Smallest x, y and largest x, y of the map, in metres.
         commands : tuple of ndarray
-            (A,) each: the smallest and the largest command, v and omega first.
+            (K,) each: the smallest and the largest command, v and omega first, or state of the motion.
         smallest : tuple
             Largest side in metres and opening in radians of the smallest cells; how often commands may be halved.
         grain : int
@@ -114,13 +118,16 @@ class Lattice:
         count = np.ceil(widths / (np.array([side, side, opening]) * 2**levels) - 1e-9).astype(np.int64)
         size = widths / count
         lower, upper = commands
+        cut = min(2, len(lower))
+        none = np.zeros(2 - cut)
         return cls(
-            origin=np.concatenate([bounds[:2], [-np.pi], lower[:2]]),
-            size=np.concatenate([size, (upper - lower)[:2]]),
+            origin=np.concatenate([bounds[:2], [-np.pi], lower[:2], none]),
+            size=np.concatenate([size, (upper - lower)[:2], none]),
             count=np.concatenate([count, [1, 1]]),
             grain=np.array([levels - grain] * 3 + [0, 0]),
-            deepest=np.array([levels] * 3 + [halvings] * 2),
+            deepest=np.array([levels] * 3 + [halvings] * cut + [0] * (2 - cut)),
             beyond=np.column_stack([lower[2:], upper[2:]]),
+            numbers=len(lower),
         )
 
     def roots(self) -> Nodes:
@@ -141,7 +148,8 @@ class Lattice:
         radius = np.maximum(upper - middle, middle - lower) * SLIGHTLY_MORE + SPARE
         whole = np.broadcast_to(self.beyond.T[:, None], (2, len(nodes), len(self.beyond)))
         before = [
-            np.concatenate([end[:, 3:], rest], axis=1) for end, rest in ((lower, whole[0]), (upper, whole[1]))
+            np.concatenate([end[:, 3:], rest], axis=1)[:, : self.numbers]
+            for end, rest in ((lower, whole[0]), (upper, whole[1]))
         ]
         return StateBoxes(PoseBoxes(middle[:, :3], radius[:, :3]), *before)
 

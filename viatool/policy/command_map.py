@@ -226,7 +226,8 @@ def command_map(
         if spec.command_kinds == set(taken):
             columns = tuple(kinds.index(kind) for kind in taken)
             parts = columns, tuple(spec.axes[column] for column in columns), len(kinds)
-            numbers = _MAPS.get(taken, _picked)(parts, robot)
+            own = tuple(axis.kind for axis in kinematics.axes)
+            numbers = _picked(parts, robot) if taken == own else _MAPS[taken](parts, robot)
             choice = spec.choice
             if choice is None:
                 return numbers
@@ -265,13 +266,6 @@ _MAPS: dict[tuple[str, ...], Callable[[Parts, Robot], CommandMap]] = {
 
 def _refusal(named: frozenset[str], kinematics: Kinematics, name: str) -> PolicyError:
     """Return why actions of these kinds command no robot of a kinematics."""
-    changing = [kind for kind in sorted(named) if kind.endswith("_acceleration")]
-    if changing:
-        return PolicyError(
-            f"{name} commands {_listed(changing)}, which no kinematics follows: robots have the speed of "
-            "their command at once",
-            "verify a policy that commands speeds; `viatool bounds` encloses the actions of this one",
-        )
     whole = any(named == set(taken) for one in KINEMATICS.values() for taken in one.takes)
     for taken in kinematics.takes:
         missing = [kind for kind in taken if kind not in named]

@@ -148,7 +148,7 @@ def swept_regions(
     poses : ndarray
         (B, 3) metres and radians.
     lower, upper : ndarray
-        (B, A) ends of the commands.
+        (B, A) ends of the commands, behind them those of the state of the motion if it has one.
     interval : float
         Seconds.
     kinematics : Kinematics
@@ -164,6 +164,6 @@ def swept_regions(
     corner = (np.arange(2**axes)[:, None] >> np.arange(axes)) & 1
     corners = np.where(corner, upper[:, None], lower[:, None])  # (B, K, A)
     times = np.linspace(0.0, interval, 4)
-    points = kinematics.advance(poses[:, None, None], corners[:, :, None], times)[..., :2]
+    points = kinematics.drive(poses[:, None, None], corners[:, :, None], times, interval)[..., :2]
     batch = points.reshape(len(poses), points.shape[1] * points.shape[2], 2)
     return list(shapely.convex_hull(shapely.multipoints(batch)))

@@ -21,7 +21,8 @@ def print_replay(file: WitnessFile, found: Replay, console: Console) -> None:
     """Print one line for each counterexample, and how many still violate."""
     limit = file.rules.clearance.collision
     table = Table(box=box.SIMPLE_HEAD, show_edge=False)
-    for name in ("state", "violates", "clearance [m]", "after [s]", "v [m/s]", "omega [rad/s]"):
+    commands = [f"{axis.name} [{axis.unit}]" for axis in file.rules.kinematics.axes]
+    for name in ("state", "violates", "clearance [m]", "after [s]", *commands):
         table.add_column(name, justify="right")
     table.add_column("nearest obstacle")
     for row, entry in enumerate(file.entries):

@@ -50,7 +50,7 @@ class MotionBoxes:
         (C, A + 1) ends of the command, for a differential drive v in m/s and omega in rad/s, and of the fraction of the
         path in [0, 1]; or (C, A + 4), with the ends of what is added to x, y and theta of the state.
     axes : int
-        A, of a command.
+        A, of a command, and of the state of the motion behind it.
     """
 
     state: Indices
@@ -173,23 +173,23 @@ def enclose(
     lower, upper = cells.commands
     actions, move = 0.5 * (lower + upper), manoeuvre.kinematics
     earliest, latest = _times(cells, here, manoeuvre, actions)
-    seconds, (length, turn) = manoeuvre.duration(actions), manoeuvre.extent(actions)
+    length, turn = manoeuvre.extent(actions)
     rim = footprint.reach if footprint.kind == "polygon" else 0.0
     way = manoeuvre.longest(lower, upper)
     rounding = DISTANCE_ROUNDING * (
         here.scale + np.abs(here.poses).sum(axis=1) + way + turn + footprint.reach + here.fastest * latest
     )
     if footprint.kind == "polygon":
-        middle = move.advance(here.poses, actions, seconds * (0.5 * (start + end)))
+        middle = manoeuvre.path(here.poses, actions, 0.5 * (start + end))
         clearance, attained = here.moved(middle).footprint_clearance(footprint, latest, earliest)
         between = move.outline_motion(length, turn, end - start, rim)
         attained = attained + rounding
     else:
-        first, last = (move.advance(here.poses, actions, seconds * at)[:, :2] for at in (start, end))
+        first, last = (manoeuvre.path(here.poses, actions, at)[:, :2] for at in (start, end))
         clearance, attained = (
             away - footprint.radius for away in here.segment_clearance(first, last, latest, earliest)
         )
-        between = move.sagitta(length, turn, end - start)
+        between = manoeuvre.sagitta(actions, end - start)
         attained = attained + between + rounding
     if here.movers:
         attained = np.minimum(attained, _at_the_end(here, manoeuvre, actions, end, footprint) + rounding)

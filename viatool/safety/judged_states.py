@@ -38,18 +38,26 @@ class JudgedStates:
         older ones as well, which tell of its velocity (`Rules.commands_before`).
     velocity : tuple of ndarray or None
         (B, 3) ends of the velocity that the robot was measured to have; NaN where it was not.
+        command is not known. Needed when the rules have a dead time.
+    begun : ndarray or None
+        (B, 2, S) ends of the state of the motion when the policy observes; NaN where it is not known. Needed when the
+        kinematics has one.
     """
 
     rules: Rules
     observing: ScenePoses
     under_way: Floats | None = None
     velocity: tuple[Floats, Floats] | None = None
+    begun: Floats | None = None
 
     def __post_init__(self) -> None:
         expected = self.rules.commands_before
         found = 0 if self.under_way is None else self.under_way.shape[1]
         if expected and (found < expected if self.rules.varies else found != expected):
             raise ValueError(f"{found} commands are on their way or before, {expected} count")
+        size = len(self.rules.kinematics.state)
+        if size and (self.begun is None or self.begun.shape != (len(self), 2, size)):
+            raise ValueError(f"the state of the motion is not given by {size} numbers and their ends")
 
     def __len__(self) -> int:
         """Return the number of states."""
@@ -59,10 +67,26 @@ class JudgedStates:
         """Return some of the states."""
         under_way = None if self.under_way is None else self.under_way[which]
         velocity = None if self.velocity is None else (self.velocity[0][which], self.velocity[1][which])
-        found = replace(self, observing=self.observing.select(which), under_way=under_way, velocity=velocity)
+        begun = None if self.begun is None else self.begun[which]
+        found = replace(
+            self, observing=self.observing.select(which), under_way=under_way, velocity=velocity, begun=begun
+        )
         if self.motion is not None:
             vars(found)["motion"] = self.motion.select(which)
         return found
+
+    def boxes(self, lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
+        """Return boxes of commands (B, A) with the state of the motion in which they are given, (B, A + S)."""
+        return (lower, upper) if self.begun is None else self.rules.begun(lower, upper, self.begun)
+
+    def held(self, actions: Floats) -> Floats:
+        """Return commands (B, K, A) with the middle of the state of the motion in which they are given."""
+        if self.begun is None:
+            return actions
+        own = np.broadcast_to(
+            self.begun.mean(axis=1)[:, None], (*actions.shape[:2], len(self.rules.kinematics.state))
+        )
+        return np.concatenate([actions, own], axis=2)
 
     @cached_property
     def motion(self) -> ActuatedMotion | None:
@@ -114,15 +138,18 @@ class JudgedStates:
 
     @property
     def known(self) -> Booleans:
-        """Tell of which states every command on its way is known, (B,); nothing is refuted of the others.
+        """Tell of which states commands on their way and the motion are known, (B,); nothing is refuted of the others.
 
         Of a robot with motors and timing of its own those that are not known may be any, and proofs hold for all.
         """
         machine = self.rules.machine
         count = self.rules.dead_time.commands if machine is None else machine.timing.commands
-        if not count or self.under_way is None:
-            return np.ones(len(self), dtype=bool)
-        return np.asarray(np.isfinite(self.under_way[:, -count:]).all(axis=(1, 2)))
+        known = np.ones(len(self), dtype=bool)
+        if count and self.under_way is not None:
+            known &= np.isfinite(self.under_way[:, -count:]).all(axis=(1, 2))
+        if self.begun is not None:
+            known &= np.isfinite(self.begun).all(axis=(1, 2))
+        return known
 
     @property
     def provable(self) -> Booleans:
@@ -160,7 +187,8 @@ class JudgedStates:
         """
         if self.motion is not None:
             return self._corners(actions, len(fractions))[0]
-        acting = self.rules.manoeuvre.path(self.acting.poses[:, None, None], actions[:, :, None], fractions)
+        held = self.held(actions)[:, :, None]
+        acting = self.rules.manoeuvre.path(self.acting.poses[:, None, None], held, fractions)
         waits = [
             manoeuvre.path(here.poses[:, None, None], held[:, None, None], fractions)
             for manoeuvre, (_, here, held) in zip(self.rules.waiting, self.waits, strict=True)
@@ -258,7 +286,7 @@ class JudgedStates:
                 return manoeuvre.counted(held, fractions)
             return manoeuvre.begins + manoeuvre.clock(held, fractions)
 
-        acting = instants(rules.manoeuvre, actions[:, :, None])
+        acting = instants(rules.manoeuvre, self.held(actions)[:, :, None])
         waits = [
             instants(manoeuvre, held[:, None, None])
             for manoeuvre, (_, _, held) in zip(rules.waiting, self.waits, strict=True)

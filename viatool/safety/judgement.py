@@ -161,10 +161,12 @@ def settle(states: JudgedStates, threshold: float) -> Booleans:
     """
     rules, motion = states.rules, states.motion
     here = states.acting if motion is None else states.observing
-    lower, upper = (np.broadcast_to(end, (len(states), len(end))) for end in (rules.lower, rules.upper))
+    lower, upper = states.boxes(
+        *(np.broadcast_to(end, (len(states), len(end))) for end in (rules.lower, rules.upper))
+    )
     if motion is None:
         manoeuvre, end = rules.manoeuvre, np.ones(len(states))
-        way: Floats | float = manoeuvre.longest(rules.lower, rules.upper)
+        way: Floats | float = manoeuvre.longest(lower, upper)
         latest = manoeuvre.counted_between(lower, lower, upper, end, end)[1]
         settled = states.prove_waiting(threshold).proved
     else:
@@ -226,9 +228,8 @@ def prove(states: JudgedStates, lower: Floats, upper: Floats, threshold: float) 
         return prove_clearance(
             states.observing, rules.clip(lower), rules.clip(upper), threshold, states.motion, rules.footprint
         )
-    proof = prove_clearance(
-        states.acting, rules.clip(lower), rules.clip(upper), threshold, rules.manoeuvre, rules.footprint
-    )
+    held = states.boxes(rules.clip(lower), rules.clip(upper))
+    proof = prove_clearance(states.acting, *held, threshold, rules.manoeuvre, rules.footprint)
     waiting = states.prove_waiting(threshold)
     return Proof(proof.proved & waiting.proved, proof.refuted | waiting.refuted)
 

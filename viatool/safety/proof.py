@@ -70,7 +70,8 @@ def prove_clearance(
     placed : ScenePoses
         B states, each a pose or a box of poses.
     lower, upper : ndarray
-        (B, 2) action boxes as the robot carries them out; m/s and rad/s.
+        (B, A) action boxes as the robot carries them out, of a differential drive in m/s and rad/s; behind them the
+        state of the motion, if it has one.
     threshold : float
         The clearance to be exceeded, in metres.
     manoeuvre : Manoeuvre or VaryingMotion

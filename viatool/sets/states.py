@@ -1,4 +1,4 @@
-"""Boxes of states: a box of poses with a box of the commands before."""
+"""Boxes of states: a box of poses with a box of the commands before, or of the state of the motion."""
 
 from __future__ import annotations
 
@@ -13,19 +13,20 @@ from viatool.sets.bounds import require_ordered
 from viatool.sets.forms import Forms, PoseBoxes
 
 POSE = ("x", "y", "theta")
-"""The quantities with which a state begins; those of the command of the step before follow."""
+"""The quantities with which a state begins; those of `Kinematics.before` follow."""
 
 
 @dataclass(frozen=True, eq=False)
 class StateBoxes:
-    """C boxes of states: a box of poses, and a box of commands of the step before.
+    """C boxes of states: a box of poses, and a box of commands of the step before, or of states of the motion.
 
     Parameters
     ----------
     poses : PoseBoxes
         C boxes.
     previous_lower, previous_upper : ndarray
-        (C, A) ends of the commands, of a differential drive v in m/s and omega in rad/s.
+        (C, K) ends of the commands, of a differential drive v in m/s and omega in rad/s. Of a robot whose motion has a
+        state, of that: see `Kinematics.before`.
     """
 
     poses: PoseBoxes

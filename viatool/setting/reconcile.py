@@ -15,7 +15,7 @@ import numpy as np
 
 from viatool.channels import LidarSpecification
 from viatool.errors import ConfigurationError
-from viatool.motion.kinematics import KINEMATICS, kinematics_of
+from viatool.motion.kinematics import KINEMATICS, motion_of
 from viatool.policy import ActionChannel, PolicySpecification
 from viatool.setting.premises import Premise
 from viatool.setting.rules import as_footprint
@@ -102,7 +102,18 @@ def _moved(spec: PolicySpecification, robot: Robot) -> Robot:
     """Return a robot of which no map says how it moves: as a policy commands it."""
     kinds = spec.command_kinds
     fit = [name for name, one in KINEMATICS.items() if kinds in map(frozenset, one.takes)]
-    return robot if robot.kinematics in fit or not fit else replace(robot, kinematics=fit[0])
+    if robot.kinematics in fit or not fit:
+        return robot
+    moved = replace(robot, kinematics=fit[0])
+    if robot.name in ROBOTS:
+        return moved
+    unlimited: dict[str, dict[str, Any]] = {
+        "v": {"min_linear": -np.inf, "max_linear": np.inf},
+        "omega": {"max_angular": np.inf},
+    }
+    for axis in KINEMATICS[fit[0]].state:  # nobody said how fast it may get
+        moved = replace(moved, **unlimited[axis.name])
+    return moved
 
 
 def with_robot(world_map: WorldMap, name: str) -> WorldMap:
@@ -153,10 +164,11 @@ def _interval(parties: Parties, robot: Robot) -> tuple[Robot, Premise]:
 def _limits(parties: Parties, robot: Robot, source: str) -> tuple[Robot, tuple[Premise, ...]]:
     """Return the robot with the limits of its commands that count."""
     asked: dict[str, ActionChannel] = {channel.kind: channel for channel in parties.spec.axes}
-    kinematics = kinematics_of(robot.kinematics)
+    kinematics = motion_of(robot)
     if parties.spec.command_kinds not in map(frozenset, kinematics.takes):
         return robot, ()  # refused where the command is put together
     own = _with_limits(robot, asked)
+    robot = _accelerating(robot, own)
     if not parties.map_speaks and parties.wishes.robot is None:
         _check_symmetric(parties, asked)
         robot, source = own, f"{parties.policy}"
@@ -174,7 +186,19 @@ def _limits(parties: Parties, robot: Robot, source: str) -> tuple[Robot, tuple[P
             robot, source = own, f"{parties.policy}, by --prefer"
         else:
             source = f"{source}; commands beyond are clipped, the policy asks for {_range_of(own)}"
-    return robot, (Premise("commands", _range_of(robot), source),)
+    state = motion_of(robot).state_words
+    speeds = (Premise("state of the motion", state, f"robot '{robot.name}'"),) if state else ()
+    return robot, (Premise("commands", _range_of(robot), source), *speeds)
+
+
+def _accelerating(robot: Robot, own: Robot) -> Robot:
+    """Return a robot of which nobody said how it accelerates: as the policy commands it."""
+    if robot.min_acceleration == robot.max_acceleration:
+        least, most = own.min_acceleration, own.max_acceleration
+        robot = replace(robot, min_acceleration=least, max_acceleration=most)
+    if not robot.max_angular_acceleration:
+        robot = replace(robot, max_angular_acceleration=own.max_angular_acceleration)
+    return robot
 
 
 def _with_limits(robot: Robot, asked: Mapping[str, ActionChannel]) -> Robot:
@@ -190,6 +214,10 @@ def _with_limits(robot: Robot, asked: Mapping[str, ActionChannel]) -> Robot:
         }
     if "linear" in asked:
         limits |= {"min_linear": asked["linear"].lower, "max_linear": asked["linear"].upper}
+    if "linear_acceleration" in asked:
+        channel = asked["linear_acceleration"]
+        ends = min(channel.lower, 0.0), max(channel.upper, 0.0)
+        limits |= {"min_acceleration": ends[0], "max_acceleration": ends[1]}
     limits |= {
         name: max(abs(asked[kind].lower), abs(asked[kind].upper))
         for kind, name in _SYMMETRIC.items()
@@ -198,9 +226,18 @@ def _with_limits(robot: Robot, asked: Mapping[str, ActionChannel]) -> Robot:
     return replace(robot, **limits)
 
 
-_SYMMETRIC = {"angular": "max_angular", "lateral": "max_lateral", "steering": "max_steering"}
+_SYMMETRIC = {
+    "angular": "max_angular",
+    "lateral": "max_lateral",
+    "steering": "max_steering",
+    "angular_acceleration": "max_angular_acceleration",
+}
 """Kinds of commands of which a robot does as much to one side as to the other, and its limit of each."""
-_WORDS = {"angular": ("turns", "rad/s"), "lateral": ("steps aside", "m/s")}
+_WORDS = {
+    "angular": ("turns", "rad/s"),
+    "lateral": ("steps aside", "m/s"),
+    "angular_acceleration": ("the acceleration of turns", "rad/s^2"),
+}
 
 
 def _check_symmetric(parties: Parties, asked: Mapping[str, ActionChannel]) -> None:
@@ -294,14 +331,15 @@ def _same(first: float, second: float) -> bool:
 def _within(asked: Robot, has: Robot) -> bool:
     """Tell whether a robot carries out every command of another one."""
     slack = _SAME * (1.0 + abs(has.max_linear) + has.max_angular)
-    upper = ("max_linear", *_SYMMETRIC.values())
-    return asked.min_linear >= has.min_linear - slack and all(
+    lower = ("min_linear", "min_acceleration")
+    upper = ("max_linear", "max_acceleration", *_SYMMETRIC.values())
+    return all(getattr(asked, name) >= getattr(has, name) - slack for name in lower) and all(
         getattr(asked, name) <= getattr(has, name) + slack for name in upper
     )
 
 
 def _range_of(robot: Robot) -> str:
-    kinematics = kinematics_of(robot.kinematics)
+    kinematics = motion_of(robot)
     return kinematics.range_words(*kinematics.limits(robot))
 
 

@@ -16,7 +16,7 @@ from viatool.errors import ConfigurationError
 from viatool.motion.actuated import Machine
 from viatool.motion.actuation import IDEAL_MOTORS, Actuation
 from viatool.motion.dead_time import DeadTime
-from viatool.motion.kinematics import DIFFERENTIAL, kinematics_of
+from viatool.motion.kinematics import DIFFERENTIAL, motion_of
 from viatool.motion.law import Kinematics
 from viatool.motion.manoeuvre import Manoeuvre
 from viatool.motion.timing import Timing
@@ -91,8 +91,10 @@ class Rules:
         """
         errors = errors or ErrorModel()
         robot = world_map.robot
-        kinematics = followed(kinematics_of(robot.kinematics))
+        kinematics = motion_of(robot)
         lower, upper = kinematics.limits(robot)
+        _check_finite(kinematics, lower, upper)
+        _check_state(kinematics)
         asked = criterion_of(criterion)
         interval = robot.control_interval if interval is None else interval
         if not 0.0 < interval < math.inf:
@@ -109,6 +111,8 @@ class Rules:
         asked.check(robot)
         actuation = actuation_of(errors, kinematics)
         timing, delay = timing_of(errors, interval, delay)
+        if kinematics.state:
+            _refuse_unfollowed(kinematics, errors, delay, timing)
         if not asked.proves and (timing is not None or not actuation.is_ideal):
             raise ConfigurationError(
                 f"{errors.source}: criterion '{criterion}' does not take motors and timing into account",
@@ -182,33 +186,59 @@ class Rules:
 
     def to_json(self) -> dict[str, Any]:
         """Return the rules as plain data, by which stored work is told from that of other rules."""
-
-        def plain(value: Any) -> Any:
-            return value.name if isinstance(value, Kinematics) else value.tolist()
-
-        document: dict[str, Any] = json.loads(json.dumps(asdict(self), default=plain))
+        move, plain = self.kinematics, asdict(replace(self, kinematics=DIFFERENTIAL))
+        plain["kinematics"] = {"name": move.name, **move.parameters} if move.parameters else move.name
+        document: dict[str, Any] = json.loads(json.dumps(plain, default=lambda value: value.tolist()))
         return document
+
+    def begun(self, lower: Floats, upper: Floats, begun: Floats) -> tuple[Floats, Floats]:
+        """Return boxes of commands (C, A) together with those of the state (C, 2, S) in which they are given."""
+        return np.concatenate([lower, begun[:, 0]], axis=1), np.concatenate([upper, begun[:, 1]], axis=1)
 
     def clip(self, actions: Floats) -> Floats:
         """Return commands (..., A) as the robot carries them out; monotone, so ends of a box map to ends."""
         return np.clip(actions, self.lower, self.upper)
 
 
-def followed(kinematics: Kinematics) -> Kinematics:
-    """Return a kinematics whose motion depends on nothing but pose and command.
+def _check_finite(kinematics: Kinematics, lower: Floats, upper: Floats) -> None:
+    """Refuse commands without a limit, of which no proof speaks."""
+    for axis, low, high in zip(kinematics.axes, lower, upper, strict=True):
+        if not (np.isfinite(low) and np.isfinite(high)):
+            raise ConfigurationError(
+                f"the robot's commands {axis.name} reach from {low:g} to {high:g} {axis.unit}",
+                "give the map's robot finite limits; only a speed that is no command may be unlimited",
+            )
 
-    Raises
-    ------
-    ConfigurationError
-        If it has a state of its own, which the proofs do not follow.
-    """
-    if kinematics.state:
+
+def _refuse_unfollowed(
+    kinematics: Kinematics, errors: ErrorModel, delay: float, timing: Timing | None
+) -> None:
+    """Refuse what is not followed for a robot whose motion has a state."""
+    if delay > 0.0:
         names = ", ".join(axis.name for axis in kinematics.state)
         raise ConfigurationError(
-            f"kinematics '{kinematics.name}' has a state of its own ({names}), which is not followed",
-            "choose a kinematics whose robot has the speed that it is told to have",
+            f"a delay of {delay:g} s is not followed for a robot whose motion has a state ({names}): it would be "
+            "another one when the command acts",
+            "leave out --delay",
         )
-    return kinematics
+    stated = {"timing": timing is not None, "obstacles": errors.obstacles != ErrorModel().obstacles}
+    for section, asked in stated.items():
+        if asked:
+            raise ConfigurationError(
+                f"{errors.source}: {section} are followed where a command is a velocity, which it is not for "
+                f"kinematics '{kinematics.name}'",
+                f"leave the section {section} out",
+            )
+
+
+def _check_state(kinematics: Kinematics) -> None:
+    """Refuse a kinematics that declares a state and does not say what it may be."""
+    if len(kinematics.state_range[0]) != len(kinematics.state):
+        names = ", ".join(axis.name for axis in kinematics.state)
+        raise ConfigurationError(
+            f"kinematics '{kinematics.name}' has a state of its own ({names}) without a range, which is not followed",
+            "give it a `state_range` and laws that take the state behind the command",
+        )
 
 
 def as_footprint(footprint: Footprint | str | float | Sequence[Sequence[float]]) -> Footprint:

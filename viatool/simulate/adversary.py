@@ -49,8 +49,8 @@ def choose_observations(
     flat = np.concatenate([beside(sensed) for sensed in simulator.offer(CANDIDATES)])
     actions = np.asarray(policy.run(flat), dtype=np.float64)
     commands = simulator.kinematics.clip(setting.sent(flat, actions), simulator.robot)
-    poses = np.tile(simulator.poses, (CANDIDATES, 1))
-    ahead = simulator.kinematics.advance(poses, commands, _AHEAD * simulator.robot.control_interval)
+    states = np.tile(np.concatenate([simulator.poses, simulator.motion], axis=1), (CANDIDATES, 1))
+    ahead = simulator.kinematics.advance(states, commands, _AHEAD * simulator.robot.control_interval)[:, :3]
     scene = np.tile(simulator.scene, CANDIDATES)
     clearance = simulator.scenes.footprint_clearance(ahead, simulator.robot.footprint, scene)
     return simulator.take(clearance.reshape(CANDIDATES, -1).argmin(axis=0))

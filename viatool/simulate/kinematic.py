@@ -23,7 +23,7 @@ _FINE = 0.01  # seconds over which a changing speed is taken as its mean
 
 
 class NavigationSimulator(Simulator):
-    """Robots that have the speed they are told to have, at once or within the acceleration of their wheels.
+    """Robots that move as their kinematics says, those with wheels also within an acceleration of their own.
 
     Parameters
     ----------
@@ -100,7 +100,10 @@ class NavigationSimulator(Simulator):
         poses = self.poses
         for seconds, command in commands:
             if self.conditions.acceleration is None:
-                poses = self.kinematics.advance(poses, command, seconds)
+                states = self.kinematics.advance(
+                    np.concatenate([poses, self.motion], axis=1), command, seconds
+                )
+                poses, self.motion = states[:, :3], states[:, 3:]
             else:
                 poses = self._accelerate(poses, command, seconds, self.conditions.acceleration)
         return poses, self._touching

@@ -9,6 +9,8 @@ import numpy as np
 from viatool.arrays import Floats, Indices, Reals
 from viatool.channels import Fan, Quantities, View, see
 from viatool.errors import ConfigurationError, EmptyEvaluationError
+from viatool.motion.changing import ChangingTwist
+from viatool.motion.law import Kinematics
 from viatool.setting.setting import Setting
 from viatool.simulate.roll_out import RunnablePolicy
 from viatool.trajectory import Trajectory
@@ -68,12 +70,13 @@ def observe_places(policy: RunnablePolicy, setting: Setting, places: Places, *, 
     -------
     Trajectory
         N states that do not follow one another. Observations have no sensor noise, and the previous command is
-        what the policy commands at the same pose after standing still.
+        what the policy commands at the same pose after standing still. The state of the motion, if there is one, is
+        drawn from its whole range.
 
     Raises
     ------
     ConfigurationError
-        If there is no scenario, or the grid is too fine.
+        If there is no scenario, the grid is too fine, or nothing limits the state of the motion.
     EmptyEvaluationError
         If there is no free place.
     PolicyError
@@ -93,12 +96,15 @@ def observe_places(policy: RunnablePolicy, setting: Setting, places: Places, *, 
     if not len(poses):
         raise EmptyEvaluationError("there is no free place", "lower the clearance or the grid's spacing")
     goals = np.array([scenario.goal for scenario in scenarios])[scene]
-    standing = np.zeros((len(poses), len(setting.rules.kinematics.axes)))
+    motion = _draw_motion(setting.rules.kinematics, len(poses), seed)
+    axes, state = len(setting.rules.kinematics.axes), setting.rules.kinematics.state
     observations = np.empty((len(poses), setting.spec.observation_size))
     for start in range(0, len(poses), _OBSERVED):
         rows = slice(start, start + _OBSERVED)
-        here = View(scenes, poses[rows], scene[rows], goals[rows], standing[rows])
-        observations[rows] = _observe(policy, setting, here)
+        before = motion[rows] if motion.shape[1] else np.zeros((len(motion[rows]), axes))
+        standing, velocity = setting.rules.kinematics.recalled(before)
+        here = View(scenes, poses[rows], scene[rows], goals[rows], standing, velocity=velocity)
+        observations[rows] = _observe(policy, setting, here, motion[rows])
     return Trajectory(
         poses=poses,
         observations=observations,
@@ -112,8 +118,10 @@ def observe_places(policy: RunnablePolicy, setting: Setting, places: Places, *, 
             "only poses that keep the collision distance",
             "previous command: the policy's own at the same pose after standing still",
             "no sensor noise",
+            *(f"{axis.name} drawn at random from its range" for axis in state),
         ),
         connected=False,
+        motion=dict(zip([axis.name for axis in state], motion.T, strict=True)),
     )
 
 
@@ -163,7 +171,19 @@ def _random(
     return np.concatenate(found), np.repeat(np.arange(len(scenes)), share)
 
 
-def _observe(policy: RunnablePolicy, setting: Setting, view: View) -> Floats:
+def _draw_motion(kinematics: Kinematics, count: int, seed: int) -> Floats:
+    """Return states of the motion at random, (N, S), each from its whole range."""
+    lower, upper = kinematics.state_range
+    for axis, low, high in zip(kinematics.state, lower, upper, strict=True):
+        if not (np.isfinite(low) and np.isfinite(high)):
+            raise ConfigurationError(
+                f"nothing limits the {axis.name} of the robot, so poses alone do not say how it moves",
+                "give the map's robot its limits, or drive it through scenarios",
+            )
+    return np.random.default_rng([seed, len(kinematics.axes)]).uniform(lower, upper, (count, len(lower)))
+
+
+def _observe(policy: RunnablePolicy, setting: Setting, view: View, motion: Floats) -> Floats:
     """Return what the policy observes: first after standing still, then after its own command."""
     quantities = _quantities(setting)
     seen: dict[Fan, Reals] = {}
@@ -177,4 +197,7 @@ def _observe(policy: RunnablePolicy, setting: Setting, view: View) -> Floats:
     standing = quantities.measure(view)
     actions = np.asarray(policy.run(standing), dtype=np.float64)
     previous = setting.rules.clip(setting.sent(standing, actions))
-    return quantities.measure(replace(view, previous=previous))
+    velocity, kinematics = view.velocity, setting.rules.kinematics
+    if isinstance(kinematics, ChangingTwist):
+        velocity = kinematics.velocity(np.concatenate([previous, motion], axis=1))
+    return quantities.measure(replace(view, previous=previous, velocity=velocity))

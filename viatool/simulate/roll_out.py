@@ -204,7 +204,8 @@ class _Recording:
     """Collects the states of episodes that run side by side; the scene of a robot is its episode."""
 
     def __init__(self, episodes: int) -> None:
-        self.states: list[tuple[Indices, Floats, Floats, Floats, Floats]] = []
+        self.states: list[tuple[Indices, Floats, Floats, Floats, Floats, Floats]] = []
+        self.motion: tuple[str, ...] = ()
         self.clearances: list[Floats] = []
         self.outcomes = np.full(episodes, "timeout", dtype="U9")
         self.costs = np.zeros(episodes)
@@ -213,8 +214,12 @@ class _Recording:
 
     def add_states(self, simulator: Simulator, observations: Floats, actions: Floats) -> None:
         """Record the states of one instant."""
+        self.motion = tuple(axis.name for axis in simulator.kinematics.state)
         self.states.append(
-            (simulator.scene.copy(), simulator.time.copy(), simulator.poses.copy(), observations, actions)
+            (
+                *(simulator.scene.copy(), simulator.time.copy(), simulator.poses.copy()),
+                *(observations, actions, simulator.motion.copy()),
+            )
         )
 
     def add_step(self, simulator: Simulator, step: Step) -> None:
@@ -229,7 +234,7 @@ class _Recording:
 
     def drive(self, scenarios: tuple[Scenario, ...]) -> Drive:
         """Return everything, sorted by episode."""
-        episode, time, poses, observations, actions = (
+        episode, time, poses, observations, actions, motion = (
             np.concatenate(arrays) for arrays in zip(*self.states, strict=True)
         )
         order = np.argsort(episode, kind="stable")
@@ -243,5 +248,6 @@ class _Recording:
             costs=self.costs,
             scenarios=scenarios,
             from_rest=True,
+            motion=dict(zip(self.motion, motion[order].T, strict=True)),
         )
         return Drive(trajectory, self.ends, np.concatenate(self.clearances)[order], self.least)

@@ -16,7 +16,8 @@ from viatool.arrays import Booleans, Floats, Indices, Reals
 from viatool.channels import Fan, Frames, View, see
 from viatool.errors import ConfigurationError
 from viatool.motion.arcs import wrap_angle
-from viatool.motion.kinematics import kinematics_of
+from viatool.motion.changing import ChangingTwist
+from viatool.motion.kinematics import motion_of
 from viatool.motion.twists import HeldTwist
 from viatool.policy.specification import ObservationChannel
 from viatool.simulate.conditions import Conditions
@@ -103,6 +104,8 @@ class Simulator(ABC):
         (E,) since the last reset.
     time : ndarray
         (E,) seconds since the last reset.
+    motion : ndarray
+        (E, S) the state of the motion: the speeds or the steering that robots have.
     scenes, scene : Scenes, ndarray
         The geometry, and which of its scenes each robot is in, (E,).
 
@@ -134,7 +137,7 @@ class Simulator(ABC):
     ) -> None:
         self.world_map = world_map
         self.robot = world_map.robot
-        self.kinematics = kinematics_of(self.robot.kinematics)
+        self.kinematics = motion_of(self.robot)
         axes = len(self.kinematics.axes)
         self.task = _task(task, horizon)
         self.conditions = (conditions or Conditions()).with_noise(noise)
@@ -165,6 +168,7 @@ class Simulator(ABC):
         self.time: Floats = np.zeros(robots)
         self._offered = np.zeros((0, robots, 0))
         self._velocity = np.zeros((robots, 3))
+        self.motion = np.zeros((robots, len(self.kinematics.state)))
         self._raw = np.zeros((robots, self.observer.quantities.outputs))
         slow = self.conditions.lidar_rate is not None  # then a scan is held until the next one
         fans = self.observer.fans if slow else ()
@@ -203,9 +207,21 @@ class Simulator(ABC):
 
     def _moving(self, before: Floats, commands: Floats) -> Floats:
         """Return the velocity that robots have after a step, (E, 3), which began at poses and ended with commands."""
+        if isinstance(self.kinematics, ChangingTwist):
+            return self.kinematics.velocity(np.concatenate([commands, self.motion], axis=1))
         if not isinstance(self.kinematics, HeldTwist):
             return self._average(before)
         return np.stack(self.kinematics.parts(commands), axis=1)
+
+    @property
+    def _driven(self) -> Floats:
+        """Return the speed ahead and the turning speed that rewards speak of, first of all, (E, >= 2)."""
+        return self._velocity[:, [0, 2]] if self.kinematics.state else self.previous
+
+    def _set_down(self, index: Indices) -> Floats:
+        """Return the velocity of robots that were set down, (W, 3): none, unless their limits allow no other."""
+        _, velocity = self.kinematics.recalled(self.motion[index]) if self.kinematics.state else (None, None)
+        return np.zeros((len(index), 3)) if velocity is None else velocity
 
     def _average(self, before: Floats) -> Floats:
         """Return the average velocity of robots in the last interval, (E, 3)."""
@@ -268,7 +284,8 @@ class Simulator(ABC):
         if len(index):
             self.scene[index], self.poses[index], self.goals[index] = self._source.take(self._slots[index])
             self.previous[index] = 0.0
-            self._velocity[index] = 0.0
+            self.motion[index] = np.clip(0.0, *self.kinematics.state_range)
+            self._velocity[index] = self._set_down(index)
             self._raw[index] = 0.0
             self.steps[index] = 0
             self.time[index] = 0.0
@@ -318,7 +335,7 @@ class Simulator(ABC):
         self._past = _with(readings, self._past)
         return Step(
             observation=self._observation.copy(),
-            reward=self.task.reward(self.previous, nearest, success, collision),
+            reward=self.task.reward(self._driven, nearest, success, collision),
             cost=((clearance < self.world_map.clearance.danger) | touching).astype(np.float64),
             terminated=terminated,
             truncated=(self.steps >= self.task.horizon) & ~terminated,
@@ -367,6 +384,7 @@ class Simulator(ABC):
             "_observation",
             "_past",
             "_velocity",
+            "motion",
             "_raw",
         )
         for name in names:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from viatool.arrays import Floats, Indices
-from viatool.motion.kinematics import kinematics_of
+from viatool.motion.kinematics import motion_of
 from viatool.setting.setting import Setting
 from viatool.simulate.roll_out import Drive
 from viatool.trajectory import Trajectory
@@ -129,7 +129,7 @@ def summarise_drive(drive: Drive, setting: Setting) -> Statistics:
     edges = np.arange(0.0, _LAST + 0.5 * _BIN, _BIN)
     bins = np.minimum((drive.clearances / _BIN + 1e-9).astype(np.int64), len(edges) - 1)
     robot, asked = setting.robot, setting.sent(trajectory.observations, trajectory.actions)
-    beyond = (np.abs(kinematics_of(robot.kinematics).clip(asked, robot) - asked) > 1e-6).any(axis=1)
+    beyond = (np.abs(motion_of(robot).clip(asked, robot) - asked) > 1e-6).any(axis=1)
     return Statistics(
         **shares,
         average_cost=float(trajectory.costs.mean()),

@@ -9,6 +9,10 @@ if TYPE_CHECKING:
     from viatool.policy import PolicySpecification
 
 
+MOTION = "motion_"
+"""Before the names of what a robot has besides its pose."""
+
+
 def numbered(name: str, size: int) -> list[str]:
     """Return `name` itself for one column, and name_0, name_1, ... for more."""
     return [name] if size == 1 else [f"{name}_{index}" for index in range(size)]

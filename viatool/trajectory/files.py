@@ -7,13 +7,14 @@ import zipfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from viatool.errors import TrajectoryError
 from viatool.trajectory.bag import SUFFIXES as BAGS
 from viatool.trajectory.bag import is_bag
+from viatool.trajectory.columns import MOTION
 from viatool.trajectory.recording import BagSettings, load_bag
 from viatool.trajectory.scenario_text import read_scenario, write_scenario
 from viatool.trajectory.table import load_table, write_table
@@ -56,7 +57,8 @@ def load_trajectory(
     Notes
     -----
     The npz arrays are `pose`, `observation`, `action`, `episode`, `time`, `outcome`, `cost`, `people` and `scenario`
-    (JSON); only the first two are needed, so the state table of a verification is a trajectory as well.
+    (JSON); only the first two are needed, so the state table of a verification is a trajectory as well. What a robot
+    had besides its pose stands in arrays or columns `motion_v` (m/s), `motion_omega` (rad/s), `motion_steering` (rad).
     """
     path = Path(path)
     if is_bag(path) and path.exists():
@@ -118,6 +120,7 @@ def write_trajectory(
 
 
 def _write_arrays(path: Path, trajectory: Trajectory) -> None:
+    motion: dict[str, Any] = {MOTION + name: own for name, own in trajectory.motion.items()}
     with path.open("wb") as stream:
         np.savez_compressed(
             stream,
@@ -130,12 +133,14 @@ def _write_arrays(path: Path, trajectory: Trajectory) -> None:
             cost=trajectory.costs,
             people=trajectory.people,
             scenario=np.array([write_scenario(scenario) for scenario in trajectory.scenarios], dtype=np.str_),
+            **motion,
         )
 
 
 def _load_arrays(path: Path, specification: PolicySpecification | None) -> Trajectory:
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
+            motion = {name: archive[name] for name in archive.files if name.startswith(MOTION)}
             arrays = {name: archive[name] for name in archive.files if name in _ARRAYS}
     except (zipfile.BadZipFile, ValueError, OSError, EOFError, AttributeError, TypeError) as error:
         raise TrajectoryError(f"not a readable npz archive ({error})", "write it with numpy.savez") from error
@@ -161,6 +166,7 @@ def _load_arrays(path: Path, specification: PolicySpecification | None) -> Traje
             scenarios=tuple(read_scenario(str(text)) for text in scenarios.ravel()),
             clocked="time" in arrays,
             people=arrays.get("people", np.zeros((states, 0, 5))),
+            motion={name.removeprefix(MOTION): own for name, own in motion.items()},
         )
     except (ValueError, TypeError) as error:
         raise TrajectoryError(

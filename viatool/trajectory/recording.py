@@ -122,6 +122,7 @@ def load_bag(path: Path, specification: PolicySpecification | None, settings: Ba
         scenarios=(_scenario(path, poses[0], settings.goal),),
         notes=tuple(notes),
         commanded=told[:, 0] > 0,
+        motion=gathered.motion(stamps[:, 0]),
     )
 
 
@@ -201,6 +202,11 @@ class _Gathered:
         for reason, which in known.items():
             self.lost[reason] += int((~which).sum())
         return scans.stamps[keep], poses[keep], observations[keep], told[keep].astype(np.int64)
+
+    def motion(self, at: Indices) -> dict[str, Floats]:
+        """Return what the odometry measured of the motion at some instants, by name, (S,) each."""
+        ahead, _, turn = self._velocities(at).T
+        return {"v": ahead, "omega": turn}
 
     def _velocities(self, at: Indices) -> Floats:
         """Return the measured velocities at some instants, (S, 3), between those that were recorded."""

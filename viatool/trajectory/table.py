@@ -14,7 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viatool.errors import TrajectoryError
-from viatool.trajectory.columns import action_columns, memory_columns, numbered, observation_columns
+from viatool.trajectory.columns import (
+    MOTION,
+    action_columns,
+    memory_columns,
+    numbered,
+    observation_columns,
+)
 from viatool.trajectory.rows import Rows
 from viatool.trajectory.scenario_text import read_scenario, write_scenario
 from viatool.trajectory.trajectory import Trajectory
@@ -36,6 +42,8 @@ def write_table(path: Path, trajectory: Trajectory, specification: PolicySpecifi
     """Write a csv whose floats read back exactly; the scenario stands in the first row of its episode."""
     observed, commanded = _names(specification, trajectory.observations.shape[1], trajectory.actions.shape[1])
     scenarios = [write_scenario(scenario) for scenario in trajectory.scenarios]
+    motion = [MOTION + name for name in trajectory.motion]
+    own = np.stack([np.zeros(len(trajectory)), *trajectory.motion.values()], axis=1)[:, 1:]
     persons = trajectory.people.reshape(len(trajectory), int(np.prod(trajectory.people.shape[1:])))
     columns = (
         trajectory.time[:, None],
@@ -43,11 +51,12 @@ def write_table(path: Path, trajectory: Trajectory, specification: PolicySpecifi
         trajectory.observations,
         trajectory.actions,
         persons,
+        own,
     )
     with path.open("w", newline="", encoding="utf-8") as stream:
         table = csv.writer(stream)
         walking = _person_columns(trajectory.people.shape[1])
-        table.writerow([*_BASE, *observed, *commanded, *walking, *_EPISODE])
+        table.writerow([*_BASE, *observed, *commanded, *walking, *motion, *_EPISODE])
         for start in range(0, len(trajectory), _ROWS):
             some = slice(start, start + _ROWS)
             numbers = np.hstack([column[some] for column in columns]).tolist()
@@ -64,16 +73,16 @@ def load_table(path: Path, specification: PolicySpecification | None) -> Traject
         header = _header(lines)
         observed, commanded = _find_columns(header, specification)
         _require(header, (*_BASE, *observed))
-        table = _Table(
-            header,
-            {
-                "time": ["time"],
-                "pose": _POSE,
-                "observation": observed,
-                "action": commanded,
-                "people": _find_people(header),
-            },
-        )
+        motion = [name for name in header if name.startswith(MOTION) and name not in (*observed, *commanded)]
+        groups = {
+            "time": ["time"],
+            "pose": _POSE,
+            "observation": observed,
+            "action": commanded,
+            "people": _find_people(header),
+            "motion": motion,
+        }
+        table = _Table(header, groups)
         while batch := list(islice(lines, _ROWS)):
             table.add(batch)
     return table.trajectory()
@@ -87,7 +96,7 @@ class _Table:
     header : list of str
         Names of the columns.
     groups : mapping
-        The columns of numbers by what they are: time, pose, observation, action.
+        The columns of numbers by what they are: time, pose, observation, action, motion.
     """
 
     def __init__(self, header: list[str], groups: Mapping[str, Sequence[str]]) -> None:
@@ -168,6 +177,10 @@ class _Table:
             people=numbers["people"].reshape(
                 self.rows, len(self.groups["people"]) // len(_PERSON), len(_PERSON)
             ),
+            motion={
+                name.removeprefix(MOTION): own
+                for name, own in zip(self.groups["motion"], numbers["motion"].T, strict=True)
+            },
         )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -53,6 +54,9 @@ class Trajectory:
     people : ndarray
         (N, P, 5) people around each state: x, y, velocity along x and y, and radius, in the map frame, in m and m/s;
         NaN for nobody. By default (N, 0, 5).
+    motion : mapping
+        What the robot had in each state besides its pose, by name, as far as it is known: (N,) each, `v` in m/s,
+        `omega` in rad/s, `steering` in rad.
 
     Raises
     ------
@@ -75,6 +79,7 @@ class Trajectory:
     commanded: Booleans | None = None
     clocked: bool = True
     people: Floats = field(default_factory=lambda: np.zeros((0, 0, 5)))
+    motion: Mapping[str, Floats] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if np.shape(self.people)[1:] == (0, 5):
@@ -83,6 +88,9 @@ class Trajectory:
             object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=kind))
         object.__setattr__(self, "outcomes", np.asarray(self.outcomes, dtype=np.str_))
         object.__setattr__(self, "scenarios", tuple(self.scenarios))
+        object.__setattr__(
+            self, "motion", {name: np.asarray(own, dtype=np.float64) for name, own in self.motion.items()}
+        )
         _check_shapes(self)
         _check_finite(self)
         _check_people(self)
@@ -114,7 +122,8 @@ class Trajectory:
         chosen = {name: getattr(self, name)[states] for name in _BY_STATE}
         if self.commanded is not None:
             chosen["commanded"] = self.commanded[states]
-        return replace(self, **chosen)
+        motion = {name: own[states] for name, own in self.motion.items()}
+        return replace(self, **chosen, motion=motion)
 
     def repeated(self) -> int:
         """Return the number of states that are the same as the one before in their episode: time, pose, observation."""
@@ -148,8 +157,11 @@ def _check_shapes(trajectory: Trajectory) -> None:
     }
     expected |= {"episode": (states,), "time": (states,), "people": (states, None, 5)}
     expected |= {"outcomes": (len(trajectory.scenarios),), "costs": (len(trajectory.scenarios),)}
+    arrays = {name: getattr(trajectory, name) for name in expected}
+    for name, own in trajectory.motion.items():
+        arrays[f"motion_{name}"], expected[f"motion_{name}"] = own, (states,)
     for name, shape in expected.items():
-        found = getattr(trajectory, name).shape
+        found = arrays[name].shape
         if len(found) != len(shape) or any(w not in (None, f) for f, w in zip(found, shape, strict=True)):
             wanted = "(" + ", ".join("any" if size is None else str(size) for size in shape) + ")"
             raise TrajectoryError(
@@ -160,8 +172,9 @@ def _check_shapes(trajectory: Trajectory) -> None:
 
 def _check_finite(trajectory: Trajectory) -> None:
     """Refuse numbers that are not finite, naming the first one."""
-    for name in ("poses", "observations", "actions", "time"):
-        values = getattr(trajectory, name)
+    arrays = {name: getattr(trajectory, name) for name in ("poses", "observations", "actions", "time")}
+    arrays |= {f"motion_{name}": own for name, own in trajectory.motion.items()}
+    for name, values in arrays.items():
         if not np.isfinite(values).all():
             bad = np.argwhere(~np.isfinite(values))
             row, *column = bad[0].tolist()

@@ -43,6 +43,12 @@ class HorizonExamination:
     arithmetic: Arithmetic = "float32"
 
     def __post_init__(self) -> None:
+        kinematics = self.setting.rules.kinematics
+        if kinematics.state:
+            raise ConfigurationError(
+                f"what a {kinematics.description} does over several intervals is not enclosed",
+                "leave out --horizon; each recorded state is judged from the motion that it has",
+            )
         if self.setting.rules.delay:
             raise ConfigurationError(
                 f"a horizon with a delay of {self.setting.rules.delay:g} s is not supported",
@@ -63,7 +69,7 @@ class HorizonExamination:
         """Tell from which states no command comes too near within the horizon, however often, (B,). **Sound:** yes."""
         rules, horizon = self.setting.rules, self.horizon
         away = placed.still.clearance(placed.poses[:, :2], placed.scene) - rules.footprint.reach
-        fastest = float(rules.kinematics.rates(rules.lower, rules.upper)[0])
+        fastest = float(rules.kinematics.rates(rules.lower, rules.upper, rules.interval)[0])
         way = (horizon.steps - 1) * rules.interval * fastest + float(np.hypot(*horizon.pose_error[:2]))
         longest = rules.manoeuvre.longest(rules.lower, rules.upper)
         return np.asarray(away > rules.clearance.collision + way + longest + 1e-6 * placed.scale)

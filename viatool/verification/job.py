@@ -14,6 +14,7 @@ from viatool.loop.closed_loop import require_known_over_poses
 from viatool.loop.horizon import Horizon
 from viatool.policy import Policy, PolicySpecification, load_policy
 from viatool.schedule import Campaign, Progress, Scheduler, ignore, open_scheduler
+from viatool.setting.begun import states_begun
 from viatool.setting.received import as_received, commands_observed, commands_under_way, velocities_measured
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
@@ -230,6 +231,7 @@ def verify(
         engine=engine,
         under_way=asked.under_way,
         velocity=asked.velocity,
+        begun=asked.begun,
         reachable=findings.reachable,
         contested=findings.contested,
         judgement=findings.judgement,
@@ -248,4 +250,4 @@ def _states(setting: Setting, trajectory: Trajectory, *, followed: bool) -> Stat
     """Return the states of a trajectory with all that a setting needs to know of them."""
     previous = commands_observed(setting, trajectory) if followed else None
     under_way, velocity = commands_under_way(setting, trajectory), velocities_measured(setting, trajectory)
-    return States.of(trajectory, under_way, previous, velocity)
+    return States.of(trajectory, under_way, previous, velocity, states_begun(setting, trajectory))

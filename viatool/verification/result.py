@@ -47,6 +47,8 @@ class Result(Asked):
         Settings of the engine.
     under_way : ndarray
         (N, W, 2) commands that acted during the dead time, the oldest first; NaN where one is not known.
+    begun : ndarray
+        (N, 2, S) ends of the state of the motion that each state begins with; NaN where it is not known.
     reachable : ReachableSet
         (N, A) bounds of the commands, in the order of the axes of the kinematics and before the robot's limits; NaN for
         states that were settled without them.
@@ -81,6 +83,7 @@ class Result(Asked):
     arithmetic: str
     engine: Mapping[str, Any]
     under_way: Floats
+    begun: Floats
     reachable: ReachableSet
     contested: Contested
     judgement: Judgement
@@ -306,6 +309,23 @@ class Result(Asked):
             for action, width in zip(self.actions, widths.T, strict=True)
         }
 
+    @property
+    def _begun_words(self) -> str:
+        """Return in words what the motion begins with, of a robot for which it matters."""
+        kinematics = self.rules.kinematics
+        if not kinematics.state:
+            return ""
+        names = " and ".join(axis.name for axis in kinematics.state)
+        exact = bool((self.begun[:, 0] == self.begun[:, 1]).all())
+        known = "as it was recorded" if exact else "within the error of what was measured"
+        return f" and its {names} {known}; {kinematics.state_words}, where it stops changing"
+
+    @property
+    def moving(self) -> tuple[Floats, Floats]:
+        """Return the ends (N, A + S) of the commands, behind them those of the state in which they are given."""
+        lower, upper = self.commands
+        return self.rules.begun(lower, upper, self.begun) if self.rules.kinematics.state else (lower, upper)
+
     def possible(self) -> dict[str, Any]:
         """Return how many commands of its table a policy may choose in a state where that was asked; none else."""
         bounded = np.isfinite(self.lower).all(axis=1)
@@ -354,7 +374,7 @@ class Result(Asked):
             "footprint": rules.footprint.words,
             "clearance": f"more than {rules.clearance.collision:g} m (danger: {rules.clearance.danger:g} m)",
             "commands": (f"clipped to {rules.kinematics.range_words(rules.lower, rules.upper)}, {reached}"),
-            "motion": f"{rules.kinematics.description}, from {self._from}",
+            "motion": f"{rules.kinematics.description}, from {self._from}{self._begun_words}",
             "horizon": f"one command, held for {held:g} s; each state by itself, not the whole run"
             + ("" if self.horizon is None else f". {self.horizon.meaning}"),
             "delay": (f"{rules.delay:g} s" if rules.delay else "none")

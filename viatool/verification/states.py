@@ -42,6 +42,8 @@ class States:
         (B, P, 5) people around each state, see `Trajectory`.
     velocity : ndarray or None
         (B, 2, 3) ends of the velocity that was measured, NaN where it was not; None where it is of no consequence.
+    begun : ndarray
+        (B, 2, S) ends of the state of the motion, NaN where it is not known.
     most : int
         States of a block at most.
     """
@@ -55,6 +57,7 @@ class States:
     under_way: Floats
     rows: Indices
     people: Floats
+    begun: Floats
     velocity: Floats | None = None
     most: int = _MOST_STATES
 
@@ -65,6 +68,7 @@ class States:
         under_way: Floats,
         previous: Floats | None = None,
         velocity: tuple[Floats, Floats] | None = None,
+        begun: Floats | None = None,
     ) -> States:
         """Return the states of a whole trajectory; arrays are shared. Blocks are small if each is followed."""
         return cls(
@@ -77,6 +81,7 @@ class States:
             under_way,
             _rows_of_episodes(trajectory),
             trajectory.people,
+            np.zeros((len(trajectory), 2, 0)) if begun is None else begun,
             None if velocity is None else np.stack(velocity, axis=1),
             _MOST_STATES if previous is None else _MOST_FOLLOWED,
         )
@@ -122,6 +127,7 @@ class States:
             self.under_way[rows],
             self.rows[rows],
             self.people[rows],
+            self.begun[rows],
             None if self.velocity is None else self.velocity[rows],
             self.most,
         )

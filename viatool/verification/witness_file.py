@@ -16,7 +16,8 @@ from viatool.arrays import Booleans, Floats
 from viatool.errors import ConfigurationError, InputError
 from viatool.loop.horizon import Crashes
 from viatool.motion.actuation import IDEAL_MOTORS, Actuation, Response
-from viatool.motion.kinematics import DIFFERENTIAL, kinematics_of
+from viatool.motion.kinematics import DIFFERENTIAL, motion_with
+from viatool.motion.law import Kinematics
 from viatool.motion.timing import Timing
 from viatool.policy import Policy
 from viatool.policy.command_map import CommandMap
@@ -65,6 +66,8 @@ class WitnessFile:
         W scenarios, None for the bare map.
     velocity : tuple of ndarray, optional
         (W, 3) ends of the velocity that the robot was measured to have, NaN where it was not.
+    begun : ndarray
+        (W, 2, S) ends of the state of the motion then.
     """
 
     policy: Mapping[str, str]
@@ -77,6 +80,7 @@ class WitnessFile:
     under_way: Floats
     observations: Floats
     scenarios: tuple[Scenario | None, ...]
+    begun: Floats
     velocity: tuple[Floats, Floats] | None = None
 
     def __len__(self) -> int:
@@ -86,7 +90,8 @@ class WitnessFile:
     def judged(self, world_map: WorldMap) -> JudgedStates:
         """Return the states of the counterexamples within a map, under the rules of the file."""
         placed = ScenePoses.of(world_map, self.scenarios, self.poses, np.arange(len(self)))
-        return JudgedStates(self.rules, placed.among(_moved(self.entries)), self.under_way, self.velocity)
+        around = placed.among(_moved(self.entries))
+        return JudgedStates(self.rules, around, self.under_way, self.velocity, self.begun)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,6 +148,7 @@ def _entries(result: Result, found: Witnesses, crashes: Crashes | None = None) -
             "time": float(trajectory.time[state]),
             "pose": found.start[row].tolist(),
             **commands_before(result.under_way[state]),
+            **({"motion": result.begun[state].tolist()} if result.rules.kinematics.state else {}),
         }
         if result.velocity is not None:
             about["velocity"] = _plain(result.velocity[state])
@@ -296,6 +302,7 @@ def _rules_document(rules: Rules) -> dict[str, Any]:
         "deceleration": rules.deceleration,
         "delay": rules.delay,
         "kinematics": rules.kinematics.name,
+        **_motion_document(rules.kinematics),
         "lower": rules.lower.tolist(),
         "upper": rules.upper.tolist(),
         **({} if rules.actuation.is_ideal else {"motors": _motors_document(rules.actuation)}),
@@ -306,6 +313,12 @@ def _rules_document(rules: Rules) -> dict[str, Any]:
             "polygon": footprint.polygon.tolist(),
         },
     }
+
+
+def _motion_document(kinematics: Kinematics) -> dict[str, Any]:
+    """Return what a kinematics knows of its robot, limits that are none left out."""
+    known = {name: value for name, value in kinematics.parameters.items() if math.isfinite(value)}
+    return {"motion": known} if known else {}
 
 
 def _read_rules(document: Mapping[str, Any]) -> Rules:
@@ -323,7 +336,9 @@ def _read_rules(document: Mapping[str, Any]) -> Rules:
         interval=float(document["interval"]),
         deceleration=float(document["deceleration"]),
         delay=float(document["delay"]),
-        kinematics=kinematics_of(str(document.get("kinematics", DIFFERENTIAL.name))),
+        kinematics=motion_with(
+            str(document.get("kinematics", DIFFERENTIAL.name)), document.get("motion", {})
+        ),
         actuation=_read_motors(document.get("motors")),
         timing=_read_timing(document.get("timing")),
     )
@@ -381,6 +396,7 @@ def _read(document: Mapping[str, Any]) -> WitnessFile:
         observations=_stacked([entry["observation"] for entry in entries]),
         scenarios=scenarios,
         velocity=_velocity(entries),
+        begun=_begun(entries, rules),
     )
 
 
@@ -433,6 +449,16 @@ def _under_way(entries: Sequence[Mapping[str, Any]], rules: Rules) -> Floats:
     acting = count if machine is None else machine.timing.commands
     if not np.isfinite(found[:, count - acting :]).all():
         raise ValueError("a command on its way is not finite")
+    return found
+
+
+def _begun(entries: Sequence[Mapping[str, Any]], rules: Rules) -> Floats:
+    """Return the ends of the state of the motion, (W, 2, S)."""
+    size = len(rules.kinematics.state)
+    rows = [entry["motion"] if size else [[], []] for entry in entries]
+    found = np.array(rows, dtype=np.float64).reshape(len(rows), 2, size)
+    if not np.isfinite(found).all():
+        raise ValueError("a state of the motion is not finite")
     return found
 
 

@@ -5,6 +5,7 @@ Lengths are metres, angles are radians counter-clockwise, speeds m/s and rad/s, 
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
@@ -25,9 +26,18 @@ def _refuse_far(value: float) -> float:
     return value
 
 
+def _refuse_far_unless_infinite(value: float) -> float:
+    """Refuse what is no number and no limit; infinity, in YAML .inf, says that there is none."""
+    if math.isnan(value):
+        raise ValueError("expected a number, or .inf for no limit")
+    return value if math.isinf(value) else _refuse_far(value)
+
+
 Number = Annotated[
     float, BeforeValidator(_refuse_truth), AfterValidator(_refuse_far), Field(allow_inf_nan=False)
 ]
+Unlimited = Annotated[float, BeforeValidator(_refuse_truth), AfterValidator(_refuse_far_unless_infinite)]
+UnlimitedPositive = Annotated[Unlimited, Field(gt=0.0)]
 Positive = Annotated[Number, Field(gt=0.0)]
 NotNegative = Annotated[Number, Field(ge=0.0)]
 Point = tuple[Number, Number]

@@ -10,7 +10,17 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag
 
-from viatool.world.fields import NotNegative, Number, Point, Pose, Positive, Size, Strict
+from viatool.world.fields import (
+    NotNegative,
+    Number,
+    Point,
+    Pose,
+    Positive,
+    Size,
+    Strict,
+    Unlimited,
+    UnlimitedPositive,
+)
 from viatool.world.obstacle_shapes import Arena, Obstacle
 from viatool.world.robot import ROBOTS
 
@@ -57,9 +67,9 @@ class RobotFile(Strict):
     name: str = Field(
         default="turtlebot3", description=f"one of {', '.join(ROBOTS)}, which gives the defaults"
     )
-    min_linear: Number | None = None
-    max_linear: Number | None = None
-    max_angular: Positive | None = None
+    min_linear: Unlimited | None = None
+    max_linear: Unlimited | None = None
+    max_angular: UnlimitedPositive | None = None
     deceleration: Positive | None = None
     control_interval: Positive | None = None
     footprint: FootprintFile | None = None
@@ -80,7 +90,15 @@ class RobotFile(Strict):
         default=None, description="largest angle of the front wheels of a car to either side, in rad"
     )
     max_steering_rate: NotNegative | None = Field(
-        default=None, description="how fast they turn, in rad/s; refused unless it is 0: steered at once"
+        default=None, description="how fast they turn, in rad/s; 0 for wheels that are steered at once"
+    )
+    min_acceleration: Number | None = Field(
+        default=None,
+        description="smallest acceleration, in m/s^2, of a robot whose acceleration is commanded",
+    )
+    max_acceleration: NotNegative | None = Field(default=None, description="largest acceleration, in m/s^2")
+    max_angular_acceleration: NotNegative | None = Field(
+        default=None, description="largest acceleration of its turn to either side, in rad/s^2"
     )
 
 

@@ -17,8 +17,10 @@ FootprintKind = Literal["point", "circle", "polygon"]
 
 _NOT_NEGATIVE = (
     "max_angular", "deceleration", "control_interval", "max_lateral", "track", "wheelbase", "max_steering",
-    "max_steering_rate",
+    "max_steering_rate", "max_angular_acceleration",
 )  # fmt: skip
+_SPEEDS = ("min_linear", "max_linear", "max_angular")
+_SIGNED = ("min_linear", "max_linear", "min_acceleration", "max_acceleration")
 
 _TOUCHING = 1e-9
 """Metres from an outline within which a point counts as neither inside nor outside."""
@@ -128,7 +130,15 @@ class Robot:
     max_steering : float
         Angle of the front wheels of a car to either side, in rad.
     max_steering_rate : float
-        How fast they turn, in rad/s; 0 for wheels that are steered at once, which alone can be followed.
+        How fast they turn, in rad/s; 0 for wheels that are steered at once.
+    min_acceleration, max_acceleration : float
+        Of the forward speed, in m/s^2, of a robot that is commanded so; both 0 where it is not known.
+    max_angular_acceleration : float
+        Of the turn to either side, in rad/s^2; 0 where it is not known.
+
+    Notes
+    -----
+    A speed that is no command, of a robot that is commanded with accelerations, may be unlimited: infinite.
 
     Raises
     ------
@@ -150,6 +160,9 @@ class Robot:
     wheelbase: float = 0.0
     max_steering: float = 0.0
     max_steering_rate: float = 0.0
+    min_acceleration: float = 0.0
+    max_acceleration: float = 0.0
+    max_angular_acceleration: float = 0.0
 
     def known(self, name: str) -> float:
         """Return a length of its body.
@@ -174,11 +187,14 @@ class Robot:
         turn = f"|omega| up to {self.max_angular:g} rad/s"
         if self.wheelbase:
             turn = f"steering up to {self.max_steering:g} rad"
-        return f"v {self.min_linear:g} to {self.max_linear:g} m/s, {turn}{aside}"
+        limited = np.isfinite([self.min_linear, self.max_linear]).any()
+        ahead = f"v {self.min_linear:g} to {self.max_linear:g} m/s" if limited else "v unlimited"
+        return f"{ahead}, {turn}{aside}"
 
     def __post_init__(self) -> None:
-        limits = {name: getattr(self, name) for name in ("min_linear", "max_linear", *_NOT_NEGATIVE)}
-        if not np.isfinite(list(limits.values())).all():
+        limits = {name: getattr(self, name) for name in (*_SIGNED, *_NOT_NEGATIVE)}
+        finite = [np.isfinite(value) or name in _SPEEDS for name, value in limits.items()]
+        if not all(finite) or np.isnan(list(limits.values())).any():
             raise ConfigurationError(
                 f"robot '{self.name}' has the limits {tuple(limits.values())} ({', '.join(limits)}), "
                 "expected finite numbers",
@@ -188,6 +204,12 @@ class Robot:
             raise ConfigurationError(
                 f"max_linear {self.max_linear} m/s is below min_linear {self.min_linear} m/s or below 0",
                 "correct the speed limits",
+            )
+        if not self.min_acceleration <= 0.0 <= self.max_acceleration:
+            raise ConfigurationError(
+                f"robot '{self.name}' accelerates by {self.min_acceleration:g} to {self.max_acceleration:g} m/s^2, "
+                "expected a range that holds 0",
+                "correct min_acceleration and max_acceleration",
             )
         for name in _NOT_NEGATIVE:
             if getattr(self, name) < 0.0:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from viatool.arrays import Floats, Indices
 from viatool.channels import Quantities
+from viatool.motion.manoeuvre import Manoeuvre
 from viatool.policy import PolicySpecification
 from viatool.report.foreign import one_line
 from viatool.report.palette import VERDICTS
@@ -201,6 +202,8 @@ def fans_of(spec: PolicySpecification, robot: Robot) -> list[dict[str, Any]]:
 def rules_of(rules: Rules) -> dict[str, Any]:
     """Return what the script needs to draw paths and distances."""
     manoeuvre, footprint = rules.manoeuvre, rules.footprint
+    if rules.kinematics.state:  # the script draws paths of speeds alone: it shows where robots stand
+        manoeuvre = Manoeuvre(0.0)
     return {
         "collision": rules.clearance.collision,
         "danger": rules.clearance.danger,

@@ -128,34 +128,55 @@ class PlacesDocument(Verified, Annotated):
     @property
     def worst(self) -> Table:
         """Return the worst places: pose, command before, command, clearance."""
+        state = self.record.state
         rows = tuple(
             (
                 f"({place.pose[0]:.2f}, {place.pose[1]:.2f}, {place.pose[2]:.2f} rad)",
-                f"{place.previous[0]:.2f} m/s {place.previous[1]:+.2f} rad/s",
-                f"{place.action[0]:.3f} m/s {place.action[1]:+.3f} rad/s",
+                self._told(place.previous, None if state is None else state.axes, 2),
+                self._told(place.action, None if state is None else state.command, 3),
                 f"{place.clearance:.3f} m after {place.seconds:.2f} s",
             )
             for place in self.record.worst
         )
-        return Table(("worst place", "previous command", "command", "clearance"), rows, texts=3)
+        before = "motion" if self.record.state else "previous command"
+        return Table(("worst place", before, "command", "clearance"), rows, texts=3)
+
+    @staticmethod
+    def _told(numbers: Sequence[float], names: Sequence[str] | None, digits: int) -> str:
+        """Return numbers with their units, or with names and units where these are not the usual ones."""
+        if names is None:
+            first, second, *_ = numbers
+            return f"{first:.{digits}f} m/s {second:+.{digits}f} rad/s"
+        told = (name.split(" ") for name in names)
+        return ", ".join(
+            f"{name} {number:.{digits}f} {unit}" for (name, unit), number in zip(told, numbers, strict=True)
+        )
+
+    @property
+    def _before(self) -> Mapping[str, str]:
+        """Return what the command before, or the motion, may be."""
+        before, state = self.record.previous_command, self.record.state
+        if state is not None:
+            ends = zip(state.axes, state.lower, state.upper, strict=True)
+            told = (f"{name.split()[0]} {low:g} to {high:g} {name.split()[1]}" for name, low, high in ends)
+            return {"state of the motion": "any of " + " and ".join(told)}
+        ends_of = zip(before.lower, before.upper, _UNITS, strict=False)
+        told = (f"{low:g} to {high:g} {unit}" for low, high, unit in ends_of)
+        return {"command before": "any from " + " and ".join(told)}
 
     @property
     def assumptions(self) -> Mapping[str, str]:
         """Return what the certificate rests on."""
         record = self.record
-        before, size = record.previous_command, record.smallest_cell
+        size = record.smallest_cell
         return {
             **super().assumptions,
             "distance": f"the footprint keeps more than {record.clearance:g} m",
             "map": "correct, and nothing on it moves",
             "sensors": f"read what is there, each number within eps {describe_eps(record.eps)}",
-            "motion": "exact arcs without slip",
+            "motion": "exact arcs without slip" if record.state is None else "exact, without slip",
             "timing": f"commands act after {record.delay:g} s, until then the one before goes on",
-            "command before": "any from "
-            + " and ".join(
-                f"{low:g} to {high:g} {unit}"
-                for low, high, unit in zip(before.lower, before.upper, _UNITS, strict=False)
-            ),
+            **self._before,
             "scope": "the next command from every pose, not those after it",
             "smallest cells": ", ".join(f"{name} {significant(side)}" for name, side in size.items()),
         }

@@ -28,6 +28,15 @@ class CommandsRecord(ReportPart):
     upper: list[float]
 
 
+class StateRecord(ReportPart):
+    """What the cells hold behind the pose, of a robot whose motion has a state: names with units, least, largest."""
+
+    command: list[str]
+    axes: list[str]
+    lower: list[float]
+    upper: list[float]
+
+
 class Roots(ReportPart):
     """How much of the map was examined, in cells of the coarsest kind."""
 
@@ -56,7 +65,7 @@ class Volume(ReportPart):
 
 
 class WorstPlace(ReportPart):
-    """A counterexample: pose and previous command, the policy's command, and the closest approach."""
+    """A counterexample: pose and previous command (or state of the motion), the policy's command, closest approach."""
 
     pose: list[float]
     previous: list[float]
@@ -108,6 +117,7 @@ class PlacesRecord(VerifiedRecord):
     deceleration: Amount | None
     delay: Amount = 0.0
     previous_command: CommandsRecord
+    state: StateRecord | None = None
     smallest_cell: dict[str, float]
     roots: Roots
     cells: CellsRecord

@@ -19,6 +19,8 @@ from viatool.report.sections import Case, Check, Finding, Rules
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from viatool.arrays import Floats
+    from viatool.motion.law import Axis
     from viatool.places import Certificate
 
 COLUMNS = ("x", "y", *STATUSES[1:], "safe", *(f"safe_{name}" for name in SECTOR_NAMES))
@@ -59,12 +61,14 @@ class PlacesRun(PlacesDocument, Cased, Located, Tabled, Drawn, Explorable, Repla
         group = np.unique(tiles, axis=0, return_inverse=True)[1].reshape(-1)
         cells = np.bincount(group)
         for row in self.certificate.nearest_of(group):
-            (x, y, theta), (before, turning) = found.pose[row], found.previous[row]
-            v, omega = found.action[row]
+            x, y, theta = found.pose[row]
+            kinematics = self.certificate.rules.kinematics
+            before = _told(kinematics.before, found.previous[row], 2)
+            sent = _told(kinematics.axes, found.action[row], 3)
             text = (
                 f"{_name(tiles[row])}: {counted(int(cells[group[row]]), 'cell')} refuted. At x {x:.3f} m, "
-                f"y {y:.3f} m, heading {theta:.3f} rad, after {before:.2f} m/s and {turning:.2f} rad/s, a sensor "
-                f"error within eps makes the policy command {v:.3f} m/s and {omega:.3f} rad/s, which comes within "
+                f"y {y:.3f} m, heading {theta:.3f} rad, {'with' if kinematics.state else 'after'} {before}, a sensor "
+                f"error within eps makes the policy command {sent}, which comes within "
                 f"{found.clearance[row]:.3f} m of something after {found.seconds[row]:.2f} s."
             )
             yield self._finding("refuted-place", text, tiles[row])
@@ -144,8 +148,10 @@ class PlacesRun(PlacesDocument, Cased, Located, Tabled, Drawn, Explorable, Repla
             rows, observation, found.action, found.seconds, found.closest, found.clearance, found.pose, found.pose
         )  # fmt: skip
         about = json.loads(write_scenario(scenario) or "null")
+        kinematics = certificate.rules.kinematics
         under_way = certificate.rules.queue(found.previous)
         for row in rows.tolist():
+            motion = {"motion": [found.previous[row].tolist()] * 2} if kinematics.state else {}
             yield {
                 "state": row,
                 "episode": 0,
@@ -153,9 +159,16 @@ class PlacesRun(PlacesDocument, Cased, Located, Tabled, Drawn, Explorable, Repla
                 "pose": found.pose[row].tolist(),
                 **commands_before(under_way[row]),
                 "previous": found.previous[row].tolist(),
+                **motion,
                 **seen.violation(row, certificate.world_map, scenario, certificate.rules.footprint),
                 "scenario": about,
             }
+
+
+def _told(axes: Sequence[Axis], numbers: Floats, digits: int) -> str:
+    """Return numbers with their units."""
+    told = [f"{number:.{digits}f} {axis.unit}" for axis, number in zip(axes, numbers, strict=True)]
+    return " and ".join(told)
 
 
 def _slice(name: str, volumes: Sequence[float]) -> Case:

@@ -51,7 +51,7 @@ def draw_closest_call(axes: Axes, result: Result) -> None:
         axes.set_axis_off()
         return
     trajectory, rules = result.trajectory, result.rules
-    pose, lower, upper = trajectory.poses[state], result.commands[0][state], result.commands[1][state]
+    pose, lower, upper = trajectory.poses[state], result.moving[0][state], result.moving[1][state]
     region = swept_regions(pose[None], lower[None], upper[None], rules.interval, rules.kinematics)[0]
     blocked = _blocked(result, int(trajectory.episode[state]))
     _frame(axes, region, blocked, result.rules.clearance.collision)
@@ -109,9 +109,10 @@ def _draw_limits(axes: Axes, result: Result, blocked: BaseGeometry) -> None:
 
 def _nine_arcs(pose: Floats, lower: Floats, upper: Floats, rules: Rules) -> Floats:
     """Return the paths of the lower, middle and upper value of both commands, (9, T, 2) metres."""
-    shares = np.array([(v, omega) for v in (0.0, 0.5, 1.0) for omega in (0.0, 0.5, 1.0)])
+    shares = np.full((9, len(lower)), 0.5)
+    shares[:, :2] = [(v, omega) for v in (0.0, 0.5, 1.0) for omega in (0.0, 0.5, 1.0)]
     actions, times = lower + shares * (upper - lower), np.linspace(0.0, rules.interval, 12)
-    return rules.kinematics.advance(pose[None, None], actions[:, None], times)[..., :2]
+    return rules.kinematics.drive(pose[None, None], actions[:, None], times, rules.interval)[..., :2]
 
 
 def _draw_robot(axes: Axes, pose: Floats) -> None:

@@ -135,8 +135,8 @@ def _tube(axes: Axes, result: Result, states: NDArray[np.bool_]) -> None:
     regions = np.array(
         swept_regions(
             result.trajectory.poses[states],
-            result.commands[0][states],
-            result.commands[1][states],
+            result.moving[0][states],
+            result.moving[1][states],
             result.rules.interval,
             result.rules.kinematics,
         )

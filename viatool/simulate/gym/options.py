@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from viatool.arrays import Floats
 from viatool.channels import Extent, Quantities
 from viatool.errors import ConfigurationError
-from viatool.motion.kinematics import kinematics_of
+from viatool.motion.kinematics import motion_of
 from viatool.policy import load_policy, load_specification
 from viatool.policy.action_channels import ActionChannel
 from viatool.policy.command_map import Chosen, CommandMap, Picked
@@ -143,7 +143,7 @@ class EnvironmentOptions:
             limits = np.array([(action.lower, action.upper) for action in self.specification.action])
             return Box(*limits.T.astype(np.float32), dtype=np.float32)
         robot = self.world_map.robot
-        low, high = (end.astype(np.float32) for end in kinematics_of(robot.kinematics).limits(robot))
+        low, high = (end.astype(np.float32) for end in motion_of(robot).limits(robot))
         return Box(low, high, dtype=np.float32)
 
     def commands(self, actions: ArrayLike) -> Floats:
@@ -210,8 +210,13 @@ def _actions(robot: Robot) -> list[ActionChannel]:
         "angular": ("omega", "rad/s", -robot.max_angular, robot.max_angular),
         "lateral": ("side", "m/s", -robot.max_lateral, robot.max_lateral),
         "steering": ("steering", "rad", -robot.max_steering, robot.max_steering),
+        "linear_acceleration": ("a", "m/s^2", robot.min_acceleration, robot.max_acceleration),
+        "angular_acceleration": (
+            *("alpha", "rad/s^2"),
+            *(-robot.max_angular_acceleration, robot.max_angular_acceleration),
+        ),
     }
-    usual = kinematics_of(robot.kinematics).takes[0]
+    usual = motion_of(robot).takes[0]
     return [
         ActionChannel.model_validate({"name": name, "unit": unit, "lower": low, "upper": high, "kind": kind})
         for kind, (name, unit, low, high) in ((kind, ranges[kind]) for kind in usual)

@@ -101,10 +101,22 @@ def _witnesses(certificate: Certificate, kept: Indices) -> dict[str, Any]:
     found = certificate.findings
     return {
         "pose": pack(found.pose[kept], "float32"),
-        "previous": pack(found.previous[kept], "float32"),
+        "previous": pack(_as_command(certificate, found.previous[kept]), "float32"),
         "action": pack(found.action[kept], "float32"),
         "closest": pack(found.closest[kept], "float32"),
         "seconds": pack(found.seconds[kept], "float32"),
         "clearance": pack(found.clearance[kept], "float32"),
         "observation": pack_coarsely(found.observation[kept].astype(np.float64)),
     }
+
+
+def _as_command(certificate: Certificate, before: Floats) -> Floats:
+    """Return what stood before counterexamples in the columns of a command (W, A): speeds of the motion as speeds."""
+    kinematics = certificate.rules.kinematics
+    if not kinematics.state:
+        return before
+    told = np.zeros((len(before), len(kinematics.axes)))
+    for number, axis in enumerate(kinematics.state):
+        if axis.kind in ("linear", "angular"):
+            told[:, ("linear", "angular").index(axis.kind)] = before[:, number]
+    return told
