@@ -139,8 +139,8 @@ _JACKAL = RobotModel(
     wheelbase=0.262,
 )
 
-# Spot walks, and its body floats: here it is a box that is pushed over the floor. 32.7 kg, 610 mm high where it walks;
-# the acceleration is an assumption.
+# Spot walks, and its body floats: here it is a box that is pushed over the floor. Mass, heights and acceleration are
+# assumptions, to be replaced by those of one's own robot.
 _SPOT = RobotModel(
     name="spot",
     length=1.100,
@@ -156,8 +156,8 @@ _SPOT = RobotModel(
     lidar_height=0.660,
     pushed=True,
 )
-# f1tenth_gym, default parameters: 3.74 kg, 9.51 m/s^2; its origin is the middle of the rear axle. How its tyres slip is
-# left out, as in the kinematic engine.
+# Pushed too, from the middle of the rear axle. Mass, heights and acceleration are assumptions near the defaults of
+# f1tenth_gym. How its tyres slip is left out, as in the kinematic engine.
 _F1TENTH = RobotModel(
     name="f1tenth",
     length=0.580,
