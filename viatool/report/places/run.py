@@ -144,8 +144,9 @@ class PlacesRun(PlacesDocument, Cased, Located, Tabled, Drawn, Explorable, Repla
         step = max(1, -(-len(others) // (_MOST_WITNESSES - len(worst))))
         rows = np.concatenate([worst, others[::step]])
         observation = found.observation.astype(np.float64)
+        every = np.arange(len(observation))
         seen = Witnesses.among_what_stands(
-            rows, observation, found.action, found.seconds, found.closest, found.clearance, found.pose, found.pose
+            every, observation, found.action, found.seconds, found.closest, found.clearance, found.pose, found.pose
         )  # fmt: skip
         about = json.loads(write_scenario(scenario) or "null")
         kinematics = certificate.rules.kinematics
