@@ -172,3 +172,10 @@ def test_rules_of_robots_that_move_otherwise_are_told_apart():
         for fast in (0.5, 0.6)
     ]
     assert len(set(told)) == len(told)
+
+
+def test_a_speed_without_a_limit_is_refused_where_it_is_a_command() -> None:
+    world = load_map("lab")
+    fast = world.with_robot(replace(world.robot, max_linear=np.inf))
+    with pytest.raises(ConfigurationError, match="commands v reach from 0 to inf m/s"):
+        Rules.of(fast)

@@ -193,7 +193,7 @@ def test_what_has_no_extent_or_no_number_is_refused_by_name(made: Any, message: 
         "obstacles: [{shape: wall, points: [[1, 1], [VALUE, 2]]}]",
         "obstacles: [{shape: polygon, points: [[1, 1], [2, VALUE], [2, 2]]}]",
         "robot: {footprint: {shape: polygon, points: [[0, 0], [VALUE, 0], [0, 1]]}}",
-        "robot: {max_linear: VALUE}",
+        "robot: {min_linear: -1.0, deceleration: VALUE}",
         "clearance: {collision: VALUE}",
         "scenarios: [{start: [2, 2, VALUE], goal: [3, 3]}]",
     ],
@@ -202,6 +202,14 @@ def test_files_with_numbers_that_are_no_lengths_are_refused(tmp_path: Path, part
     text = "arena: {shape: box, center: [2, 2], size: [4, 4]}\n" if not part.startswith("arena") else ""
     (tmp_path / "m.yaml").write_text(text + part.replace("VALUE", number))
     with pytest.raises(MapError, match=r"m.yaml:\d+: \w+"):
+        load_map(tmp_path / "m.yaml")
+
+
+@pytest.mark.parametrize("number", [".nan", "-.inf", "1.0e+300"])
+def test_speeds_that_are_no_limits_are_refused(tmp_path: Path, number: str) -> None:
+    text = "arena: {shape: box, center: [2, 2], size: [4, 4]}\nrobot: {max_linear: VALUE}"
+    (tmp_path / "m.yaml").write_text(text.replace("VALUE", number))
+    with pytest.raises(MapError, match=r"m.yaml:2: robot"):
         load_map(tmp_path / "m.yaml")
 
 

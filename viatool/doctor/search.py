@@ -197,9 +197,12 @@ def _examined(
     progress: Progress,
     before: int = 0,
 ) -> Iterator[Examined]:
-    """Yield the evidence of readings as it comes in, where there is any."""
+    """Yield the evidence of readings in their order, where there is any, whoever was ready first."""
     pieces = [Piece(Span(i, i + 1), one.name, one.spec) for i, one in enumerate(interpretations)]
+    found: dict[int, Evidence] = {}
     for done, (piece, evidence) in enumerate(scheduler.run(examine, pieces), 1):
         progress("readings", before + done, before + len(pieces))
-        if evidence.is_known:
-            yield Examined(interpretations[piece.span.first], evidence)
+        found[piece.span.first] = evidence
+    for place in sorted(found):
+        if found[place].is_known:
+            yield Examined(interpretations[place], found[place])

@@ -13,7 +13,7 @@ from viatool.world.seen import Wedges
 def scanners(spec: PolicySpecification, robot: Robot) -> list[LidarReadings]:
     """Return the LiDARs that a policy observes, without those whose readings are fixed."""
     observed = Quantities.of(spec.observation, robot, spec.frames)
-    return [one for one in observed if isinstance(one, LidarReadings) and one.channel.value is None]
+    return [lidar for lidar, _ in observed.lidars if lidar.channel.value is None]
 
 
 def check_moving(model: ErrorModel, spec: PolicySpecification, world_map: WorldMap) -> None:

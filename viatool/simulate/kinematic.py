@@ -55,7 +55,12 @@ class NavigationSimulator(Simulator):
         if not stated & {"actuation", "timing"}:
             return None
         kinematics, interval = self.kinematics, self.robot.control_interval
-        assert isinstance(kinematics, HeldTwist)
+        if not isinstance(kinematics, HeldTwist):
+            raise ConfigurationError(
+                f"{self.errors.source}: says how motors and clock err, which is not followed for a robot that moves as "
+                f"'{kinematics.name}'",
+                "leave actuation and timing out, or choose a robot that is commanded with speeds",
+            )
         if self.conditions.acceleration is not None:
             raise ConfigurationError(
                 f"{self.errors.source}: says how motors and clock err, and an acceleration of wheels is given as well",

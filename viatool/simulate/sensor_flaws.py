@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from viatool.arrays import Floats, Reals
-from viatool.channels import Fan, LidarReadings, Quantities
+from viatool.channels import Fan, Quantities
 from viatool.uncertainty import ErrorModel
 from viatool.uncertainty.error_model import PoseTerms, SensorTerms
 
@@ -70,9 +70,10 @@ class SensorFlaws:
     def readings(self, readings: Floats, rng: np.random.Generator) -> Floats:
         """Return readings (E, m) with the errors of all channels that are no LiDAR."""
         found = readings.copy()
+        scans = [columns for _, columns in self.quantities.lidars]
         for one, place in zip(self.quantities.each, self.quantities.columns, strict=True):
             terms = self.model.sensor.get(one.channel.name)
-            if terms is None or isinstance(one, LidarReadings) or one.channel.value is not None:
+            if terms is None or place in scans or one.channel.value is not None:
                 continue
             true = readings[:, place]
             found[:, place] += (terms.absolute or 0.0) * self.draw(rng, *true.shape)
