@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.choosing import write_choosing
 from tests.hall import MAP, write_policy
 from tests.loop.noisy_runs import runs, sensor_errors
 from tests.missions.dodging import write_dodging_policy
@@ -20,6 +21,8 @@ from viatool.missions.cells import CellSides
 from viatool.missions.follow import MissionFollower
 from viatool.missions.work import MissionExamination
 from viatool.schedule import Campaign, Deadline
+from viatool.sets.forms import Forms
+from viatool.setting.driven import DrivenPolicy
 from viatool.setting.setting import Setting
 from viatool.uncertainty import ErrorModel
 
@@ -51,13 +54,14 @@ def proved(hall, dodging):
     return mission(dodging, hall, eps=EPS, start_error=START, time_limit=LIMIT)
 
 
-def driven(hall, policy, scenario, steps, seed=0):
+def driven(hall, policy, scenario, steps, seed=0, setting=None):
     """Poses (R, K, 3) of adversarial runs of the oracle, from corners and the inside of the box of starts."""
     generator = np.random.default_rng(seed)
     share = generator.uniform(-1.0, 1.0, (RUNS, 3))
     share[::2] = np.sign(share[::2])
     starts = np.array(scenario.start) + share * np.array([START[0], START[0], START[1]])
-    errors = sensor_errors(generator, Setting.of(policy, hall, EPS).radii, RUNS, steps)
+    radii = (setting or Setting.of(policy, hall, EPS)).radii
+    errors = sensor_errors(generator, radii, RUNS, steps)
     return runs(policy, hall, scenario, (starts, np.zeros((RUNS, 2))), errors)[0]
 
 
@@ -167,6 +171,52 @@ def test_runs_of_the_oracle_catch_what_a_tube_leaves_out(hall, dodging, monkeypa
     mutate(monkeypatch, some)
     found = driven(hall, dodging, scenario, 90)
     assert outside(some.prove(lower, upper).tube, found, scenario) > 10 * ROUNDING
+
+
+@pytest.mark.parametrize("side", [0.03, 0.1, 0.7])
+def test_cells_cover_sets_from_end_to_end_whatever_their_ends_round_to(side):
+    generator, sides = np.random.default_rng(0), CellSides(np.array([side, side, side]))
+    for _ in range(200):
+        ends = np.nextafter(
+            side * generator.integers(-40, 40, (2, 3)), generator.choice([-np.inf, 0.0, np.inf])
+        )
+        low, high = np.sort(ends, axis=0)
+        low, high = low[None], np.minimum(high, low + 2.0 * side)[None]
+        box = Forms.between(low, high)
+        lower, upper = sides.divide(
+            Forms(box.centre, box.slope, box.rest * (1.0 + 1e-12) + 1e-12), (low, high)
+        )
+        assert (lower.min(axis=0) <= low[0]).all()
+        assert (upper.max(axis=0) >= high[0]).all()
+        volume = np.prod(upper - lower, axis=1).sum()
+        assert volume == pytest.approx(np.prod(high - low), abs=1e-9 * side**3)
+
+
+def test_each_command_that_may_be_chosen_is_followed(hall, tmp_path):
+    """Runs of the oracle under a policy that chooses stay in its tube, in which sets part at each choice."""
+    policy = load_policy(write_choosing(tmp_path / "choosing.onnx"))
+    few = replace(hall.scenarios[1], start=(-1.5, -2.0, 0.5))
+    found = mission(
+        policy, hall, eps=EPS, start_error=START, scenarios=[few], time_limit=4.0, goal_radius=1.5
+    )
+    one = found.missions[0]
+    assert one.verdict == "proved"
+    sent = DrivenPolicy(policy, found.setting.choice, found.setting.overrides)
+    paths = driven(hall, sent, few, one.steps, setting=found.setting)
+    assert outside(one.proof.tube, paths, few, radius=1.5) < ROUNDING
+    tube = one.proof.tube
+    assert any(len(np.unique(tube.upper[tube.step == k, 4])) > 1 for k in range(1, one.steps))
+
+
+def test_a_robot_with_a_state_is_refused_by_name(hall):
+    world = load_map("examples/zoo/archcomp_nav/map.yaml")
+    with pytest.raises(ConfigurationError, match="state"):
+        mission(
+            "examples/zoo/archcomp_nav/policy.onnx",
+            world,
+            spec="examples/zoo/archcomp_nav/specification.yaml",
+            eps=0.01,
+        )
 
 
 def test_a_run_that_collides_refutes_and_can_be_driven_again(hall, straight, tmp_path, capsys):

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="What has to hold from every pose.",
 )
-@click.option("--deceleration", type=options.QuantityType("m/s²"), help="Braking instead of the robot's.")
+@options.deceleration_option
 @click.option(
     "--clearance", type=options.QuantityType("m"), help="Collision distance d_col instead of the map's."
 )
@@ -58,13 +58,7 @@ if TYPE_CHECKING:
     type=FootprintType(),
     help="Footprint instead of the robot's: 'point', a radius in m, corners 'x,y x,y x,y ...' in m, or a YAML file.",
 )
-@click.option(
-    "--arithmetic",
-    type=click.Choice(["float32", "real"]),
-    default="float32",
-    show_default=True,
-    help="Whether bounds cover the rounding of the deployed program or the exact network.",
-)
+@options.arithmetic_option
 @click.option(
     "--smallest",
     type=options.QuantityType("m"),

@@ -87,18 +87,12 @@ if TYPE_CHECKING:
 )
 @click.option("--budget-seconds", type=options.QuantityType("s"), help="Stop this long after the start.")
 @options.clearance_option
-@click.option("--deceleration", type=options.QuantityType("m/s²"), help="Braking instead of the robot's.")
+@options.deceleration_option
 @options.interval_option
 @options.footprint_option
 @options.robot_option
 @options.prefer_option
-@click.option(
-    "--arithmetic",
-    type=click.Choice(["float32", "real"]),
-    default="float32",
-    show_default=True,
-    help="Whether bounds cover the rounding of the deployed program or the exact network.",
-)
+@options.arithmetic_option
 @options.seed_option
 @click.option(
     "--output",

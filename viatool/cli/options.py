@@ -330,6 +330,18 @@ def draw_scenarios(world_map: WorldMap, scenarios: int | None, seed: int) -> tup
     return world_map.generator.draw(scenarios, seed)
 
 
+arithmetic_option = click.option(
+    "--arithmetic",
+    type=click.Choice(["float32", "real"]),
+    default="float32",
+    show_default=True,
+    help="Whether bounds cover the rounding of the deployed program or the exact network.",
+)
+deceleration_option = click.option(
+    "--deceleration", type=QuantityType("m/s²"), help="Braking instead of the robot's."
+)
+
+
 def bounds_options(command: Command) -> Command:
     """Add the options of the reachable set."""
     for option in reversed(
@@ -356,13 +368,7 @@ def bounds_options(command: Command) -> Command:
                 show_default=True,
                 help="Refinement of the bounds.",
             ),
-            click.option(
-                "--arithmetic",
-                type=click.Choice(["float32", "real"]),
-                default="float32",
-                show_default=True,
-                help="Whether bounds cover the rounding of the deployed program or the exact network.",
-            ),
+            arithmetic_option,
         )
     ):
         command = option(command)

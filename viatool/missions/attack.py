@@ -81,6 +81,8 @@ def attack(follower: MissionFollower, lower: Floats, upper: Floats, *, seed: int
     signs[:_HELD] = signs[:_HELD, :1]
     signs[0] = 0.0
     size = np.abs(loop.sensors.read(starts[:, :3], starts[:, 3:])).max(initial=0.0)
+    size = max(size, *(lidar.fan.lidar.maximum_range for lidar, _ in loop.sensors.quantities.lidars), 0.0)
+    size += 2.0 * loop.sensors.shapes.scale  # no reading of a later interval is larger
     errors = signs * np.maximum(radii - AS_RECEIVED * (1.0 + size), 0.0)
     centre = 0.5 * (lower + upper)
     tubes = TubeFollower(loop, follower.goal_radius, Horizon(min(steps, _MOST)))

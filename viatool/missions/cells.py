@@ -93,10 +93,13 @@ class CellSides:
             cell[:, place] = firsts[of, place] + rest % each
             rest = rest // each
         lower, upper = (end[of].copy() for end in bounds)
-        for place, quantity in enumerate(self.cut):
-            side = self.sides[quantity]
-            lower[:, quantity] = np.maximum(lower[:, quantity], cell[:, place] * side)
-            upper[:, quantity] = np.minimum(upper[:, quantity], (cell[:, place] + 1) * side)
+        for place, quantity in enumerate(
+            self.cut
+        ):  # the outermost cells reach to the ends, however these round
+            side, which = self.sides[quantity], cell[:, place]
+            begins, ends = which * side, (which + 1) * side
+            lower[:, quantity] = np.where(which == firsts[of, place], lower[:, quantity], begins)
+            upper[:, quantity] = np.where(which == lasts[of, place], upper[:, quantity], ends)
         own = lower[:, self.cut], upper[:, self.cut]
         for place, quantity in enumerate(self.cut):
             middle, slope, spread = _regression(states, rows, int(quantity))

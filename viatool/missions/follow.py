@@ -170,7 +170,7 @@ class MissionFollower:
             clearance, clear = self._clearance(parts, after)
             trace.clearance = min(trace.clearance, clearance)
             if not clear.all():
-                return trace.ended(k, f"{_TOO_NEAR} in {_place(parts.select(~clear))}")
+                return trace.ended(k, f"{_TOO_NEAR} in {_place(parts.select(after.origin[~clear]))}")
             bounds = after.bounds(parts.lower[:, :3], parts.upper[:, :3])
             parts = _as_parts(*sides.divide(after.states, bounds))
             near, within = self._distances(parts)
@@ -203,8 +203,9 @@ class MissionFollower:
         ).proved
 
     def _clearance(self, parts: TubeParts, after: LoopStep) -> tuple[float, Booleans]:
-        """Return what runs keep during an interval, in metres, and in which parts that is proved to suffice, (P,)."""
-        rules, boxes = self.loop.rules, parts.cells.poses
+        """Return what runs keep during an interval, in metres, and of which pieces that is proved to suffice, (P,)."""
+        parts, rules = parts.select(after.origin), self.loop.rules
+        boxes = parts.cells.poses
         cells = MotionBoxes.whole(after.lower, after.upper, boxes.radius)
         least = enclose(cells, self.loop.at(boxes), rules.manoeuvre, rules.footprint).least
         proved = least > rules.clearance.collision
