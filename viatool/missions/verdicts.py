@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
@@ -198,7 +198,7 @@ class Missions(Asked):
     seconds: Mapping[str, float]
     versions: Mapping[str, str]
 
-    def __iter__(self) -> Any:
+    def __iter__(self) -> Iterator[Mission]:
         """Go through the missions."""
         return iter(self.missions)
 

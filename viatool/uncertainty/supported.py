@@ -31,7 +31,7 @@ SUPPORTED: dict[str, frozenset[str]] = {
     | _MOVING,
     "verify with a horizon": frozenset({"sensor.absolute"}) | _START,
     "certify": frozenset({"sensor.absolute", "sensor.relative", "sensor.bias"}) | MOTION | _POSE,
-    "mission": frozenset({"sensor.absolute", "start.x", "start.y", "start.theta"}),
+    "mission": frozenset({"sensor.absolute"}) | _START,
     "simulate": _DRAWN | _DRIVEN,
     "simulate with bullet": _DRAWN,
 }

@@ -355,7 +355,7 @@ class Result(Asked):
         if not places:
             return "do not move"
         passive = ", and counts until the robot stands" if self.rules.manoeuvre.passive else ""
-        return f"what moves is what {', '.join(places)} say, in any direction{passive}"
+        return f"what {' and '.join(places)} tell of may move, in any direction{passive}"
 
     def assumptions(self) -> dict[str, Any]:
         """Return what the verdicts rest on, by name."""
