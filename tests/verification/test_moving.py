@@ -139,7 +139,7 @@ def test_what_means_nothing_is_refused_by_name(policy, office, terms, said):
 def test_terms_that_contradict_one_another_are_refused(policy, office):
     for part, said in (
         ({"sensor": {"lidar": {"missing": 1}}}, r"lidar\.missing together"),
-        ({"actuation": {"linear": {"lag": [0.0, 0.1]}}}, r"lag"),
+        ({"pose": {"x": 0.1}}, "errors of the pose"),
     ):
         errors = ErrorModel.model_validate({"obstacles": {"returns": 1.0}, **part})
         with pytest.raises(ConfigurationError, match=said):
@@ -151,3 +151,42 @@ def test_people_need_the_term_and_the_term_needs_people(policy, office, states):
         viatool.verify(policy, office, eps=0.01, trajectory=with_people(states))
     with pytest.raises(ConfigurationError, match="tell of no people"):
         viatool.verify(policy, office, eps=0.01, trajectory=states, errors=model(people=1.0))
+
+
+def test_the_state_table_keeps_people(policy, office, states, tmp_path):
+    """Else the table, verified again, would speak of rooms without them."""
+    errors = model(people=1.2)
+    told = with_people(states)
+    found = viatool.verify(policy, office, eps=0.01, errors=errors, trajectory=told, criterion="braking")
+    np.savez(tmp_path / "states.npz", **found.state_table())
+    again = load_trajectory(tmp_path / "states.npz", policy.spec)
+    np.testing.assert_array_equal(again.people, told.people)
+    plain = viatool.verify(policy, office, eps=0.01, trajectory=states, criterion="braking")
+    assert "people" not in plain.state_table()
+
+
+def test_simulated_states_are_those_of_the_motors_of_the_model(policy):
+    lab = viatool.load_map("lab")
+    late = {
+        "actuation": {"linear": {"acceleration": 1.0, "lag": [0.1, 0.2]}},
+        "timing": {"interval": [0.08, 0.12]},
+        "sensor": {"lidar": {"absolute": 0.01, "bias": 0.2}},
+        "obstacles": {"speed": 0.2},
+    }
+
+    def states(seed, **part):
+        wishes = Wishes("braking", errors=ErrorModel.model_validate(part))
+        setting = Setting.of(policy, lab, {"": 0.01, "lidar": 0.01}, wishes, lab.scenarios[:1], job="verify")
+        source = Source(seed=seed)
+        return source.states(policy, setting), source.words(setting)
+
+    (first, words), (again, _), (other, _) = (states(seed, **late) for seed in (0, 0, 1))
+    plain, ideal = states(0, sensor=late["sensor"], obstacles=late["obstacles"])
+    np.testing.assert_array_equal(first.poses, again.poses)
+    assert not np.array_equal(first.poses[:20], other.poses[:20])
+    assert np.ptp(np.diff(first.time)) > 0.01
+    assert np.ptp(np.diff(plain.time)) < 1e-9
+    speed = np.hypot(*np.diff(first.poses[:4, :2], axis=0).T) / np.diff(first.time[:4])
+    assert (speed[:2] < 0.8 * np.abs(first.actions[:2, 0])).all()  # it takes time
+    assert "motors and timing drawn" in words
+    assert "motors" not in ideal

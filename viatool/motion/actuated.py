@@ -20,6 +20,15 @@ a lag tau follow the brake late: the share falls by ``min(1 / S, share / tau)``,
 on that is the same for all commands of a state, the share is at most ``q e^(-t / tau)``; with the clock ``tau (1 -
 e^(-t / tau))``, which runs from 0 to tau, the robot moves at no more than q of its speeds, so the tail is a stage of
 tau seconds. It matters only where the robot is, not when.
+
+**Standing.** What moves counts until the robot stands. One without a lag does at the end of its profile. One with a lag
+never quite does; it is taken to stand when none of its points that count is faster than `STANDING`. At the time T at
+which the tail begins, the share is at most q, so that the points are no faster than ``q (speed + rim turn)``, and since
+that falls by ``e^(-t / tau)``, the robot stands from
+
+    T + tau max(0, log(q (speed + rim turn) / STANDING))
+
+on. In the tail, whose clock is another one, things have moved for as long as that.
 """
 
 from __future__ import annotations
@@ -43,6 +52,8 @@ _STAGES = 4
 """In which the velocity settles within a phase as long as an interval."""
 _STOPPING = 6
 """In which it falls to 0."""
+STANDING = 0.01
+"""m/s of its fastest point up to which a robot whose motors lag is taken to stand."""
 _MOST_HISTORY = 30
 """Commands that tell of the velocity at most; a robot that is slower to forget is one of which less is known."""
 
@@ -85,6 +96,11 @@ class Machine:
         whole = self.reachable
         needed = float(self.actuation.settling(whole, whole)) / self.timing.interval[0]
         return self.timing.commands + min(max(1, math.ceil(needed)), _MOST_HISTORY)
+
+    @property
+    def lag(self) -> float:
+        """Return how late the motors follow the brake at most, in seconds."""
+        return float(self.actuation.of("lag")[:, 1].max())
 
     @cached_property
     def reachable(self) -> tuple[Floats, Floats]:
@@ -161,7 +177,8 @@ class ActuatedMotion(VaryingMotion):
             "observed": of(self.observed),
             "_older": of(self._older),
         }
-        known |= {"end": self.end[which], "longest": self.longest[which], "phases": self.phases}
+        known |= {name: getattr(self, name)[which] for name in ("end", "longest", "stands")}
+        known["phases"] = self.phases
         vars(found).update(known)
         return found
 
@@ -178,6 +195,27 @@ class ActuatedMotion(VaryingMotion):
         if self.machine.deceleration is None:
             return last
         return last + self.machine.stopping(self._largest) * SLIGHTLY_MORE**8 + 3.0 * self._brake_lag
+
+    @cached_property
+    def stands(self) -> Floats:
+        """See `VaryingMotion.stands`, and the module for why."""
+        machine, lag, largest = self.machine, self._brake_lag, self._largest
+        if machine.deceleration is None or lag == 0.0:
+            return self.end
+        speed = np.hypot(largest[:, 0], largest[:, 1]) * (1.0 + machine.actuation.slip)
+        stop = machine.stopping(largest) * SLIGHTLY_MORE
+        tail = self.end - lag
+        with np.errstate(divide="ignore"):
+            left = remaining(np.ones_like(stop), tail - machine.timing.last, 1.0 / stop, np.asarray(lag))
+        pace = left * (speed + machine.rim * largest[:, 2]) * SLIGHTLY_MORE**4
+        return np.asarray(tail + lag * np.log(np.maximum(pace / STANDING, 1.0)) * SLIGHTLY_MORE**4)
+
+    def counted(self, state: Indices, until: Floats) -> Floats:
+        """See `VaryingMotion.counted`: as long as the clock says, and in a tail until the robot stands."""
+        if self.machine.deceleration is None or self._brake_lag == 0.0:
+            return until
+        tail = (self.end[state] - self._brake_lag) / SLIGHTLY_MORE
+        return np.where(until < tail, until, self.stands[state])
 
     @cached_property
     def _largest(self) -> Floats:
@@ -308,7 +346,7 @@ class ActuatedMotion(VaryingMotion):
     @property
     def _brake_lag(self) -> float:
         """Return how late motors follow the brake at most, in seconds."""
-        return float(self.machine.actuation.of("lag")[:, 1].max())
+        return self.machine.lag
 
     def _stopping(self, box: tuple[Floats, Floats]) -> Floats:
         """Return how long robots take at most to stop from boxes of velocities, (C,) seconds, without a lag."""

@@ -211,6 +211,18 @@ class VaryingMotion(ABC):
     def end(self) -> Floats:
         """Return after how many seconds all motion that counts is over, whatever the command; (B,)."""
 
+    @property
+    @abstractmethod
+    def stands(self) -> Floats:
+        """Return after how many seconds robots stand, so that what comes near no longer counts; (B,).
+
+        This is time as it passes. A profile may tell what it lets them do last by a clock of its own, see `counted`.
+        """
+
+    @abstractmethod
+    def counted(self, state: Indices, until: Floats) -> Floats:
+        """Return for how many seconds things have moved at most until instants (C,) of the profiles of robots (C,)."""
+
     @abstractmethod
     def profile(self, state: Indices, lower: Floats, upper: Floats) -> VelocityProfile:
         """Bound the velocities of robots (C,) that are given a command of boxes (C, A).

@@ -170,7 +170,7 @@ def settle(states: JudgedStates, threshold: float) -> Booleans:
         latest = manoeuvre.counted_between(lower, lower, upper, end, end)[1]
         settled = states.prove_waiting(threshold).proved
     else:
-        way, latest = motion.longest, motion.end
+        way, latest = motion.longest, motion.stands
         settled = np.ones(len(states), dtype=bool)
     away = here.clearance(latest)[0] - rules.footprint.reach
     near = ~(away > threshold + way + here.extent + 1e-6 * (here.scale + here.fastest * latest))

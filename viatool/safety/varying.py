@@ -11,7 +11,8 @@ motion is over. Its profile is that of its own box, so that cutting the box narr
    D away and turned by delta every path is turned as a whole: the centre path is at most ``|D| + way |delta|`` away,
    and the segment of half-length ``along`` turns by delta as well.
 
-4. *What moves* has moved for as long as the part of the time lasts, whether or not the robot stands by then.
+4. *What moves* has moved for as long as the part of the time lasts (`VaryingMotion.counted`), whether or not the robot
+stands by then.
 
 No path is said to be attained: the centre path is one of those that the profile allows, but a robot may know better.
 A cell that fails even for its middle command at its middle instant is given up, as no part of it could be proved.
@@ -48,7 +49,8 @@ def enclose_varying(
     start, end = first * end, last * end
     profile = motion.profile(cells.state, lower, upper)
     spread, before = profile.spread(start, end), profile.spread(start, start)
-    clearance, between = _centre_keeps(profile, spread, start, end, here, footprint)
+    counted = motion.counted(cells.state, end)
+    clearance, between = _centre_keeps(profile, spread, (start, end), counted, here, footprint)
     around = _around(spread, footprint)
     turned = spread.along + rim + profile.extent(0.0 * end, end)[0]
     elsewhere = np.hypot(radii[:, 0], radii[:, 1]) + turned * radii[:, 2]
@@ -79,7 +81,8 @@ def keep_at_best(
     least = np.full(len(cells), np.inf)
     for at in (0.5 * (first + last), last):
         spread = profile.spread(at, at)
-        clearance, between = _centre_keeps(profile, spread, at, at, here, footprint)
+        counted = motion.counted(cells.state, at)
+        clearance, between = _centre_keeps(profile, spread, (at, at), counted, here, footprint)
         least = np.minimum(least, clearance - between - _around(spread, footprint))
     return least
 
@@ -94,19 +97,23 @@ def _around(spread: PathSpread, footprint: Footprint) -> Floats:
 def _centre_keeps(
     profile: VelocityProfile,
     spread: PathSpread,
-    start: Floats,
-    end: Floats,
+    instants: tuple[Floats, Floats],
+    counted: Floats,
     here: ScenePoses,
     footprint: Footprint,
 ) -> tuple[Floats, Floats]:
-    """Return what is left around the centre path between two instants, and how much of that the bounds take, (C,)."""
+    """Return what is left around the centre path between two instants, and how much of that the bounds take, (C,).
+
+    What moves has moved for `counted` seconds.
+    """
+    start, end = instants
     slack = DISTANCE_ROUNDING * (
         here.scale
         + np.abs(here.poses).sum(axis=1)
         + profile.longest
         + profile.most_turned
         + footprint.reach
-        + here.fastest * end
+        + here.fastest * counted
     )
     x, y, theta = here.poses.T
     origin, ahead = x + 1j * y, np.exp(1j * theta)
@@ -117,10 +124,10 @@ def _centre_keeps(
         pose = np.column_stack([_points(where), theta + heading])
         halves = (profile.extent(*ends) for ends in ((start, at), (at, end)))
         moved = np.maximum(*(way + footprint.reach * turned for way, turned in halves))
-        return here.moved(pose).footprint_clearance(footprint, end)[0] - slack, moved
+        return here.moved(pose).footprint_clearance(footprint, counted)[0] - slack, moved
     tail, head, beside = spread.swath(*(profile.place(at)[0] for at in (start, end)))
     starts, ends = (_points(origin + ahead * place) for place in (tail, head))
-    clearance = here.segment_clearance(starts, ends, end)[0]
+    clearance = here.segment_clearance(starts, ends, counted)[0]
     return clearance - footprint.radius - slack, beside
 
 

@@ -45,15 +45,6 @@ def check_moving(model: ErrorModel, spec: PolicySpecification, world_map: WorldM
             f"{source}: obstacles.speed: the cells of an occupancy map are not told apart as obstacles",
             "state obstacles.returns, so that what the LiDAR sees may move, and obstacles.named for what has a name",
         )
-    lagging = [
-        axis for axis in ("linear", "lateral", "angular") if any(getattr(model.actuation, axis).lag or ())
-    ]
-    if lagging and any(term.startswith("obstacles.") for _, term, _, _ in model.stated()):
-        raise ConfigurationError(
-            f"{source}: actuation.{lagging[0]}.lag and obstacles together are not taken into account: a robot with a "
-            "lag takes for ever to stand, and things may come for as long",
-            "leave one of them out; a lower acceleration and deceleration allow for slow motors as well",
-        )
     if terms.behind is not None and terms.hidden is None:
         raise ConfigurationError(
             f"{source}: obstacles.behind says how near something hidden may be, but nothing is hidden",

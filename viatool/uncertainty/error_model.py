@@ -238,6 +238,10 @@ class ErrorModel(ErrorTerms):
         pose = PoseTerms(x=position, y=position, theta=heading)
         return self.model_copy(update={"pose": pose, "source": source})
 
+    def only(self, *sections: str) -> ErrorModel:
+        """Return the model with some of its sections alone."""
+        return type(self)(**{name: getattr(self, name) for name in ("source", *sections)})
+
     def without(self, place: str) -> ErrorModel:
         """Return the model without the term that stands at a place, as `stated` names it; the same if there is none."""
         content = self.model_dump(exclude_none=True)

@@ -238,7 +238,7 @@ def verify(
         witnesses=findings.witnesses,
         seconds=clock.seconds,
         versions=result_versions(),
-        origin=source.words,
+        origin=source.words(setting),
         maps=policy.maps,
         horizon=findings.over(horizon),
         recording=recording,

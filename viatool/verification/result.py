@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viatool.arrays import Booleans, Floats, Indices
+from viatool.motion.actuated import STANDING
 from viatool.policy import Maps, ObservationChannel
 from viatool.safety.judgement import Contested, Judgement
 from viatool.safety.witness import Witnesses
@@ -225,6 +226,7 @@ class Result(Asked):
             "verdict": self.verdict[rows],
             "episode": self.episode[rows],
             "outcome": self.outcomes,
+            **({} if not self.trajectory.people.shape[1] else {"people": self.trajectory.people[rows]}),
             "witness": self._witness(rows),
             **({} if self.horizon is None else self.horizon.state_table(rows)),
             **({} if self.error_costs is None else {"fails_by": self._fails_by[rows]}),
@@ -354,7 +356,9 @@ class Result(Asked):
         ]
         if not places:
             return "do not move"
-        passive = ", and counts until the robot stands" if self.rules.manoeuvre.passive else ""
+        machine = self.rules.machine
+        slow = f" (is no faster than {STANDING:g} m/s)" if machine is not None and machine.lag else ""
+        passive = f", and counts until the robot stands{slow}" if self.rules.manoeuvre.passive else ""
         return f"what {' and '.join(places)} tell of may move, in any direction{passive}"
 
     def assumptions(self) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from viatool.setting.recalled import recalled
 from viatool.setting.setting import Setting
 from viatool.simulate import Agreement, Conditions, Places, compare_with_map, drive, observe_places
 from viatool.trajectory import BagSettings, Trajectory, load_trajectory
+from viatool.uncertainty import ErrorModel
 
 StrPath = str | os.PathLike[str]
 
@@ -54,7 +55,8 @@ class Source:
             return observe_places(policy, setting, self.places, seed=self.seed)
         if self.trajectory is None:
             conditions = Conditions(noise=self.noise, delay=setting.rules.delay)
-            return drive(policy, setting, conditions=conditions, seed=self.seed).trajectory
+            motors = _motors(setting)
+            return drive(policy, setting, conditions=conditions, errors=motors, seed=self.seed).trajectory
         if isinstance(self.trajectory, Trajectory):
             return recalled(policy, setting, self.trajectory)
         return recalled(policy, setting, load_trajectory(self.trajectory, setting.spec, self.bag))
@@ -67,8 +69,7 @@ class Source:
             setting.spec.observation, states, setting.world_map, setting.radii, setting.spec.frames
         )
 
-    @property
-    def words(self) -> str:
+    def words(self, setting: Setting) -> str:
         """Return in words where the states come from, and the seed."""
         seed = self.seed
         if self.places is not None:
@@ -78,7 +79,18 @@ class Source:
             return f"{grid}, seed {seed} of the search"
         if self.trajectory is None:
             sensor = "the map's sensor noise" if self.noise is None else f"sensor noise {self.noise:g} m"
-            return f"simulated, {sensor}, seed {seed}"
+            motors = _motors(setting)
+            drawn = f", motors and timing drawn within {motors.source}" if motors else ""
+            return f"simulated, {sensor}{drawn}, seed {seed}"
         given = isinstance(self.trajectory, Trajectory)
         source = "given as arrays" if given else f"read from {os.fspath(self.trajectory)}"  # type: ignore[arg-type]
         return f"{source}, seed {seed} of the search"
+
+
+def _motors(setting: Setting) -> ErrorModel:
+    """Return how motors and clocks of a simulated drive err: as the error model says.
+
+    The errors of sensors and of the pose are counted around what was observed, and what moves counts from where the map
+    shows it; so neither is drawn.
+    """
+    return setting.uncertainty.only("actuation", "timing")
