@@ -13,7 +13,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 NETWORK = ROOT / "viatool/policy/network.py"
 PASSES = {
-    "policy/assembly.py": {"_renumbered"},
+    "policy/assembly.py": {"renumbered"},
     "policy/inspection.py": {"_kind", "_parameters"},
     "policy/maps.py": {"_step"},
     "policy/network.py": {"_evaluate", "_problem_of_sizes"},

@@ -101,21 +101,26 @@ class Inputs:
             least[:, columns], most[:, columns] = channel.encoding.readings(inputs[:, columns], within=within)
         return least, most
 
-    def shared(self, inputs: Floats, rows: Indices) -> Indices:
-        """Tell which inputs may hold one and the same reading, whose error they then share.
+    def shared(self, inputs: Floats, rows: Indices | Floats) -> Indices:
+        """Tell which inputs hold one and the same reading, whose error they then share.
 
         Parameters
         ----------
         inputs : ndarray
             (B, n) what the network took.
         rows : ndarray
-            (B,) how many states of its episode are known before each: a stack that reaches farther back was filled with
-            the first reading.
+            (B,) how many control intervals came before each state in its episode: a stack that reaches farther back was
+            filled with the first reading. NaN where that is not known.
 
         Returns
         -------
         ndarray
             (B, n) the first of the inputs that hold the reading of each.
+
+        Notes
+        -----
+        As sure as `rows`: with how many states of an episode are known before each, these *may* be one reading, and a
+        counterexample takes them for one; with how many there were, they are. Other numbers are other readings.
         """
         first = np.broadcast_to(np.arange(inputs.shape[1]), inputs.shape).copy()
         for number in range(len(self.channels)):
@@ -183,7 +188,8 @@ class Inputs:
         Notes
         -----
         Sound: yes. A reading that was clipped may have been anything beyond the end of the clip. Frames err each by
-        itself, which allows for more than frames of the same reading do (`shared` says which these are).
+        itself, which allows for more than frames of the same reading do (`shared` says which these are): bounds of
+        commands leave all but the first of them out.
         """
         least, most = self.readings(inputs, within=within)
         return self.enclosed(least - radii, most + radii, within)

@@ -7,7 +7,7 @@ moving elements about is an affine node with one 1 in each row, which copies exa
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, cast
 
@@ -408,10 +408,11 @@ def pruned(nodes: Sequence[Node], output: int, calls: Sequence[str]) -> Network:
             needed.update(nodes[index].sources)
     number = {old: new for new, old in enumerate(sorted(needed))}
     kept = sorted(needed)
-    return Network(tuple(_renumbered(nodes[old], number) for old in kept), tuple(calls[old] for old in kept))
+    return Network(tuple(renumbered(nodes[old], number) for old in kept), tuple(calls[old] for old in kept))
 
 
-def _renumbered(node: Node, number: dict[int, int]) -> Node:
+def renumbered(node: Node, number: Mapping[int, int]) -> Node:
+    """Return a node that reads other nodes, by their new numbers."""
     match node:
         case Input():
             return node

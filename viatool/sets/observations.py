@@ -89,6 +89,21 @@ class ObservationSets:
             tuple(few.select(which) for few in self.few),
         )
 
+    def among(self, columns: Indices) -> ObservationSets:
+        """Return what is known of some of the entries, (k,) ascending."""
+        forms = self.forms
+        kept = [few.among(columns) for few in self.few]
+        return ObservationSets(
+            Forms(forms.centre[:, columns], forms.slope[:, :, columns], forms.rest[:, columns]),
+            self.lower[:, columns],
+            self.upper[:, columns],
+            tuple(
+                replace(few, columns=np.searchsorted(columns, few.columns))
+                for few in kept
+                if few.columns.size
+            ),
+        )
+
     @property
     def shares(self) -> bool:
         """Tell whether entries have anything in common."""

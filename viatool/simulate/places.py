@@ -121,6 +121,7 @@ def observe_places(policy: RunnablePolicy, setting: Setting, places: Places, *, 
             *(f"{axis.name} drawn at random from its range" for axis in state),
         ),
         connected=False,
+        steps=np.zeros(len(poses), np.int64),
         motion=dict(zip([axis.name for axis in state], motion.T, strict=True)),
     )
 

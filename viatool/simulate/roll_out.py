@@ -166,7 +166,7 @@ def _record(
 ) -> Drive:
     """Drive all scenarios; a robot that is done takes the next one, or leaves."""
     count, ended = len(scenarios), 0
-    recording = _Recording(count)
+    recording = _Recording(count, repeats=not simulator.adversary)
     begun = len(simulator)
     memory, sensed = CarriedMemory(setting.spec, begun, setting.number), simulator.reset()
     while len(simulator):
@@ -201,10 +201,19 @@ def _record(
 
 
 class _Recording:
-    """Collects the states of episodes that run side by side; the scene of a robot is its episode."""
+    """Collects the states of episodes that run side by side; the scene of a robot is its episode.
 
-    def __init__(self, episodes: int) -> None:
-        self.states: list[tuple[Indices, Floats, Floats, Floats, Floats, Floats]] = []
+    Parameters
+    ----------
+    episodes : int
+        How many.
+    repeats : bool
+        Whether frames from before an episode repeat its first reading; an adversary takes another one than filled them.
+    """
+
+    def __init__(self, episodes: int, *, repeats: bool) -> None:
+        self.repeats = repeats
+        self.states: list[tuple[Indices, Indices, Floats, Floats, Floats, Floats, Floats]] = []
         self.motion: tuple[str, ...] = ()
         self.clearances: list[Floats] = []
         self.outcomes = np.full(episodes, "timeout", dtype="U9")
@@ -217,7 +226,12 @@ class _Recording:
         self.motion = tuple(axis.name for axis in simulator.kinematics.state)
         self.states.append(
             (
-                *(simulator.scene.copy(), simulator.time.copy(), simulator.poses.copy()),
+                *(
+                    simulator.scene.copy(),
+                    simulator.steps.copy(),
+                    simulator.time.copy(),
+                    simulator.poses.copy(),
+                ),
                 *(observations, actions, simulator.motion.copy()),
             )
         )
@@ -234,7 +248,7 @@ class _Recording:
 
     def drive(self, scenarios: tuple[Scenario, ...]) -> Drive:
         """Return everything, sorted by episode."""
-        episode, time, poses, observations, actions, motion = (
+        episode, steps, time, poses, observations, actions, motion = (
             np.concatenate(arrays) for arrays in zip(*self.states, strict=True)
         )
         order = np.argsort(episode, kind="stable")
@@ -248,6 +262,7 @@ class _Recording:
             costs=self.costs,
             scenarios=scenarios,
             from_rest=True,
+            steps=steps[order] if self.repeats else None,
             motion=dict(zip(self.motion, motion[order].T, strict=True)),
         )
         return Drive(trajectory, self.ends, np.concatenate(self.clearances)[order], self.least)

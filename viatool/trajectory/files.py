@@ -59,6 +59,7 @@ def load_trajectory(
     The npz arrays are `pose`, `observation`, `action`, `episode`, `time`, `outcome`, `cost`, `people` and `scenario`
     (JSON); only the first two are needed, so the state table of a verification is a trajectory as well. What a robot
     had besides its pose stands in arrays or columns `motion_v` (m/s), `motion_omega` (rad/s), `motion_steering` (rad).
+    An npz may hold `steps`, see `Trajectory`.
     """
     path = Path(path)
     if is_bag(path) and path.exists():
@@ -121,6 +122,8 @@ def write_trajectory(
 
 def _write_arrays(path: Path, trajectory: Trajectory) -> None:
     motion: dict[str, Any] = {MOTION + name: own for name, own in trajectory.motion.items()}
+    if trajectory.steps is not None:
+        motion["steps"] = trajectory.steps
     with path.open("wb") as stream:
         np.savez_compressed(
             stream,
@@ -165,6 +168,7 @@ def _load_arrays(path: Path, specification: PolicySpecification | None) -> Traje
             costs=arrays.get("cost", np.full(outcomes.shape, np.nan)),
             scenarios=tuple(read_scenario(str(text)) for text in scenarios.ravel()),
             clocked="time" in arrays,
+            steps=arrays.get("steps"),
             people=arrays.get("people", np.zeros((states, 0, 5))),
             motion={name.removeprefix(MOTION): own for name, own in motion.items()},
         )
@@ -179,5 +183,16 @@ def _position_in_episode(episode: np.ndarray) -> np.ndarray:
     return np.arange(episode.shape[0], dtype=np.float64)
 
 
-_ARRAYS = {"pose", "observation", "action", "episode", "time", "outcome", "cost", "scenario", "people"}
+_ARRAYS = {
+    "pose",
+    "observation",
+    "action",
+    "episode",
+    "time",
+    "outcome",
+    "cost",
+    "scenario",
+    "people",
+    "steps",
+}
 _READERS = {".npz": _load_arrays, ".csv": load_table}

@@ -51,6 +51,9 @@ class Trajectory:
         (N,) bool: whether the command before each state was recorded, and not assumed; None if nothing was assumed.
     clocked : bool
         Whether `time` was recorded; without a clock nobody knows which rows follow one another.
+    steps : ndarray, optional
+        (N,) control intervals since the beginning of each state's episode, where frames that reach farther back are
+        known to repeat its first reading; None where nothing tells.
     people : ndarray
         (N, P, 5) people around each state: x, y, velocity along x and y, and radius, in the map frame, in m and m/s;
         NaN for nobody. By default (N, 0, 5).
@@ -78,6 +81,7 @@ class Trajectory:
     from_rest: bool = False
     commanded: Booleans | None = None
     clocked: bool = True
+    steps: Indices | None = None
     people: Floats = field(default_factory=lambda: np.zeros((0, 0, 5)))
     motion: Mapping[str, Floats] = field(default_factory=dict)
 
@@ -96,6 +100,7 @@ class Trajectory:
         _check_people(self)
         _check_places(self)
         _check_episodes(self)
+        _check_steps(self)
 
     def __len__(self) -> int:
         """Return the number of states."""
@@ -120,8 +125,9 @@ class Trajectory:
             (N,) bool, or indices in increasing order.
         """
         chosen = {name: getattr(self, name)[states] for name in _BY_STATE}
-        if self.commanded is not None:
-            chosen["commanded"] = self.commanded[states]
+        for name in ("commanded", "steps"):
+            if getattr(self, name) is not None:
+                chosen[name] = getattr(self, name)[states]
         motion = {name: own[states] for name, own in self.motion.items()}
         return replace(self, **chosen, motion=motion)
 
@@ -158,6 +164,8 @@ def _check_shapes(trajectory: Trajectory) -> None:
     expected |= {"episode": (states,), "time": (states,), "people": (states, None, 5)}
     expected |= {"outcomes": (len(trajectory.scenarios),), "costs": (len(trajectory.scenarios),)}
     arrays = {name: getattr(trajectory, name) for name in expected}
+    if trajectory.steps is not None:
+        arrays["steps"], expected["steps"] = trajectory.steps, (states,)
     for name, own in trajectory.motion.items():
         arrays[f"motion_{name}"], expected[f"motion_{name}"] = own, (states,)
     for name, shape in expected.items():
@@ -207,6 +215,20 @@ def _check_places(trajectory: Trajectory) -> None:
         raise TrajectoryError(
             f"trajectory has the pose {trajectory.poses[row].tolist()} in row {row}, expected at most {_FARTHEST:g}",
             "give poses in metres and radians, in the frame of the map",
+        )
+
+
+def _check_steps(trajectory: Trajectory) -> None:
+    """Refuse numbers of control intervals that are none."""
+    steps = trajectory.steps
+    if steps is None:
+        return
+    wrong = np.flatnonzero(steps < 0) if steps.dtype.kind in "iu" else np.arange(len(steps))[:1]
+    if len(wrong):
+        row = int(wrong[0])
+        raise TrajectoryError(
+            f"trajectory array 'steps' holds {steps[row]} in row {row}, expected whole numbers of at least 0",
+            "count the control intervals since the beginning of the episode, or leave the array out",
         )
 
 

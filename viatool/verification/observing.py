@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -13,6 +13,7 @@ from viatool.arrays import Booleans, Floats, Indices
 from viatool.channels.drift import Drift
 from viatool.channels.reading_errors import ReadingErrors
 from viatool.policy import Policy
+from viatool.policy.repeated import repeating
 from viatool.safety import JudgedStates, ScenePoses, Witnesses, search_witnesses
 from viatool.setting.admissible import AdmissibleSets, explain
 from viatool.setting.driven import DrivenPolicy
@@ -68,9 +69,18 @@ class BlockSensors:
 
     @cached_property
     def shared(self) -> Indices | None:
-        """The first of the inputs that hold the same reading as each, (B, n); None where every one is another."""
-        inputs = self.setting.spec.inputs
-        return inputs.shared(self.observations, self.states.rows) if inputs.memory else None
+        """The first of the inputs that may hold the same reading as each, (B, n); None where every one is another."""
+        inputs, states = self.setting.spec.inputs, self.states
+        before = np.where(np.isnan(states.steps), states.rows, states.steps)
+        return inputs.shared(self.observations, before) if inputs.memory else None
+
+    @cached_property
+    def repeated(self) -> Indices | None:
+        """The first of the inputs that surely hold the reading of each, (B, n); None where every one is another."""
+        inputs, steps = self.setting.spec.inputs, self.states.steps
+        if not (inputs.memory and (steps < inputs.memory).any()):
+            return None
+        return inputs.shared(self.observations, steps)
 
     @property
     def placed(self) -> ScenePoses:
@@ -88,17 +98,58 @@ class BlockSensors:
     def reach(
         self, policy: Policy, engine: Mapping[str, Any], wanted: Booleans, contested: Booleans
     ) -> ReachableSet:
-        """Bound the commands of the wanted states, those of contested ones with more effort; the others get NaN."""
-        if self.is_box or not wanted.any():
-            found = reach(policy, *self.setting.uncertain(self.observations[wanted]), **engine)
-            return found if wanted.all() else found.spread(wanted)
-        rows = [np.flatnonzero(wanted & (contested == effort)) for effort in (True, False)]
-        parts = [
-            reach_observed(policy, self._sets(some), thorough=effort, **engine)
-            for some, effort in zip(rows, (True, False), strict=True)
-            if some.size
-        ]
-        return ReachableSet.join(parts).rows(np.argsort(np.concatenate(rows), kind="stable")).spread(wanted)
+        """Bound the commands of the wanted states, those of contested ones with more effort; the others get NaN.
+
+        Notes
+        -----
+        Sound: yes. Inputs that surely hold one reading are one number, with one error.
+        """
+        rows, parts = [], []
+        for some, first in self._alike(np.flatnonzero(wanted)):
+            taken = policy if first is None else repeating(policy, tuple(first.tolist()))
+            kept = slice(None) if first is None else np.unique(first)
+            for these, thorough in self._by_effort(some, contested):
+                rows.append(these)
+                parts.append(self._reach(taken, these, kept, engine, thorough))
+        found = ReachableSet.join(parts)
+        if len(parts) > 1:
+            found = found.rows(np.argsort(np.concatenate(rows), kind="stable"))
+        return found if wanted.all() else found.spread(wanted)
+
+    def _reach(
+        self,
+        policy: Any,
+        rows: Indices,
+        kept: Indices | slice,
+        engine: Mapping[str, Any],
+        thorough: bool,
+    ) -> ReachableSet:
+        """Bound the commands of a policy that takes some of the inputs, over what these may be in some states."""
+        if self.is_box or not rows.size:
+            centre, radii = self.setting.uncertain(self.observations[rows])
+            return reach(policy, centre[:, kept], radii[..., kept], **engine)
+        sets = self._sets(rows)
+        sets = sets if isinstance(kept, slice) else sets.among(kept)
+        return reach_observed(policy, sets, thorough=thorough, **engine)
+
+    def _alike(self, rows: Indices) -> Iterator[tuple[Indices, Indices | None]]:
+        """Give the states in which the same inputs hold one reading, with the first input of each reading, (n,)."""
+        if self.repeated is None or not rows.size:
+            yield rows, None
+            return
+        patterns, which = np.unique(self.repeated[rows], axis=0, return_inverse=True)
+        for number, first in enumerate(patterns):
+            yield rows[which.reshape(-1) == number], first
+
+    def _by_effort(self, rows: Indices, contested: Booleans) -> Iterator[tuple[Indices, bool]]:
+        """Give the contested ones of some states, and the others, where these are bounded with less effort."""
+        if self.is_box or not rows.size:
+            yield rows, True
+            return
+        for thorough in (True, False):
+            some = rows[contested[rows] == thorough]
+            if some.size:
+                yield some, thorough
 
     def search(
         self,

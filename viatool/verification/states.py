@@ -38,6 +38,9 @@ class States:
         (B, W, 2) commands on their way to the motors, the oldest first; NaN where they are not known.
     rows : ndarray
         (B,) how many states of its episode come before each.
+    steps : ndarray
+        (B,) control intervals since the beginning of its episode, where frames that reach farther back are known to
+        repeat the first reading; else NaN.
     people : ndarray
         (B, P, 5) people around each state, see `Trajectory`.
     velocity : ndarray or None
@@ -56,6 +59,7 @@ class States:
     previous: Floats | None
     under_way: Floats
     rows: Indices
+    steps: Floats
     people: Floats
     begun: Floats
     velocity: Floats | None = None
@@ -80,6 +84,7 @@ class States:
             previous,
             under_way,
             _rows_of_episodes(trajectory),
+            _steps_of_episodes(trajectory),
             trajectory.people,
             np.zeros((len(trajectory), 2, 0)) if begun is None else begun,
             None if velocity is None else np.stack(velocity, axis=1),
@@ -126,6 +131,7 @@ class States:
             None if self.previous is None else self.previous[rows],
             self.under_way[rows],
             self.rows[rows],
+            self.steps[rows],
             self.people[rows],
             self.begun[rows],
             None if self.velocity is None else self.velocity[rows],
@@ -141,6 +147,12 @@ class States:
         """Yield the blocks one by one."""
         for index in range(self.block_count):
             yield self.blocks(Span(index, index + 1))
+
+
+def _steps_of_episodes(trajectory: Trajectory) -> Floats:
+    """Return how many control intervals after the beginning of its episode each state was, (N,); NaN if unknown."""
+    steps = trajectory.steps
+    return np.full(len(trajectory), np.nan) if steps is None else steps.astype(np.float64)
 
 
 def _rows_of_episodes(trajectory: Trajectory) -> Indices:
