@@ -4,6 +4,7 @@ import itertools
 import json
 from dataclasses import replace
 from fractions import Fraction
+from functools import partial
 
 import numpy as np
 import onnxruntime
@@ -14,9 +15,9 @@ from tests.safety.hand_made_policy import specification, write_policy
 from viatool.errors import ConfigurationError, EmptyEvaluationError, PolicyError, TrajectoryError
 from viatool.policy import ActionChannel, load_policy
 from viatool.simulate import roll_out
-from viatool.taylor import memory
+from viatool.taylor import ReachableSet, memory
 from viatool.trajectory import Trajectory, load_trajectory, write_trajectory
-from viatool.verification import verify
+from viatool.verification import observing, verify
 from viatool.world import Obstacles, load_map
 
 LAB = "maps/lab.yaml"
@@ -154,16 +155,42 @@ def test_bounds_of_a_large_network_are_refined_only_where_a_verdict_depends_on_t
     assert (quick.upper >= tight.upper - 1e-9).all()
     settled = (quick.upper - quick.lower)[~contested].mean()
     assert settled > 1.01 * (tight.upper - tight.lower)[~contested].mean()
-    open_ = ~tight.judgement.all_hold
-    assert open_.any()
-    np.testing.assert_allclose(quick.upper[open_], tight.upper[open_], atol=1e-9)
-
     monkeypatch.setattr(memory, "_SMALL", 0.0)
     monkeypatch.setattr(memory, "_KEPT_IN_PASSING", 0.0)
     none = verify(large, LAB, eps=0.03, trajectory=some, **DISTANCES)
     assert none.engine["bounded"] == "contested states alone"
     np.testing.assert_array_equal(none.verdict, tight.verdict)
     np.testing.assert_array_equal(np.isnan(none.upper).all(axis=1), ~contested)
+
+
+def test_bounds_are_refined_where_no_attained_command_fails_and_only_there(result, policy, monkeypatch):
+    """A robot that may do anything is asked about again unless it is known to do what fails."""
+    monkeypatch.setattr(memory, "_SMALL", 0.0)
+    some = result.trajectory.select(np.flatnonzero(result.contested.either))
+    least, most = (
+        np.array([getattr(each, end) for each in policy.spec.action]) for end in ("lower", "upper")
+    )
+    stand, ahead, unknown = np.zeros(2), np.array([most[0], 0.0]), np.full(2, np.nan)
+    asked = []
+
+    def reach(attained, policy, observations, eps, **engine):
+        asked.append(len(observations))
+        bounds = (least, most) if engine["refine"] == "none" else (stand, stand)
+        return ReachableSet(
+            *(np.tile(each, (len(observations), 1)) for each in (*bounds, attained, attained, stand))
+        )
+
+    def asked_again(attained):
+        monkeypatch.setattr(observing, "reach", partial(reach, attained))
+        found = verify(policy, LAB, eps=0.03, trajectory=some, clearance=0.6, danger=0.6)
+        return asked[-1], (found.judgement.safe & found.contested.collision).sum()
+
+    again, proved = asked_again(stand)
+    assert again == proved > 4  # of all the others not even standing is safe
+    assert 0 < asked_again(ahead)[0] < again
+    everywhere, proved_of_unknown = asked_again(unknown)
+    assert everywhere > 100
+    assert proved_of_unknown == proved
 
 
 @pytest.mark.parametrize("suffix", ["npz", "csv"])

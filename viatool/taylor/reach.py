@@ -185,6 +185,12 @@ class ReachableSet:
             chosen[each.name] = None if mine is None else np.where(these[:, None], mine, theirs)
         return ReachableSet(**chosen)
 
+    def attained_alone(self) -> ReachableSet:
+        """Return what is attained as if no more were reachable: every bound, however tight, holds that."""
+        lower = np.minimum(self.attained_lower, self.attained_upper)
+        upper = np.maximum(self.attained_lower, self.attained_upper)
+        return replace(self, lower=lower, upper=upper, possible=self.attained)
+
     def spread(self, known: Booleans) -> ReachableSet:
         """Return B sets of which some are known, (B,); the others have NaN bounds, and all is possible."""
         spread: dict[str, Any] = {}

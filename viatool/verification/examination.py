@@ -8,12 +8,15 @@ from typing import Any
 
 import numpy as np
 
+from viatool.arrays import Booleans
 from viatool.loop.horizon import Crashes, Tubes
 from viatool.policy import Policy
-from viatool.safety import JudgedStates, ScenePoses, find_contested
+from viatool.safety import Contested, JudgedStates, Judgement, ScenePoses, find_contested
 from viatool.safety.moving import movers_around
 from viatool.safety.pieces import CommandPieces, judge_pieces
+from viatool.setting.driven import DrivenPolicy
 from viatool.setting.setting import Setting
+from viatool.taylor import ReachableSet
 from viatool.verification.clock import Clock
 from viatool.verification.findings import StateFindings
 from viatool.verification.horizon import HorizonExamination
@@ -32,7 +35,8 @@ class StateExamination:
     setting : Setting
         Where the robot drives, the meaning of n observation entries and their uncertainty, and what is to hold.
     efforts : tuple of mapping
-        Settings of `viatool.reach`: the first for all states, each of the others where a verdict is open still.
+        Settings of `viatool.reach`: the first for all states, each of the others where a verdict is open still and what
+        is attained does not settle it.
     everywhere : bool
         Whether the actions of states that are not contested are bounded, too.
     only_contested : bool
@@ -82,7 +86,9 @@ class StateExamination:
                 commands = reachable if policy.is_plain else pieces.reachable(reachable)
             with clock.timed("judge"):
                 judgement = judge_pieces(judged, pieces, contested)
-            wanted = contested.either & ~judgement.all_hold
+                if effort is self.efforts[-1]:
+                    break
+                wanted = self._undecided(policy, reachable, judged, contested, judgement, sensors)
             if not wanted.any():
                 break
         with clock.timed("search"):
@@ -95,6 +101,33 @@ class StateExamination:
         if self.horizon is None:
             del clock.seconds["horizon"]
         return StateFindings(commands, contested, judgement, witnesses, clock.seconds, tubes, crashes)
+
+    def _undecided(
+        self,
+        policy: DrivenPolicy,
+        reachable: ReachableSet,
+        judged: JudgedStates,
+        contested: Contested,
+        judgement: Judgement,
+        sensors: BlockSensors,
+    ) -> Booleans:
+        """Tell in which of B states tighter bounds might prove what is not proved yet.
+
+        They might not where what is attained fails already: the tightest of bounds hold it, too. Where nothing is known
+        of what is attained they might.
+        """
+        inner = reachable.attained_alone()
+        open_ = contested.either & ~judgement.all_hold
+        known = np.isfinite(inner.upper - inner.lower).all(axis=1)
+        if inner.possible is not None:
+            known &= inner.possible.any(axis=1)
+        asked = Contested(contested.collision & open_ & known, contested.danger & open_ & known)
+        best = judge_pieces(judged, CommandPieces.of(policy, inner, *sensors.bounds), asked)
+        return open_ & (
+            (best.safe & ~judgement.safe)
+            | (best.danger & ~judgement.danger)
+            | (best.sampled & ~judgement.sampled)
+        )
 
     def _follow(self, block: States, placed: ScenePoses) -> tuple[Tubes | None, Crashes | None]:
         """Follow the closed loop from every state, or from those that can come too near if the others are left out."""
