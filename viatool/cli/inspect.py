@@ -71,11 +71,12 @@ def _inspect(
     """Look into one policy; return the exit code that it would have by itself."""
     from viatool.errors import ViatoolError
     from viatool.policy import describe
-    from viatool.proposals import specification_text
+    from viatool.proposals import describe_with_memory, specification_text
     from viatool.report import print_inspection
 
     try:
-        found = describe(path, spec_path, input_name=graph_input, output_name=graph_output)
+        look = describe if write_spec is None else describe_with_memory
+        found = look(path, spec_path, input_name=graph_input, output_name=graph_output)
         if STDOUT not in (json_path, write_spec):
             print_inspection(found, open_console())
         if json_path is not None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import os
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 
 import numpy as np
 import onnx
@@ -18,7 +18,7 @@ from viatool.policy.entries import SUFFIX, as_specified
 from viatool.policy.executed import executed_networks
 from viatool.policy.graph import Graph, live, read_graph
 from viatool.policy.maps import Maps, maps_of
-from viatool.policy.memory import memory_program, with_memory
+from viatool.policy.memory import checked_memory, memory_program, with_memory
 from viatool.policy.model_file import ModelFile, Ports, actor_graph, open_model
 from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Network, Node, Product
 from viatool.policy.policy import check_inputs, check_sizes
@@ -93,6 +93,8 @@ class Inspection:
         The inputs that together are the observation, in its order; None where that could not be settled.
     action : str or None
         The output that is the action; None where that could not be settled.
+    memory : dict
+        Of inputs, the last of `ports`, the outputs of the step before that they take.
     operators : dict
         How often each operator stands in the file's graph, by name.
     layers : tuple of Layer
@@ -120,6 +122,7 @@ class Inspection:
     outputs: tuple[Value, ...]
     ports: Ports | None
     action: str | None
+    memory: dict[str, str]
     operators: dict[str, int]
     layers: tuple[Layer, ...]
     activations: dict[str, int]
@@ -146,7 +149,7 @@ class Inspection:
 
     def to_json(self) -> str:
         """Return everything as a JSON document."""
-        facts = {field.name: getattr(self, field.name) for field in fields(self)}
+        facts = {each.name: getattr(self, each.name) for each in fields(self)}
         spec = self.specification
         facts["specification"] = None if spec is None else spec.model_dump(mode="json", exclude_none=True)
         facts["problems"] = [{"message": error.message, "hint": error.hint} for error in self.problems]
@@ -161,6 +164,7 @@ def describe(
     *,
     input_name: str | Sequence[str] | None = None,
     output_name: str | None = None,
+    memory: Mapping[str, str] | None = None,
 ) -> Inspection:
     """Look into a model file, as far as it can be read.
 
@@ -174,6 +178,8 @@ def describe(
         The inputs of the graph that together are the observation, in its order; they override the specification's.
     output_name : str, optional
         Which of several outputs is the action; it overrides the specification's.
+    memory : mapping, optional
+        Inputs that take what an output gave in the step before, of a policy without a specification.
 
     Raises
     ------
@@ -189,6 +195,7 @@ def describe(
         found.specification = spec or model.specification()
     except PolicyError as error:
         problems.append(error)
+    found.memory = dict((memory or {}) if found.specification is None else found.specification.memory)
     try:
         _look_inside(model, found, input_name, output_name)
     except (PolicyError, SelfCheckError) as error:
@@ -205,6 +212,7 @@ def describe(
         outputs=outputs,
         ports=found.ports,
         action=found.action,
+        memory=found.memory,
         operators=_operators(model),
         layers=() if network is None else tuple(layers_of(network)),
         activations={} if network is None else _activations(network),
@@ -221,6 +229,7 @@ class _Found:
     """What was found before something stopped the inspection."""
 
     specification: PolicySpecification | None = None
+    memory: dict[str, str] = field(default_factory=dict)
     ports: Ports | None = None
     action: str | None = None
     network: Network | None = None
@@ -235,8 +244,8 @@ def _look_inside(
     spec = found.specification
     output_name = output_name or (spec.output if spec else None)
     model, output_name = as_specified(model, spec, output_name)
-    memory = None if spec is None else spec.memory
-    graph, ports = actor_graph(model, input_name or (spec.input if spec else None), output_name, memory)
+    named = input_name or (spec.input if spec else None)
+    graph, ports = actor_graph(model, named, output_name, found.memory)
     found.ports, found.action = ports, graph.outputs[0].removesuffix(SUFFIX)
     reading = read_network(graph, ports, model.folder)
     found.findings = reading.findings
@@ -250,7 +259,10 @@ def _look_inside(
     found.network = with_action_map(reading.network, spec)
     runtime = runtime_of(model, graph, ports)
     found.self_check = check_executed(executed_networks(model, reading.network, runtime), runtime, spec)
-    memory_program(model, spec, ports)
+    if spec is not None:
+        memory_program(model, spec, ports)
+    elif found.memory:
+        checked_memory(model, found.memory, ports, np.zeros(ports.size))
 
 
 def _ports(model: ModelFile) -> tuple[tuple[Value, ...], tuple[Value, ...]]:

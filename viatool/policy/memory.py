@@ -101,11 +101,21 @@ def memory_program(model: ModelFile, spec: PolicySpecification | None, ports: Po
     """
     if spec is None or not spec.memory:
         return None
-    graph = live(read_graph(model.proto, model.folder), *spec.memory.values())
-    program = runtime_of(model, graph, ports)
     start = np.zeros(ports.size)
     start[ports.size - len(spec.initial_memory) :] = spec.initial_memory
-    _check_given(model.path, spec.memory, ports, program.apart(start))
+    return checked_memory(model, spec.memory, ports, start)
+
+
+def checked_memory(model: ModelFile, memory: Mapping[str, str], ports: Ports, start: Floats) -> Runtime:
+    """Return the program of the outputs that inputs take in the step after, run once from a `start`, (n,).
+
+    Raises
+    ------
+    PolicyError
+        As `memory_program`.
+    """
+    program = runtime_of(model, live(read_graph(model.proto, model.folder), *memory.values()), ports)
+    _check_given(model.path, memory, ports, program.apart(start))
     return program
 
 

@@ -33,6 +33,8 @@ class PolicyFacts:
         The inputs of the graph and their sizes, in the order of the observation, where it has several.
     output : str, optional
         The output of the graph that is the action, where it has several.
+    memory : tuple of (str, str)
+        Further inputs of the graph and the outputs of the step before that they seem to take.
     """
 
     inputs: int
@@ -43,12 +45,25 @@ class PolicyFacts:
     ranges: tuple[tuple[float, float], ...] | None = None
     ports: tuple[tuple[str, int], ...] = ()
     output: str | None = None
+    memory: tuple[tuple[str, str], ...] = ()
 
     @property
     def names(self) -> dict[str, Any]:
         """Return the entries of a specification that name inputs and outputs of the graph."""
         ports = {"input": [name for name, _ in self.ports]} if self.ports else {}
-        return ports | ({} if self.output is None else {"output": self.output})
+        memory = {"memory": dict(self.memory)} if self.memory else {}
+        return ports | ({} if self.output is None else {"output": self.output}) | memory
+
+    @property
+    def guesses(self) -> tuple[Guess, ...]:
+        """Return what the names of inputs and outputs had to be trusted for."""
+        return tuple(
+            Guess(
+                f"'{given}' is a memory that the input '{taken}' takes in the step after, zeros at first",
+                "the loop that runs the policy",
+            )
+            for taken, given in self.memory
+        )
 
 
 @dataclass(frozen=True)

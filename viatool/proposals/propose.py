@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -53,15 +54,16 @@ def propose(found: Inspection, parameters: Path | None = None) -> Proposal:
             f"{found.path} cannot be read, so its sizes are not known", "fix what `viatool inspect` reports"
         )
     model = open_model(found.path)
-    squashed, limits = _range_of_outputs(load_actor(model, found.ports.names, found.action)[0])
-    several = len(found.ports.each) > 1
+    squashed, limits = _range_of_outputs(load_actor(model, found.ports.names, found.action, found.memory)[0])
+    sensed = [port for port in found.ports.each if port.name not in found.memory]
     facts = PolicyFacts(
-        found.ports.size,
+        sum(port.size for port in sensed),
         found.layers[-1].size,
         squashed=squashed,
         limits=limits,
-        ports=tuple((port.name, port.size) for port in found.ports.each) if several else (),
+        ports=tuple((port.name, port.size) for port in sensed) if len(sensed) > 1 else (),
         output=found.action if len(found.outputs) > 1 else None,
+        memory=tuple(found.memory.items()),
     )
     contract = parameters if parameters is not None and parameters.suffix == ".json" else None
     entries = {entry.key: entry.value for entry in model.proto.metadata_props}
@@ -70,6 +72,7 @@ def propose(found: Inspection, parameters: Path | None = None) -> Proposal:
         raise PolicyError(f"cannot read {contract}: there is no such file", "give a JSON file")
     stated = stated or stated_in_metadata(entries, model.path) or _stated_by_inputs(facts)
     proposal = propose_by_size(facts) if stated is None else propose_by_terms(stated, facts)
+    proposal = replace(proposal, guesses=(*facts.guesses, *proposal.guesses))
     if parameters is not None and contract is None:
         proposal = with_parameters(proposal, parameters)
     if proposal.is_complete:  # what is stated may be no specification, such as a scale of 0

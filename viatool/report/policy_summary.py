@@ -65,12 +65,16 @@ def _roles(found: Inspection) -> dict[str, str]:
         return {found.ports.names[0]: "the observation"}
     spec = found.specification
     in_order = [value.name for value in found.inputs if value.name in found.ports.names]
-    is_told = spec is not None and (spec.input is not None or spec.memory)
+    is_told = found.memory or (spec is not None and spec.input is not None)
     order = "" if is_told or in_order != list(found.ports.names) else ", joined in the graph's order"
-    memory = {} if spec is None else spec.memory
+    guessed = " (guessed from its name)" if spec is None else ""
     return {
         name: f"{place.start} to {place.stop - 1} of the observation"
-        + (f", memory: what {memory[name]} gave in the step before" if name in memory else order)
+        + (
+            f", memory: what {found.memory[name]} gave in the step before{guessed}"
+            if name in found.memory
+            else order
+        )
         for name, place in found.ports.places.items()
     }
 
@@ -82,8 +86,9 @@ def _roles_of_outputs(found: Inspection) -> dict[str, str]:
     if spec is not None:
         entries = [str(action.entry) for action in spec.action if action.entry is not None]
         roles |= {name: f"the action: its entries {', '.join(entries)}" for name in roles if entries}
-        roles |= {made: f"memory: taken by {source} in the next step" for source, made in spec.memory.items()}
-    return roles
+    return roles | {
+        made: f"memory: taken by {source} in the next step" for source, made in found.memory.items()
+    }
 
 
 def _values(kind: str, values: Sequence[Value], roles: dict[str, str]) -> list[tuple[str, str]]:
