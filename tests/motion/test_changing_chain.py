@@ -236,8 +236,6 @@ def test_what_is_not_followed_is_refused_by_name(robot, tmp_path):
     world, policy = robot.world(tmp_path), robot.policy(tmp_path)
     with pytest.raises(ConfigurationError, match=r"delay of 0\.1 s is not followed"):
         verify(policy, world, eps=EPS, delay=0.1)
-    with pytest.raises(ConfigurationError, match="over several intervals is not enclosed"):
-        verify(policy, world, eps=EPS, horizon=3)
     with pytest.raises(ConfigurationError, match="how long cells stay certified is not followed"):
         certify(policy, world, 0, eps=EPS, lookahead=Lookahead(steps=2), budget=SearchBudget(cells=10))
     with pytest.raises(ConfigurationError, match="over several intervals is not enclosed"):

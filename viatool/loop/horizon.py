@@ -130,7 +130,9 @@ class Crashes:
     observations : ndarray
         (W, K, n) float32 numbers that the program receives there.
     actions : ndarray
-        (W, K, 2) v in m/s and omega in rad/s as onnxruntime computed them, clipped by the robot.
+        (W, K, A) as onnxruntime computed them, clipped by the robot.
+    motions : ndarray
+        (W, K, S) the state of the motion at the beginning of each interval.
     step : ndarray
         (W,) the interval, counted from 0, in which the run fails.
     seconds : ndarray
@@ -145,6 +147,7 @@ class Crashes:
     poses: Floats
     observations: Floats
     actions: Floats
+    motions: Floats
     step: Indices
     seconds: Floats
     place: Floats
@@ -170,11 +173,13 @@ class Crashes:
         )
 
     @classmethod
-    def none(cls, steps: int, size: int, axes: int) -> Crashes:
-        """Return no run, of K intervals, n observation entries and A entries of a command."""
+    def none(cls, steps: int, size: int, axes: int, state: int = 0) -> Crashes:
+        """Return no run, of K intervals, n observation entries, A entries of a command and S of the motion's state."""
         index, number, place = np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 3))
-        poses, observations, actions = (np.zeros((0, steps, width)) for width in (3, size, axes))
-        return cls(index, poses, observations, actions, index.copy(), number, place, number.copy())
+        poses, observations, actions, motions = (
+            np.zeros((0, steps, width)) for width in (3, size, axes, state)
+        )
+        return cls(index, poses, observations, actions, motions, index.copy(), number, place, number.copy())
 
     @classmethod
     def join(cls, parts: Sequence[Crashes]) -> Crashes:

@@ -81,11 +81,14 @@ class Sensors:
         """Return what the network takes of perfect sensors at poses (B, 3) after commands (B, 2), (B, n)."""
         return self.quantities.observe(self.read(poses, previous))
 
-    def read(self, poses: Floats, previous: Floats) -> Floats:
-        """Return what perfect sensors read at poses (B, 3) after commands (B, 2), (B, n) in float64 rays."""
+    def read(self, poses: Floats, previous: Floats, command: Floats | None = None) -> Floats:
+        """Return what perfect sensors read at poses (B, 3) after commands (B, A), (B, n) in float64 rays.
+
+        Of a robot whose motion has a state, previous is that state (B, S); the command that led there may be given.
+        """
         scene = np.zeros(len(poses), np.int64)
         goals = np.broadcast_to(self.goal, (len(poses), 2))
-        command, velocity = self.kinematics.recalled(previous)
+        command, velocity = self.kinematics.recalled(previous, command)
         view = View(self.scenes, poses, scene, goals, command, velocity=velocity, eyes=see_precisely)
         return self.quantities.read(view)
 

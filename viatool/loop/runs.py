@@ -31,7 +31,9 @@ class Runs:
     poses : ndarray
         (R, K, 3) at the beginning of each interval.
     observations, actions : ndarray
-        (R, K, n) as the program receives them there, and (R, K, 2) the command that is held.
+        (R, K, n) as the program receives them there, and (R, K, A) the command that is held.
+    motions : ndarray
+        (R, K, S) the state of the motion in which it is given.
     ends : ndarray
         (R, K, 3) at its end.
     clearance : ndarray
@@ -41,21 +43,26 @@ class Runs:
     poses: Floats
     observations: Floats
     actions: Floats
+    motions: Floats
     ends: Floats
     clearance: Floats
 
 
-def drive(follower: TubeFollower, poses: Floats, previous: Floats, errors: Floats) -> Runs:
+def drive(
+    follower: TubeFollower, poses: Floats, before: Floats, errors: Floats, command: Floats | None = None
+) -> Runs:
     """Drive the deployed program.
 
     Parameters
     ----------
     follower : TubeFollower
         Policy, sensors and goal.
-    poses, previous : ndarray
-        (R, 3) and (R, 2): where the runs begin.
+    poses, before : ndarray
+        (R, 3) and (R, K): where the runs begin, and what stands behind the poses (`Kinematics.before`).
     errors : ndarray
         (R, K, n) what is added to what perfect sensors read.
+    command : ndarray, optional
+        (R, A) commands before, where these are not what stands behind the poses; by default such that a robot stands.
 
     Returns
     -------
@@ -63,26 +70,31 @@ def drive(follower: TubeFollower, poses: Floats, previous: Floats, errors: Float
         R of them; they go on behind the goal, where their clearance counts no more.
     """
     loop, rules = follower.loop, follower.loop.rules
-    places, received, commands, ends, clearances = [], [], [], [], []
+    move, held_path = rules.kinematics, replace(rules.manoeuvre, deceleration=None)
+    found: list[tuple[Floats, ...]] = []
     driving = ~_near_goal(follower, poses)
     for k in range(errors.shape[1]):
-        readings = loop.sensors.read(poses, previous) + errors[:, k]
+        readings = loop.sensors.read(poses, before, command) + errors[:, k]
         seen = loop.sensors.encode(readings).astype(loop.setting.number).astype(np.float64)
-        previous = rules.clip(np.asarray(loop.driven.run(seen)))
-        judged = _judged(loop, poses)
-        left = judged.clearance(previous[:, None], _FRACTIONS).min(axis=(1, 2))
-        places.append(poses)
-        received.append(seen)
-        commands.append(previous)
-        poses = replace(rules.manoeuvre, deceleration=None).path(poses, previous, np.ones(len(poses)))
-        ends.append(poses)
-        clearances.append(np.where(driving, left, np.inf))
+        command = rules.clip(np.asarray(loop.driven.run(seen)))
+        motion = before if move.state else before[:, :0]
+        left = _judged(loop, poses, motion).clearance(command[:, None], _FRACTIONS).min(axis=(1, 2))
+        held = np.concatenate([command, motion], axis=1)
+        ends = held_path.path(poses, held, np.ones(len(poses)))
+        found.append((poses, seen, command, motion, ends, np.where(driving, left, np.inf)))
+        poses, before = ends, move.after(held, rules.interval) if move.state else command
         driving = driving & ~_near_goal(follower, poses)
-    return Runs(*(np.stack(part, axis=1) for part in (places, received, commands, ends, clearances)))
+    return Runs(*(np.stack(part, axis=1) for part in zip(*found, strict=True)))
 
 
 def search_crashes(
-    follower: TubeFollower, states: Indices, poses: Floats, previous: Floats, *, seed: int | tuple[int, ...]
+    follower: TubeFollower,
+    states: Indices,
+    poses: Floats,
+    before: Floats,
+    command: Floats | None = None,
+    *,
+    seed: int | tuple[int, ...],
 ) -> Crashes:
     """Look for runs that come nearer than the collision distance within the horizon.
 
@@ -92,8 +104,10 @@ def search_crashes(
         Policy, sensors and horizon.
     states : ndarray
         (B,) what the states are called, ascending.
-    poses, previous : ndarray
-        (B, 3) and (B, 2): recorded poses, and commands of the step before.
+    poses, before : ndarray
+        (B, 3) and (B, K): recorded poses, and what stands behind them (`Kinematics.before`).
+    command : ndarray, optional
+        (B, A) commands before, as for `drive`.
     seed : int
         Of the errors.
 
@@ -107,27 +121,33 @@ def search_crashes(
     Sound: yes. The program is onnxruntime, and what it observes is within eps of what perfect sensors read. The errors
     are corners of their boxes: random ones, then those that the correlation of errors and clearance speaks for.
     """
-    radii, generator = follower.loop.setting.radii, np.random.default_rng(seed)
-    steps = follower.horizon.steps
-    found = [Crashes.none(steps, len(radii), previous.shape[1])]
+    generator = np.random.default_rng(seed)
+    found = [_no_crash(follower)]
     each = max(1, _AT_ONCE // _RUNS)
     for first in range(0, len(states), each):
         some = slice(first, first + each)
-        found.append(_search(follower, states[some], poses[some], previous[some], generator))
+        begins = poses[some], before[some], None if command is None else command[some]
+        found.append(_search(follower, states[some], *begins, generator))
     return Crashes.join(found)
 
 
 def _search(
-    follower: TubeFollower, states: Indices, poses: Floats, previous: Floats, generator: np.random.Generator
+    follower: TubeFollower,
+    states: Indices,
+    poses: Floats,
+    before: Floats,
+    command: Floats | None,
+    generator: np.random.Generator,
 ) -> Crashes:
     steps, size, count = follower.horizon.steps, len(follower.loop.setting.radii), len(states)
     shape = (count, _RUNS, 3 + steps * size)
     signs = generator.choice([-1.0, 1.0], shape)
     signs[:, 0] = 0.0
     best, least = np.zeros((count, shape[2])), np.full(count, np.inf)
+    begun = np.repeat(before, _RUNS, axis=0), None if command is None else np.repeat(command, _RUNS, axis=0)
     for round_ in range(_ROUNDS):
-        starts, errors = _spread(follower, poses, previous, signs)
-        runs = drive(follower, starts, np.repeat(previous, _RUNS, axis=0), errors)
+        starts, errors = _spread(follower, poses, before, signs)
+        runs = drive(follower, starts, begun[0], errors, begun[1])
         left = runs.clearance.min(axis=1).reshape(count, _RUNS)
         better = left.min(axis=1) < least
         best = np.where(better[:, None], signs[np.arange(count), left.argmin(axis=1)], best)
@@ -141,13 +161,13 @@ def _search(
         flipped = generator.random(shape) < _FLIPPED[round_]
         flipped[:, :2] = False
         signs = np.where(flipped, generator.choice([-1.0, 1.0], shape), signs)
-    return _confirmed(follower, states, poses, previous, best, least)
+    return _confirmed(follower, states, poses, before, command, best, least)
 
 
-def _spread(follower: TubeFollower, poses: Floats, previous: Floats, signs: Floats) -> tuple[Floats, Floats]:
+def _spread(follower: TubeFollower, poses: Floats, before: Floats, signs: Floats) -> tuple[Floats, Floats]:
     """Return starts (B M, 3) and errors (B M, K, n) of signs (B, M, 3 + K n)."""
     loop, (count, each, _) = follower.loop, signs.shape
-    seen = loop.sensors.read(poses, previous)
+    seen = loop.sensors.read(poses, before)
     radii = np.maximum(loop.setting.radii - AS_RECEIVED * (1.0 + np.abs(seen).max(initial=0.0)), 0.0)
     starts = poses[:, None] + signs[:, :, :3] * follower.horizon.pose_error
     errors = signs[:, :, 3:].reshape(count * each, follower.horizon.steps, len(radii)) * radii
@@ -155,24 +175,39 @@ def _spread(follower: TubeFollower, poses: Floats, previous: Floats, signs: Floa
 
 
 def _confirmed(
-    follower: TubeFollower, states: Indices, poses: Floats, previous: Floats, best: Floats, least: Floats
+    follower: TubeFollower,
+    states: Indices,
+    poses: Floats,
+    before: Floats,
+    command: Floats | None,
+    best: Floats,
+    least: Floats,
 ) -> Crashes:
     """Return the best runs that fail."""
     limit = follower.loop.rules.clearance.collision
     rows = np.flatnonzero((least < limit - MARGIN) | (least <= 0.0))
     if not len(rows):
-        return Crashes.none(follower.horizon.steps, len(follower.loop.setting.radii), previous.shape[1])
-    starts, errors = _spread(follower, poses[rows], previous[rows], best[rows, None])
-    runs, each = drive(follower, starts, previous[rows], errors), np.arange(len(rows))
+        return _no_crash(follower)
+    starts, errors = _spread(follower, poses[rows], before[rows], best[rows, None])
+    told, each = None if command is None else command[rows], np.arange(len(rows))
+    runs = drive(follower, starts, before[rows], errors, told)
     at = (runs.clearance < limit).argmax(axis=1)
-    judged = _judged(follower.loop, runs.poses[each, at])
+    judged = _judged(follower.loop, runs.poses[each, at], runs.motions[each, at])
     left, seconds, places = (part[:, 0] for part in judged.closest_approach(runs.actions[each, at][:, None]))
-    return Crashes(states[rows], runs.poses, runs.observations, runs.actions, at, seconds, places, left)
+    driven = runs.poses, runs.observations, runs.actions, runs.motions
+    return Crashes(states[rows], *driven, at, seconds, places, left)
 
 
-def _judged(loop: ClosedLoop, poses: Floats) -> JudgedStates:
+def _no_crash(follower: TubeFollower) -> Crashes:
+    rules, size = follower.loop.rules, len(follower.loop.setting.radii)
+    return Crashes.none(follower.horizon.steps, size, len(rules.lower), len(rules.kinematics.state))
+
+
+def _judged(loop: ClosedLoop, poses: Floats, motion: Floats) -> JudgedStates:
+    """Return states (B,) with poses and the state of their motion (B, S)."""
     placed = replace(loop.geometry, poses=poses, scene=np.zeros(len(poses), np.int64), radii=None)
-    return JudgedStates(loop.rules, placed)
+    begun = np.stack([motion, motion], axis=1) if motion.shape[1] else None
+    return JudgedStates(loop.rules, placed, begun=begun)
 
 
 def _near_goal(follower: TubeFollower, poses: Floats) -> Booleans:

@@ -1,10 +1,11 @@
 """Where the closed loop goes in one control interval, as linear forms of where it may be now.
 
-A set of states is a linear form of S symbols z in [-1, 1] for each of x, y, theta, and the A entries of the command of
-the step before, with a rest. What a robot observes, what the policy commands and where it is then are linear forms of
+A set of states is a linear form of S symbols z in [-1, 1] for each of x, y, theta, and the K numbers that stand behind
+them (`Kinematics.before`): the command of the step before or, of a robot whose motion has a state, that state. It has a
+rest. What a robot observes, what the policy commands and where it is then are linear forms of
 the same symbols, so a policy that steers against an error is seen to reduce it. The sensor errors and the approximation
 of the network are in the rest of the command, which becomes A symbols of its own, as it moves the pose and is observed
-as the previous command in the next step.
+as the previous command in the next step, or changes the state.
 
 Where a command leads is the kinematics' to say: as forms (`Kinematics.successor`), and, beside them, as plain bounds
 (`Kinematics.displacement`), which know what forms do not: that a robot without speed stays exactly where it is.
@@ -17,15 +18,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from viatool.arrays import Booleans, Floats, Indices
+from viatool.arrays import Booleans, Floats, Hull, Indices
 from viatool.loop.closed_loop import ClosedLoop
 from viatool.rounding import SIGHT_ROUNDING, SLIGHTLY_MORE, SPARE
 from viatool.sets.bounds import require_ordered
 from viatool.sets.forms import Forms, PoseBoxes
 from viatool.sets.states import StateBoxes
+from viatool.setting.rules import Rules
 
 _POSE = slice(0, 3)
-_COMMAND = slice(3, None)
+_BEFORE = slice(3, None)
 _MOST_NUMBERS = 500_000
 """Of coefficients in the arrays of a chunk, so that they stay in the cache."""
 
@@ -39,13 +41,15 @@ class LoopStep:
     origin : ndarray
         (P,) the set from which each piece begins, ascending; every set has one piece at least.
     start : StateBoxes
-        P boxes around these sets; poses and previous commands.
+        P boxes around these sets.
     lower, upper : ndarray
         (P, A) commands, as the robot carries them out.
     least, most : ndarray
         (P, 3) bounds of what is added to x, y and theta.
+    before_lower, before_upper : ndarray
+        (P, K) bounds of what stands behind the pose afterwards: the command, or the state of the motion.
     states : Forms
-        (P, 3 + A) pose and command afterwards, in the symbols of the start and A for the command. Headings are not
+        (P, 3 + K) the states afterwards, in the symbols of the start and A for the command. Headings are not
         wrapped: they continue those before, whatever the robot turns by in an interval.
     """
 
@@ -55,21 +59,23 @@ class LoopStep:
     upper: Floats
     least: Floats
     most: Floats
+    before_lower: Floats
+    before_upper: Floats
     states: Forms
 
     def bounds(self, lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
-        """Return lower and upper ends of the states afterwards, (P, 3 + A), from those of the poses before, (C, 3)."""
+        """Return lower and upper ends of the states afterwards, (P, 3 + K), from those of the poses before, (C, 3)."""
         lower, upper = lower[self.origin], upper[self.origin]
         forms = self.states.lower, self.states.upper
         first = np.where(self.least == 0.0, lower, np.nextafter(lower + self.least, -np.inf))
         last = np.where(self.most == 0.0, upper, np.nextafter(upper + self.most, np.inf))
-        low = np.maximum(forms[0], np.concatenate([first, self.lower], axis=1))
-        high = np.minimum(forms[1], np.concatenate([last, self.upper], axis=1))
+        low = np.maximum(forms[0], np.concatenate([first, self.before_lower], axis=1))
+        high = np.minimum(forms[1], np.concatenate([last, self.before_upper], axis=1))
         return low, high
 
 
 def states_of(cells: StateBoxes) -> Forms:
-    """Return cells as forms (C, 3 + A) of as many symbols, one for each side."""
+    """Return cells as forms (C, 3 + K) of as many symbols, one for each side."""
     return cells.checked().forms
 
 
@@ -81,12 +87,12 @@ def step(loop: ClosedLoop, states: Forms) -> LoopStep:
     loop : ClosedLoop
         The policy, what it observes, its uncertainty and the robot.
     states : Forms
-        (C, 3 + A) in S symbols.
+        (C, 3 + K) in S symbols.
 
     Returns
     -------
     LoopStep
-        In S + A symbols; in S + 3 + 2 A if some of the states have a rest.
+        In S + A symbols; in S + 3 + K + A if some of the states have a rest.
 
     Notes
     -----
@@ -132,7 +138,7 @@ def hull(states: Forms) -> StateBoxes:
     radius = (np.abs(states.slope).sum(axis=1) + states.rest) * SLIGHTLY_MORE + SPARE
     centre = states.centre
     poses = PoseBoxes(centre[:, _POSE], radius[:, _POSE])
-    middle, half = centre[:, _COMMAND], radius[:, _COMMAND]
+    middle, half = centre[:, _BEFORE], radius[:, _BEFORE]
     return StateBoxes(poses, middle - half, middle + half)
 
 
@@ -149,25 +155,46 @@ def _step(loop: ClosedLoop, states: Forms) -> LoopStep:
     over = np.maximum(bounds[1] - rules.upper, 0.0)
     under = np.maximum(rules.lower - bounds[0], 0.0)
     centre, rest = centre + 0.5 * (under - over), rest + 0.5 * (under + over)
-    axes = rest.shape[1]
-    own = rest[:, :, None] * np.eye(axes)
-    command = np.concatenate([reached.slope, own], axis=1)  # (C, S + A, A)
-    pose = np.concatenate([states.slope[:, :, _POSE], np.zeros((len(own), axes, 3))], axis=1)
-    held = Forms(
-        np.concatenate([states.centre[:, _POSE], centre], axis=1),
-        np.concatenate([pose, command], axis=2),
-        np.zeros_like(states.rest),
+    command = Forms(
+        centre,
+        np.concatenate([reached.slope, rest[:, :, None] * np.eye(rest.shape[1])], axis=1),  # (P, S + A, A)
+        np.zeros_like(rest),
     )
     slack = SIGHT_ROUNDING * (loop.sensors.shapes.scale + np.abs(states.centre).sum(axis=1))
-    moved = rules.kinematics.successor(held, rules.interval, slack)
-    after = Forms(
-        np.concatenate([moved.centre, centre], axis=1),
-        np.concatenate([moved.slope, command], axis=2),
-        np.concatenate([moved.rest, np.zeros_like(centre)], axis=1),
-    )
     lower, upper = rules.clip(bounds[0]), rules.clip(bounds[1])
-    least, most = rules.kinematics.displacement(start.poses, lower, upper, rules.interval)
-    return LoopStep(sent.cell, start, lower, upper, least, most, after)
+    held = loop.given_in(start, lower, upper)
+    after = _after(rules, states, command, held, slack)
+    least, most = rules.kinematics.displacement(start.poses, *held, rules.interval)
+    before = rules.kinematics.reached(*held, rules.interval) if rules.kinematics.state else (lower, upper)
+    return LoopStep(sent.cell, start, lower, upper, least, most, *before, after)
+
+
+def _after(rules: Rules, states: Forms, command: Forms, held: Hull, slack: Floats) -> Forms:
+    """Return the states (P, 3 + K) after commands (P, A), in the symbols of these, of states (P, 3 + K) in fewer."""
+    more = command.slope.shape[1] - states.slope.shape[1]
+    slope = np.concatenate(
+        [states.slope, np.zeros((len(command.centre), more, states.slope.shape[2]))], axis=1
+    )
+    begun = Forms(states.centre, slope, np.zeros_like(states.centre))
+    pose, before = _columns(begun, _POSE), _columns(begun, _BEFORE)
+    if not rules.kinematics.state:
+        moved = rules.kinematics.successor(_beside(pose, command), rules.interval, slack)
+        return _beside(moved, command)
+    return rules.kinematics.successor(_beside(pose, command, before), rules.interval, slack, held)
+
+
+def _columns(forms: Forms, which: slice) -> Forms:
+    """Return some of the quantities."""
+    return Forms(forms.centre[:, which], forms.slope[:, :, which], forms.rest[:, which])
+
+
+def _beside(*parts: Forms) -> Forms:
+    """Return the quantities of all parts, one beside the other."""
+    return Forms(
+        np.concatenate([part.centre for part in parts], axis=1),
+        np.concatenate([part.slope for part in parts], axis=2),
+        np.concatenate([part.rest for part in parts], axis=1),
+    )
 
 
 def _join(parts: list[LoopStep], firsts: Sequence[int]) -> LoopStep:
@@ -185,6 +212,8 @@ def _join(parts: list[LoopStep], firsts: Sequence[int]) -> LoopStep:
         upper=_stack(parts, "upper"),
         least=_stack(parts, "least"),
         most=_stack(parts, "most"),
+        before_lower=_stack(parts, "before_lower"),
+        before_upper=_stack(parts, "before_upper"),
         states=Forms(_stack(states, "centre"), _stack(states, "slope"), _stack(states, "rest")),
     )
 

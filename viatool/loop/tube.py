@@ -55,24 +55,28 @@ class TubeFollower:
         away = np.maximum(np.abs(parts.lower[:, :2] - goal), np.abs(parts.upper[:, :2] - goal))
         return np.asarray(np.hypot(*away.T) * (1.0 + SPARE) < self.goal_radius)
 
-    def beginning(self, poses: Floats, previous: Floats) -> TubeParts:
-        """Return the parts of the tubes of B states: poses (B, 3) within their error, previous commands (B, A)."""
-        state = np.concatenate([poses, previous], axis=1)
-        error = np.concatenate([self.horizon.pose_error, np.zeros(previous.shape[1])])
+    def beginning(self, poses: Floats, before: Floats, apart: Floats | None = None) -> TubeParts:
+        """Return the parts of the tubes of B states; see `follow`."""
+        state = np.concatenate([poses, before], axis=1)
+        pose_error = np.broadcast_to(self.horizon.pose_error, poses.shape)
+        error = np.concatenate([pose_error, np.zeros_like(before) if apart is None else apart], axis=1)
         reach = error + SPARE * (np.abs(state) + 1.0) * (error > 0.0)
         tube = np.arange(len(state))
         parts = TubeParts(tube, state - reach, state + reach)
         return self._cut(tube, states_of(parts.cells), (parts.lower, parts.upper))
 
-    def follow(self, poses: Floats, previous: Floats) -> Tubes:
+    def follow(self, poses: Floats, before: Floats, apart: Floats | None = None) -> Tubes:
         """Enclose every run from B states.
 
         Parameters
         ----------
         poses : ndarray
             (B, 3) recorded poses.
-        previous : ndarray
-            (B, A) commands of the step before, as the robot carried them out.
+        before : ndarray
+            (B, K) what stands behind them (`Kinematics.before`): commands of the step before, as the robot carried them
+            out, or the state of the motion.
+        apart : ndarray, optional
+            (B, K) by how much each number of that may be another one.
 
         Returns
         -------
@@ -87,7 +91,7 @@ class TubeFollower:
         lower, upper = np.full((2, count, steps, 3), np.nan)
         clearance = np.full((count, steps), np.inf)
         kept = np.zeros((count, steps), dtype=bool)
-        parts = self.beginning(poses, previous)
+        parts = self.beginning(poses, before, apart)
         parts = parts.select(~self.arrived(parts))
         begins_clear = self._all_clear(parts, count)
         for k in range(steps):
@@ -115,7 +119,7 @@ class TubeFollower:
     def _all_clear(self, parts: TubeParts, count: int) -> Booleans:
         """Tell of which tubes (B,) every pose keeps the collision distance at the beginning."""
         rules, boxes = self.loop.rules, parts.cells.poses
-        still = np.zeros((len(parts), len(rules.lower)))
+        still = rules.standing(len(parts))
         here = self.loop.at(boxes)
         clear = prove_clearance(
             here, still, still, rules.clearance.collision, rules.manoeuvre, rules.footprint
@@ -126,7 +130,8 @@ class TubeFollower:
         """Return what runs keep during an interval in metres, (B,), and whether the collision distance is proved."""
         parts, rules = parts.select(after.origin), self.loop.rules
         boxes = parts.cells.poses
-        cells = MotionBoxes.whole(after.lower, after.upper, boxes.radius)
+        held = self.loop.given_in(after.start, after.lower, after.upper)
+        cells = MotionBoxes.whole(*held, boxes.radius)
         least = enclose(cells, self.loop.at(boxes), rules.manoeuvre, rules.footprint).least
         proved = least > rules.clearance.collision
         rest = np.flatnonzero(~proved)

@@ -197,7 +197,7 @@ class MissionFollower:
     def _begins_clear(self, parts: TubeParts) -> Booleans:
         """Tell in which parts every pose keeps the collision distance, (P,)."""
         rules, boxes = self.loop.rules, parts.cells.poses
-        still = np.zeros((len(parts), len(rules.lower)))
+        still = rules.standing(len(parts))
         return prove_clearance(
             self.loop.at(boxes), still, still, rules.clearance.collision, rules.manoeuvre, rules.footprint
         ).proved
@@ -206,7 +206,8 @@ class MissionFollower:
         """Return what runs keep during an interval, in metres, and of which pieces that is proved to suffice, (P,)."""
         parts, rules = parts.select(after.origin), self.loop.rules
         boxes = parts.cells.poses
-        cells = MotionBoxes.whole(after.lower, after.upper, boxes.radius)
+        held = self.loop.given_in(after.start, after.lower, after.upper)
+        cells = MotionBoxes.whole(*held, boxes.radius)
         least = enclose(cells, self.loop.at(boxes), rules.manoeuvre, rules.footprint).least
         proved = least > rules.clearance.collision
         rest = np.flatnonzero(~proved)

@@ -266,10 +266,10 @@ def late_run(found: MissionRuns) -> Crashes:
     runs = found.runs
     _, steps, size = runs.observations.shape
     if not len(found.late):
-        return Crashes.none(steps, size, runs.actions.shape[2])
+        return Crashes.none(steps, size, runs.actions.shape[2], runs.motions.shape[2])
     row = found.late[:1]
     return Crashes(
-        np.zeros(1, np.int64), runs.poses[row], runs.observations[row], runs.actions[row],
+        np.zeros(1, np.int64), runs.poses[row], runs.observations[row], runs.actions[row], runs.motions[row],
         np.array([steps - 1]), np.zeros(1), runs.ends[row, -1], runs.clearance[row].min(axis=1),
     )  # fmt: skip
 

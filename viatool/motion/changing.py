@@ -37,11 +37,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from viatool.arrays import Floats, Plane
+from viatool.arrays import Floats, Hull, Plane
 from viatool.motion.arcs import cosine_range, drive_arc, wrap_angle
 from viatool.motion.law import Directions, Kinematics, Limited, PathDeviation, Timed
 from viatool.motion.signals import MotionSignal
-from viatool.rounding import SLIGHTLY
+from viatool.rounding import SLIGHTLY, SLIGHTLY_MORE
 from viatool.sets.forms import Forms, PoseBoxes
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(10)
@@ -118,9 +118,10 @@ class ChangingTwist(Kinematics):
         ahead = self.speed(held, 0.0)
         return np.stack([ahead, 0.0 * ahead, self.turn(held, 0.0)], axis=-1)
 
-    def recalled(self, before: Floats) -> tuple[Floats, Floats | None]:
-        """See `Kinematics.recalled`; of the command before nothing is known but that the robot carried it out."""
-        command = np.broadcast_to(self.neutral(), (len(before), self.first_of_state))
+    def recalled(self, before: Floats, command: Floats | None = None) -> tuple[Floats, Floats | None]:
+        """See `Kinematics.recalled`; where nothing is known of the command, it is one that the robot carries out."""
+        if command is None:
+            command = np.broadcast_to(self.neutral(), (len(before), self.first_of_state))
         return command, self.velocity(np.concatenate([command, before], axis=1))
 
     def advance(self, states: Floats, commands: Floats, seconds: ArrayLike) -> Floats:
@@ -264,6 +265,58 @@ class ChangingTwist(Kinematics):
             [turns[0], turns[1], turns[0], turns[1]], axis=1
         )
 
-    def successor(self, states: Forms, seconds: float, slack: Floats) -> Forms:
-        """Refused by who asks: tubes of these robots are not followed."""
-        raise NotImplementedError
+    def reached(self, lower: Floats, upper: Floats, seconds: float) -> tuple[Floats, Floats]:
+        """See `Kinematics.reached`."""
+        ends = [signal.reached(lower, upper, seconds) for signal in self.signals]
+        least, most = (np.stack(end, axis=-1) for end in zip(*ends, strict=True))
+        return least, most
+
+    def successor(self, states: Forms, seconds: float, slack: Floats, known: Hull | None = None) -> Forms:
+        """Move sets of poses, and their state; see `Kinematics.successor`."""
+        held = Forms(states.centre[:, 3:], states.slope[:, :, 3:], states.rest[:, 3:])
+        radius = (np.abs(held.slope).sum(axis=1) + held.rest) * SLIGHTLY_MORE
+        lower, upper = held.centre - radius, held.centre + radius
+        if known is not None:
+            lower, upper = np.maximum(lower, known[0]), np.minimum(upper, known[1])
+            lower, upper = np.minimum(lower, upper), np.maximum(lower, upper)  # crossed by rounding alone
+        parts = [
+            self._moved(states, (lower, upper), seconds, slack),
+            *(signal.form(held, (lower, upper), seconds) for signal in self.signals),
+        ]
+        return Forms(
+            np.concatenate([part.centre for part in parts], axis=1),
+            np.concatenate([part.slope for part in parts], axis=2),
+            np.concatenate([part.rest for part in parts], axis=1),
+        )
+
+    def _moved(self, states: Forms, ends: Hull, seconds: float, slack: Floats) -> Forms:
+        """Move sets of poses, (C, 3), with the heading of each and the middle of what is held, between ends (C, A + S).
+
+        A heading that is off by d turns the displacement u by d, which differs from ``u + i d u`` by at most
+        ``|u| d^2 / 2``; others of what is held lead at most as far from u as `_apart` says, however it is turned.
+        """
+        swung = (np.abs(states.slope[:, :, 2]).sum(axis=1) + states.rest[:, 2]) * SLIGHTLY_MORE
+        middle = 0.5 * (ends[0] + ends[1])
+        away, turned = self._apart(*ends, np.ones(len(middle)), _Held(seconds))
+        after = self.drive(np.zeros((len(middle), 3)), middle, seconds, np.inf)
+        moved = (after[:, 0] + 1j * after[:, 1]) * np.exp(1j * states.centre[:, 2])
+        off = (away + 0.5 * np.abs(moved) * np.square(swung)) * SLIGHTLY_MORE
+        gradient = np.stack([-moved.imag, moved.real, 0.0 * moved.real], axis=1)  # (C, 3)
+        added = np.stack([off, off, turned * SLIGHTLY_MORE], axis=1)
+        centre = np.stack([moved.real, moved.imag, self.turned(middle, seconds)], axis=1)
+        return Forms(
+            states.centre[:, :3] + centre,
+            states.slope[:, :, :3] + states.slope[:, :, 2, None] * gradient[:, None],
+            states.rest[:, :3] + states.rest[:, 2, None] * np.abs(gradient) + added + slack[:, None],
+        )
+
+
+@dataclass(frozen=True)
+class _Held:
+    """A command that is held for an interval, and nothing afterwards."""
+
+    interval: float
+
+    def seconds(self, speed: Floats, turn: Floats) -> Floats:
+        """See `Timed`."""
+        return np.full(np.broadcast_shapes(speed.shape, turn.shape), self.interval)

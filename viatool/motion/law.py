@@ -24,7 +24,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from viatool.arrays import Booleans, Floats, Plane
+from viatool.arrays import Booleans, Floats, Hull, Plane
 from viatool.sets.forms import Forms, PoseBoxes
 
 
@@ -193,8 +193,16 @@ class Kinematics(ABC):
         """Return the state (..., S) after commands with their state (..., A + S) were held."""
         return np.zeros((*held.shape[:-1], 0))
 
-    def recalled(self, before: Floats) -> tuple[Floats, Floats | None]:
-        """Return the command before (B, A), and the velocity (B, 3) if that is another one, of states (B, K)."""
+    def reached(self, lower: Floats, upper: Floats, seconds: float) -> tuple[Floats, Floats]:
+        """Return the ends (C, S) of the state after commands of boxes with theirs (C, A + S). **Sound:** yes."""
+        nothing = np.zeros((len(lower), 0))
+        return nothing, nothing
+
+    def recalled(self, before: Floats, command: Floats | None = None) -> tuple[Floats, Floats | None]:
+        """Return the command before (B, A), and the velocity (B, 3) if that is another one, of states (B, K).
+
+        Of a state of the motion it does not follow which command led there, unless that (B, A) is given.
+        """
         return before, None
 
     def axis(self, kind: str) -> int | None:
@@ -300,22 +308,24 @@ class Kinematics(ABC):
         """
 
     @abstractmethod
-    def successor(self, states: Forms, seconds: float, slack: Floats) -> Forms:
+    def successor(self, states: Forms, seconds: float, slack: Floats, known: Hull | None = None) -> Forms:
         """Move sets of poses along the paths of sets of commands.
 
         Parameters
         ----------
         states : Forms
-            (C, 3 + A) x, y, theta and the command that is held.
+            (C, 3 + A + S) x, y, theta, the command that is held, and the state in which it is given.
         seconds : float
             For how long.
         slack : ndarray
             (C,) metres that cover rounding.
+        known : tuple of ndarray, optional
+            (C, A + S) ends of what is held, where more is known of it than the forms say.
 
         Returns
         -------
         Forms
-            (C, 3) poses in the same symbols; headings are not wrapped.
+            (C, 3 + S) poses, and states of the motion, in the same symbols; headings are not wrapped.
 
         Notes
         -----

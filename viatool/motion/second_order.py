@@ -7,11 +7,13 @@ from typing import ClassVar, TypeVar
 
 import numpy as np
 
-from viatool.arrays import Floats
+from viatool.arrays import Floats, Hull
 from viatool.errors import ConfigurationError
 from viatool.motion.changing import ChangingTwist
 from viatool.motion.law import Axis, Limited
 from viatool.motion.signals import HeldSignal, IntegratedSignal, MotionSignal
+from viatool.motion.straight import accelerated
+from viatool.sets.forms import Forms
 
 SPEED, TURN = Axis("v", "m/s", "linear"), Axis("omega", "rad/s", "angular")
 ACCELERATION = Axis("a", "m/s^2", "linear_acceleration")
@@ -94,12 +96,12 @@ class _Unicycle(SpeedLimits):
     """Speed and turning speed are signals of their own."""
 
     @property
-    def _ahead(self) -> MotionSignal:
+    def _ahead(self) -> HeldSignal | IntegratedSignal:
         """Return the speed ahead."""
         return self._integrated(0, 0) if SPEED in self.state else HeldSignal(0)
 
     @property
-    def _turning(self) -> MotionSignal:
+    def _turning(self) -> HeldSignal | IntegratedSignal:
         """Return the turning speed."""
         return self._integrated(1, self.state.index(TURN)) if TURN in self.state else HeldSignal(1)
 
@@ -140,6 +142,11 @@ class _Unicycle(SpeedLimits):
 
     def _faster(self, lower: Floats, upper: Floats) -> Floats:
         return self._ahead.slope(lower, upper)
+
+    def _moved(self, states: Forms, ends: Hull, seconds: float, slack: Floats) -> Forms:
+        """Move sets of poses under straight speeds, as `viatool.motion.straight` derives."""
+        ahead, turning = (signal.straight(*ends, seconds) for signal in (self._ahead, self._turning))
+        return accelerated(states, ahead, turning, seconds, slack)
 
 
 @dataclass(frozen=True)

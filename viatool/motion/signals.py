@@ -11,7 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from viatool.arrays import Floats
+from viatool.arrays import Floats, Hull
+from viatool.motion.straight import StraightSignal, combined
+from viatool.rounding import LAST_PLACE, SLIGHTLY_MORE
+from viatool.sets.forms import Forms, clip_line
 
 
 @dataclass(frozen=True)
@@ -45,6 +48,22 @@ class MotionSignal(ABC):
     @abstractmethod
     def radii(self, half: Floats) -> tuple[Floats, Floats]:
         """Return r and g: any member of boxes within `half` (..., H) is within ``r + g t`` of the centre's after t."""
+
+    @abstractmethod
+    def form(self, held: Forms, ends: Hull, time: float) -> Forms:
+        """Return its value after some time, (C, 1), in the symbols of what is held, (C, H), between ends (C, H) twice.
+
+        **Sound:** yes.
+        """
+
+    def reached(self, lower: Floats, upper: Floats, time: float) -> tuple[Floats, Floats]:
+        """Return its least and largest value after some time, over boxes (..., H), rounded outward."""
+        low, high = self.at(lower, time), self.at(upper, time)
+        return low - self.rounding(lower, time), high + self.rounding(upper, time)
+
+    @abstractmethod
+    def rounding(self, held: Floats, time: float) -> Floats:
+        """Return by how much `at` may be off, (...)."""
 
     def ends(self, lower: Floats, upper: Floats, time: float) -> tuple[Floats, Floats]:
         """Return its least and largest value until some time, over boxes (..., H)."""
@@ -85,6 +104,19 @@ class HeldSignal(MotionSignal):
     def radii(self, half: Floats) -> tuple[Floats, Floats]:
         """See `MotionSignal`."""
         return half[..., self.column], np.zeros(half.shape[:-1])
+
+    def rounding(self, held: Floats, time: float) -> Floats:
+        """Return nothing."""
+        return np.zeros(held.shape[:-1])
+
+    def form(self, held: Forms, ends: Hull, time: float) -> Forms:
+        """See `MotionSignal`."""
+        return self.straight(*ends, time).form(held, time)
+
+    def straight(self, lower: Floats, upper: Floats, until: float) -> StraightSignal:
+        """Return it as a straight signal over boxes (C, H)."""
+        none = np.zeros(len(lower))
+        return StraightSignal(self.column, None, np.ones(len(lower)), none, none)
 
 
 @dataclass(frozen=True)
@@ -137,6 +169,41 @@ class IntegratedSignal(MotionSignal):
         """See `MotionSignal`."""
         return half[..., self.state], half[..., self.column]
 
+    def reached(self, lower: Floats, upper: Floats, time: float) -> tuple[Floats, Floats]:
+        """See `MotionSignal`; what is at its limit is not rounded beyond it."""
+        least, most = super().reached(lower, upper, time)
+        return (
+            np.maximum(least, np.minimum(self.low, lower[..., self.state])),
+            np.minimum(most, np.maximum(self.high, upper[..., self.state])),
+        )
+
+    def rounding(self, held: Floats, time: float) -> Floats:
+        """Return some roundings of its parts; what does not change is exact."""
+        way = np.abs(held[..., self.column] * time)
+        return np.where(way > 0.0, 4.0 * LAST_PLACE * (np.abs(held[..., self.state]) + way), 0.0)
+
+    def form(self, held: Forms, ends: Hull, time: float) -> Forms:
+        """See `MotionSignal`."""
+        return self._between(*ends, time, time).form(held, time)
+
+    def straight(self, lower: Floats, upper: Floats, until: float) -> StraightSignal:
+        """Return it as a straight signal over boxes (C, H) at any time until then."""
+        return self._between(lower, upper, 0.0, until)
+
+    def _between(self, lower: Floats, upper: Floats, since: float, until: float) -> StraightSignal:
+        """Return it as a straight signal between two times.
+
+        Limits that lie beyond, where the number begins, are no further from the usual ones than it begins from these.
+        """
+        least, most = (
+            [end[..., self.state] + end[..., self.column] * time for time in (since, until)]
+            for end in (lower, upper)
+        )
+        share, shift, radius = clip_line(np.minimum(*least), np.maximum(*most), self.low, self.high)
+        beyond = np.maximum(upper[..., self.state] - self.high, self.low - lower[..., self.state])
+        radius = (radius + np.maximum(beyond, 0.0)) * SLIGHTLY_MORE
+        return StraightSignal(self.state, self.column, share, shift, radius)
+
 
 @dataclass(frozen=True)
 class ApproachingSignal(MotionSignal):
@@ -179,3 +246,27 @@ class ApproachingSignal(MotionSignal):
     def radii(self, half: Floats) -> tuple[Floats, Floats]:
         """See `MotionSignal`."""
         return np.maximum(half[..., self.state], half[..., self.column]), np.zeros(half.shape[:-1])
+
+    def reached(self, lower: Floats, upper: Floats, time: float) -> tuple[Floats, Floats]:
+        """See `MotionSignal`; it is never beyond both of where it begins and where it goes."""
+        least, most = super().reached(lower, upper, time)
+        both = [self.state, self.column]
+        return np.maximum(least, lower[..., both].min(axis=-1)), np.minimum(
+            most, upper[..., both].max(axis=-1)
+        )
+
+    def rounding(self, held: Floats, time: float) -> Floats:
+        """Return some roundings of its parts: the way is at most from one to the other."""
+        return 4.0 * LAST_PLACE * (np.abs(held[..., self.state]) + np.abs(held[..., self.column]))
+
+    def form(self, held: Forms, ends: Hull, time: float) -> Forms:
+        """See `MotionSignal`: ``x_0 + clip(x* - x_0, -rate t, rate t)``."""
+        both = np.zeros_like(held.centre)
+        both[:, self.column], both[:, self.state] = 1.0, -1.0
+        none, way = np.zeros(len(both)), self.rate * time
+        missing = combined(held, both, none, none)
+        least = np.maximum(missing.lower[:, 0], ends[0][:, self.column] - ends[1][:, self.state])
+        most = np.minimum(missing.upper[:, 0], ends[1][:, self.column] - ends[0][:, self.state])
+        share, shift, radius = clip_line(np.minimum(least, most), np.maximum(least, most), -way, way)
+        both[:, self.column], both[:, self.state] = share, 1.0 - share
+        return combined(held, both, shift, radius)

@@ -33,7 +33,7 @@ from typing import ClassVar, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from viatool.arrays import Floats, Plane
+from viatool.arrays import Floats, Hull, Plane
 from viatool.motion.arcs import cosine_range, drive_arc, least_sinc, sinc, swing
 from viatool.motion.law import Directions, Kinematics, PathDeviation, Timed
 from viatool.rounding import SLIGHTLY, SLIGHTLY_MORE
@@ -142,7 +142,7 @@ class HeldTwist(Kinematics):
         )
         return least - SLIGHTLY * np.abs(least), most + SLIGHTLY * np.abs(most)
 
-    def successor(self, states: Forms, seconds: float, slack: Floats) -> Forms:
+    def successor(self, states: Forms, seconds: float, slack: Floats, known: Hull | None = None) -> Forms:
         """Move along the arcs of the commands, linearised at the middle; see `Kinematics.successor`."""
         theta, command = states.centre[:, 2], states.centre[:, 3:]
         ahead, left, turn = self.parts(command)

@@ -132,18 +132,23 @@ class Forms:
         lower, upper = self.lower, self.upper
         if ((lower >= low) & (upper <= high)).all():
             return self
-        ends = np.clip(lower, low, high), np.clip(upper, low, high)
-        width = upper - lower
-        share = np.where(width > 0.0, (ends[1] - ends[0]) / np.where(width > 0.0, width, 1.0), 0.0)
-        # of clip(x) - share x on [lower, upper]: piecewise linear, with corners at both ends of the range
-        corners = [lower, upper, np.clip(low, lower, upper), np.clip(high, lower, upper)]
-        left = np.stack([np.clip(corner, low, high) - share * corner for corner in corners])
-        least, most = left.min(axis=0), left.max(axis=0)
+        share, middle, radius = clip_line(lower, upper, low, high)
         known = (np.where(np.isfinite(end), np.abs(end), 0.0) for end in (low, high))
         spare = FEW_ROUNDINGS * (1.0 + sum(known))
-        middle = 0.5 * (least + most)
         return Forms(
-            share * self.centre + middle,
-            share[:, None] * self.slope,
-            0.5 * (most - least) + share * self.rest + spare,
+            share * self.centre + middle, share[:, None] * self.slope, radius + share * self.rest + spare
         )
+
+
+def clip_line(
+    lower: Floats, upper: Floats, low: float | Floats, high: float | Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Return a, b and r so that ``clip(x, low, high)`` is within r of ``a x + b`` for x between bounds (...)."""
+    ends = np.clip(lower, low, high), np.clip(upper, low, high)
+    width = upper - lower
+    share = np.where(width > 0.0, (ends[1] - ends[0]) / np.where(width > 0.0, width, 1.0), 0.0)
+    # of clip(x) - share x on [lower, upper]: piecewise linear, with corners at both ends of the range
+    corners = [lower, upper, np.clip(low, lower, upper), np.clip(high, lower, upper)]
+    left = np.stack([np.clip(corner, low, high) - share * corner for corner in corners])
+    least, most = left.min(axis=0), left.max(axis=0)
+    return share, 0.5 * (least + most), 0.5 * (most - least)

@@ -195,6 +195,10 @@ class Rules:
         """Return boxes of commands (C, A) together with those of the state (C, 2, S) in which they are given."""
         return np.concatenate([lower, begun[:, 0]], axis=1), np.concatenate([upper, begun[:, 1]], axis=1)
 
+    def standing(self, count: int) -> Floats:
+        """Return commands (C, A), with the state behind them if the motion has one, under which a robot stands."""
+        return np.zeros((count, len(self.lower) + len(self.kinematics.state)))
+
     def clip(self, actions: Floats) -> Floats:
         """Return commands (..., A) as the robot carries them out; monotone, so ends of a box map to ends."""
         return np.clip(actions, self.lower, self.upper)

@@ -134,16 +134,18 @@ class StateExamination:
         if self.horizon is None:
             return None, None
         assert block.previous is not None
-        known = np.isfinite(block.previous).all(axis=1)
+        before = block.begun if block.begun.shape[2] else np.stack([block.previous, block.previous], axis=1)
+        known = np.isfinite(before).all(axis=(1, 2))
         wanted, only_near = np.ones(len(block), dtype=bool), self.only_contested
         if only_near or not known.all():
-            wanted = ~self.horizon.out_of_reach(placed) | (known & (not only_near))
+            wanted = ~self.horizon.out_of_reach(placed, block.begun) | (known & (not only_near))
         return self.horizon.examine(
             block.scenarios,
             block.poses,
-            block.previous,
+            before,
             block.episode,
             wanted,
             first=block.first,
             seed=self.seed,
+            commands=block.previous if block.begun.shape[2] else None,
         )

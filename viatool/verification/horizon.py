@@ -43,12 +43,6 @@ class HorizonExamination:
     arithmetic: Arithmetic = "float32"
 
     def __post_init__(self) -> None:
-        kinematics = self.setting.rules.kinematics
-        if kinematics.state:
-            raise ConfigurationError(
-                f"what a {kinematics.description} does over several intervals is not enclosed",
-                "leave out --horizon; each recorded state is judged from the motion that it has",
-            )
         if self.setting.rules.delay:
             raise ConfigurationError(
                 f"a horizon with a delay of {self.setting.rules.delay:g} s is not supported",
@@ -65,25 +59,39 @@ class HorizonExamination:
         closed_loop = ClosedLoop.of(self.policy, self.setting, scenario, self.arithmetic)
         return TubeFollower(closed_loop, NavigationTask().goal_radius, self.horizon)
 
-    def out_of_reach(self, placed: ScenePoses) -> Booleans:
-        """Tell from which states no command comes too near within the horizon, however often, (B,). **Sound:** yes."""
+    def out_of_reach(self, placed: ScenePoses, begun: Floats | None = None) -> Booleans:
+        """Tell from which states no command comes too near within the horizon, however often, (B,). **Sound:** yes.
+
+        Of a robot whose motion has a state, begun are the ends (B, 2, S) of that.
+        """
         rules, horizon = self.setting.rules, self.horizon
         away = placed.still.clearance(placed.poses[:, :2], placed.scene) - rules.footprint.reach
-        fastest = float(rules.kinematics.rates(rules.lower, rules.upper, rules.interval)[0])
+        lower, upper = (np.broadcast_to(end, (len(away), len(end))) for end in (rules.lower, rules.upper))
+        known = np.ones(len(away), dtype=bool)
+        if (
+            rules.kinematics.state
+        ):  # later states lie between the robot's limits and those that it begins with
+            assert begun is not None
+            least, most = rules.kinematics.state_range
+            ends = np.stack([np.minimum(least, begun[:, 0]), np.maximum(most, begun[:, 1])], axis=1)
+            known = np.isfinite(ends).all(axis=(1, 2))
+            lower, upper = rules.begun(lower, upper, np.where(known[:, None, None], ends, 0.0))
+        fastest = rules.kinematics.rates(lower, upper, rules.interval)[0]
         way = (horizon.steps - 1) * rules.interval * fastest + float(np.hypot(*horizon.pose_error[:2]))
-        longest = rules.manoeuvre.longest(rules.lower, rules.upper)
-        return np.asarray(away > rules.clearance.collision + way + longest + 1e-6 * placed.scale)
+        longest = rules.manoeuvre.longest(lower, upper)
+        return known & (away > rules.clearance.collision + way + longest + 1e-6 * placed.scale)
 
     def examine(
         self,
         scenarios: Sequence[Scenario | None],
         poses: Floats,
-        previous: Floats,
+        before: Floats,
         episode: Indices,
         wanted: Booleans,
         *,
         first: int,
         seed: int,
+        commands: Floats | None = None,
     ) -> tuple[Tubes, Crashes]:
         """Follow every run from B states.
 
@@ -91,8 +99,9 @@ class HorizonExamination:
         ----------
         scenarios : sequence of Scenario
             Of the episodes.
-        poses, previous : ndarray
-            (B, 3) and (B, 2): recorded poses, and commands before; NaN where one is not known.
+        poses, before : ndarray
+            (B, 3) and (B, 2, K): recorded poses, and ends of what stands behind them (`Kinematics.before`): commands
+            before, or states of the motion; NaN where one is not known.
         episode : ndarray
             (B,) index into the scenarios.
         wanted : ndarray
@@ -101,24 +110,31 @@ class HorizonExamination:
             What the first state is called.
         seed : int
             Of the search for runs that fail.
+        commands : ndarray, optional
+            (B, A) commands before, where these are not what stands behind the poses; NaN where one is not known.
 
         Returns
         -------
         tuple of Tubes and Crashes
             Of B states.
         """
-        steps, size = self.horizon.steps, len(self.setting.radii)
-        tubes, crashes = Tubes.none(len(poses), steps), [Crashes.none(steps, size, previous.shape[1])]
-        known = np.isfinite(previous).all(axis=1)
+        steps, rules = self.horizon.steps, self.setting.rules
+        none = Crashes.none(steps, len(self.setting.radii), len(rules.lower), len(rules.kinematics.state))
+        tubes, crashes = Tubes.none(len(poses), steps), [none]
+        middle = before.mean(axis=1)
+        apart = np.maximum(before[:, 1] - middle, middle - before[:, 0])
+        known = np.isfinite(before).all(axis=(1, 2))
         tubes.steps[wanted & ~known] = 0  # a tube that begins nowhere proves nothing
         wanted = wanted & known
         for index in np.unique(episode[wanted]).tolist():
             follower, rows = self.follower(scenarios[index]), np.flatnonzero(wanted & (episode == index))
-            found = follower.follow(poses[rows], previous[rows])
+            found = follower.follow(poses[rows], middle[rows], apart[rows])
             for name in Tubes.__dataclass_fields__:
                 getattr(tubes, name)[rows] = getattr(found, name)
-            rows = rows[~found.safe]
-            crashes.append(
-                search_crashes(follower, first + rows, poses[rows], previous[rows], seed=(seed, first, index))
-            )
+            rows, told = rows[~found.safe], None
+            if commands is not None:
+                rows = rows[np.isfinite(commands[rows]).all(axis=1)]
+                told = commands[rows]
+            where = first + rows, poses[rows], middle[rows], told
+            crashes.append(search_crashes(follower, *where, seed=(seed, first, index)))
         return tubes, Crashes.join(crashes)

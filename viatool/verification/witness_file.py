@@ -156,6 +156,7 @@ def _entries(result: Result, found: Witnesses, crashes: Crashes | None = None) -
             step = int(crashes.step[row])
             about["time"] += step * result.rules.interval
             about["pose"] = crashes.poses[row, step].tolist()
+            about |= motion_begun(crashes, row)
             about["before"] = run_before(crashes, row)
         if crashes is None:
             about |= _errors(result, found, row, state)
@@ -182,11 +183,18 @@ def _errors(result: Result, found: Witnesses, row: int, state: int) -> dict[str,
 
 
 def run_before(crashes: Crashes, row: int) -> list[dict[str, Any]]:
-    """Return the intervals of a run before the one that fails: poses, observations and commands."""
+    """Return the intervals of a run before the one that fails: poses, observations and commands, and any motion."""
+    names = ("pose", "observation", "action", *(("motion",) if crashes.motions.shape[2] else ()))
     return [
-        {name: getattr(crashes, f"{name}s")[row, k].tolist() for name in ("pose", "observation", "action")}
+        {name: getattr(crashes, f"{name}s")[row, k].tolist() for name in names}
         for k in range(int(crashes.step[row]))
     ]
+
+
+def motion_begun(crashes: Crashes, row: int) -> dict[str, Any]:
+    """Return the ends of the state of the motion in which the interval that fails begins; nothing without one."""
+    motion = crashes.motions[row, crashes.step[row]].tolist()
+    return {"motion": [motion, motion]} if motion else {}
 
 
 def compose_witnesses(

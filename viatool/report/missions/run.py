@@ -52,7 +52,7 @@ class MissionsRun(MissionsDocument, Drawn, Replayable, TubeTabled):
 
 def _entries(mission: Mission, missions: Missions) -> Iterator[dict[str, Any]]:
     from viatool.trajectory import write_scenario
-    from viatool.verification.witness_file import run_before
+    from viatool.verification.witness_file import motion_begun, run_before
 
     found, rules = mission.crashes, missions.rules
     for row in range(len(found)):
@@ -63,6 +63,7 @@ def _entries(mission: Mission, missions: Missions) -> Iterator[dict[str, Any]]:
             "time": step * rules.interval,
             "pose": found.poses[row, step].tolist(),
             "previous": None,
+            **motion_begun(found, row),
             "before": run_before(found, row),
             **found.last.violation(row, missions.world_map, mission.scenario, rules.footprint),
             "scenario": json.loads(write_scenario(mission.scenario) or "null"),
