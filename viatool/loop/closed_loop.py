@@ -16,6 +16,7 @@ from viatool.channels.velocities import MeasuredVelocity
 from viatool.errors import PolicyError
 from viatool.loop.observation import Sensors
 from viatool.loop.retreat import keep_away
+from viatool.loop.surroundings import Surroundings, check_roaming
 from viatool.loop.waiting import after_waiting
 from viatool.motion.actuated import ActuatedMotion, Machine
 from viatool.motion.manoeuvre import Manoeuvre
@@ -118,8 +119,8 @@ class ClosedLoop:
         The meaning of its numbers with their uncertainty, and what is to hold.
     sensors : Sensors
         What it observes.
-    geometry : ScenePoses
-        The geometry of the scenario; its poses are not used.
+    around : Surroundings
+        What is around the robot in the scenario.
     arithmetic : str
         Contract of the bounds.
     """
@@ -127,7 +128,7 @@ class ClosedLoop:
     policy: Policy
     setting: Setting
     sensors: Sensors
-    geometry: ScenePoses
+    around: Surroundings
     arithmetic: Arithmetic = "float32"
 
     @classmethod
@@ -140,17 +141,24 @@ class ClosedLoop:
     ) -> ClosedLoop:
         """Ask about a scenario of a map."""
         world_map, observed = setting.world_map, require_known_over_poses(setting)
-        nowhere = ScenePoses.of(world_map, [scenario], np.zeros((1, 3)), np.zeros(1, np.int64))
+        around = Surroundings.of(world_map, scenario, setting.uncertainty)
+        check_roaming((lidar for lidar, _ in observed.lidars), setting.uncertainty)
         sensors = Sensors(
             observed,
-            Shapes.of(world_map, scenario),
-            nowhere.still,
+            Shapes.of(world_map, scenario, setting.uncertainty.obstacles.roams),
+            around.everything.still,
             np.array(scenario.goal),
             setting.rules.footprint.holds_origin(setting.rules.clearance.collision),
             setting.reading_errors.over_sets(setting.pose_radii),
             setting.rules.kinematics,
+            around.loose,
         )
-        return cls(setting.commanding(policy), setting, sensors, nowhere, arithmetic)
+        return cls(setting.commanding(policy), setting, sensors, around, arithmetic)
+
+    @property
+    def geometry(self) -> ScenePoses:
+        """Return what stands; the poses are not used."""
+        return self.around.standing
 
     @property
     def rules(self) -> Rules:
@@ -158,9 +166,8 @@ class ClosedLoop:
         return self.setting.rules
 
     def at(self, boxes: PoseBoxes) -> ScenePoses:
-        """Return boxes of poses as states of the scenario."""
-        scene = np.zeros(len(boxes), np.int64)
-        return replace(self.geometry, poses=boxes.centre, scene=scene, radii=boxes.radius)
+        """Return boxes of poses as states of the scenario, among what stands."""
+        return self.geometry.throughout(boxes.centre, boxes.radius)
 
     def blocked(self, boxes: PoseBoxes) -> Booleans:
         """Tell which boxes hold no pose that keeps the collision distance, (C,)."""
@@ -231,8 +238,9 @@ class ClosedLoop:
         kept = np.zeros(count, dtype=bool)
         for some in self._chunks(count, 16 * _CHUNK):
             check_time()
+            boxes = cells.poses.select(some)
             kept[some] = prove_clearance(
-                self.at(cells.poses.select(some)),
+                self.around.everything.throughout(boxes.centre, boxes.radius),
                 lower[some],
                 upper[some],
                 rules.clearance.collision,
@@ -250,8 +258,11 @@ class ClosedLoop:
         return lower, upper
 
     def _keep_clear(self, boxes: PoseBoxes, manoeuvre: Manoeuvre, lower: Floats, upper: Floats) -> Booleans:
-        """Tell in which boxes every command of a box keeps every free pose clear on its path, (C,)."""
-        shapes, rules = self.sensors.shapes, self.rules
+        """Tell in which boxes every command of a box keeps every free pose clear on its path, (C,).
+
+        Of what moves all poses of the box have to stay clear.
+        """
+        shapes, rules, moving = self.sensors.shapes.certain, self.rules, self.around.moving
         kept = np.zeros(len(boxes), dtype=bool)
         for some in self._chunks(len(boxes), 16 * _CHUNK):
             check_time()
@@ -262,6 +273,12 @@ class ClosedLoop:
         kept[rest] = prove_clearance(
             here, lower[rest], upper[rest], least, manoeuvre, rules.footprint, _EFFORT
         ).proved
+        if moving is not None:
+            rest = np.flatnonzero(kept)
+            here = moving.throughout(boxes.centre[rest], boxes.radius[rest])
+            kept[rest] = prove_clearance(
+                here, lower[rest], upper[rest], least, manoeuvre, rules.footprint, _EFFORT
+            ).proved
         return kept
 
     def commands(self, cells: StateBoxes) -> CommandBounds:

@@ -12,6 +12,7 @@ from viatool.channels.erring import Erring
 from viatool.motion.kinematics import DIFFERENTIAL
 from viatool.motion.law import Kinematics
 from viatool.rounding import SIGHT_ROUNDING
+from viatool.safety.scene_poses import ScenePoses
 from viatool.sets.forms import Forms, PoseBoxes
 from viatool.sets.states import StateBoxes
 from viatool.sight.shapes import Shapes
@@ -39,6 +40,8 @@ class Sensors:
         (n,) by how much each reading may be off, in the unit of its sensor, or how else; None for perfect sensors.
     kinematics : Kinematics
         Says what stands behind the poses of states: the command before, or the state of the motion.
+    loose : ScenePoses, optional
+        What may be anywhere around its place, alone; its poses are not used. None where nothing is.
     """
 
     quantities: Quantities
@@ -48,6 +51,7 @@ class Sensors:
     dry: bool = False
     radii: Floats | Erring | None = None
     kinematics: Kinematics = DIFFERENTIAL
+    loose: ScenePoses | None = None
 
     def enclose(self, cells: StateBoxes, states: Forms | None = None) -> Sightings:
         """Enclose what the network takes anywhere in sets of states, whatever the sensors err.
@@ -94,8 +98,10 @@ class Sensors:
 
     def _submerged(self, boxes: PoseBoxes) -> Booleans:
         """Tell in which boxes the origin may be in an obstacle or off the map at a pose that counts, (C,)."""
-        if self.dry:
-            return np.zeros(len(boxes), dtype=bool)
-        room = self.scenes.clearance(boxes.centre[:, :2], np.zeros(len(boxes), np.int64))
+        room = np.full(len(boxes), np.inf)
+        if not self.dry:
+            room = self.scenes.clearance(boxes.centre[:, :2], np.zeros(len(boxes), np.int64))
+        if self.loose is not None:
+            room = np.minimum(room, self.loose.throughout(boxes.centre).clearance(np.zeros(len(boxes)))[0])
         slack = SIGHT_ROUNDING * (self.shapes.scale + np.abs(boxes.centre).sum(axis=1))
         return np.asarray(~(room > boxes.extent + slack))

@@ -205,7 +205,7 @@ def _no_crash(follower: TubeFollower) -> Crashes:
 
 def _judged(loop: ClosedLoop, poses: Floats, motion: Floats) -> JudgedStates:
     """Return states (B,) with poses and the state of their motion (B, S)."""
-    placed = replace(loop.geometry, poses=poses, scene=np.zeros(len(poses), np.int64), radii=None)
+    placed = loop.around.everything.throughout(poses)
     begun = np.stack([motion, motion], axis=1) if motion.shape[1] else None
     return JudgedStates(loop.rules, placed, begun=begun)
 

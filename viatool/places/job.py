@@ -168,7 +168,7 @@ def certify(
     grain = max(1, lookahead.coarser)
     lattice = Lattice.over(setting.world_map.bounds, _before(rules), smallest, grain)
     if lookahead.asked:
-        check_lookahead(lookahead, rules, lattice)
+        check_lookahead(lookahead, rules, lattice, moving=loop.around.moving is not None)
     start = time.perf_counter()
     examination = RootExamination(loop, lattice, seed)
     work = RootWork(examination, budget.share, describe(examination, scenario))

@@ -211,14 +211,19 @@ class LastingCells:
         }
 
 
-def check_lookahead(lookahead: Lookahead, rules: Rules, lattice: Lattice) -> Mesh:
+def check_lookahead(lookahead: Lookahead, rules: Rules, lattice: Lattice, *, moving: bool = False) -> Mesh:
     """Return the cells that are to be followed.
 
     Raises
     ------
     ConfigurationError
-        If there are too many cells, or the robot acts with a delay.
+        If there are too many cells, the robot acts with a delay, or something is `moving`.
     """
+    if moving:
+        raise ConfigurationError(
+            "for how long cells stay certified is not known among things that move: they may be elsewhere by then",
+            "leave out the section obstacles, or --steps and --forever",
+        )
     if rules.varies:
         raise ConfigurationError(
             "with motors and timing of an error model it is not known for how long cells stay certified",

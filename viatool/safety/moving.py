@@ -66,10 +66,21 @@ def moving_obstacles(
     parts = [_capsules_of(world_map.obstacles, terms, len(scenarios))]
     own = [Obstacles() if scenario is None else scenario.obstacles for scenario in scenarios]
     if terms.speed:
-        each = [_capsules_of(obstacles, terms, 1) for obstacles in own]
+        alike = ObstacleTerms(speed=terms.speed)
+        each = [_capsules_of(obstacles, alike, 1) for obstacles in own]
         longest = max(map(len, each))
         parts.append(Capsules.beside([some.filled(longest, "an obstacle of the scenario") for some in each]))
     return Capsules.stacked(parts)
+
+
+def freedom(name: str, terms: ObstacleTerms) -> tuple[float, float]:
+    """Return how far an obstacle of the map may be from its place at any time, in metres, or how fast it moves, in m/s.
+
+    One of both is 0; both are for what stays.
+    """
+    roams = terms.roams.get(name, 0.0) if name else 0.0
+    speed = terms.speed or 0.0
+    return roams, 0.0 if roams else terms.named.get(name, speed) if name else speed
 
 
 def _capsules_of(obstacles: Obstacles, terms: ObstacleTerms, scenes: int) -> Capsules:
@@ -78,8 +89,7 @@ def _capsules_of(obstacles: Obstacles, terms: ObstacleTerms, scenes: int) -> Cap
     labels = []
     count = len(obstacles.circles)
     for number, name in enumerate(obstacles.names):
-        roams = terms.roams.get(name, 0.0) if name else 0.0
-        speed = 0.0 if roams else terms.named.get(name, terms.speed or 0.0) if name else terms.speed or 0.0
+        roams, speed = freedom(name, terms)
         if not roams and not speed:
             continue
         if number < count:

@@ -97,6 +97,12 @@ class ScenePoses:
         movers = tuple(some.select(which) for some in self.movers)
         return replace(self, poses=self.poses[which], scene=self.scene[which], radii=radii, movers=movers)
 
+    def throughout(self, poses: Floats, radii: Floats | None = None) -> ScenePoses:
+        """Return other poses (B, 3), or boxes around them, all of them in the first scene, among what moves there."""
+        first = np.zeros(len(poses), np.int64)
+        movers = tuple(Movers(some.capsules, first) for some in self.movers)
+        return replace(self, poses=poses, scene=first, radii=radii, movers=movers)
+
     def moved(self, poses: Floats) -> ScenePoses:
         """Return the same states at other poses (B, 3)."""
         return replace(self, poses=poses)

@@ -27,6 +27,10 @@ with ``|rest| <= E = |q| tau^2 / 2 + rho tau``.
    all poses see the same wall hardly more than the second order is left.
 
 A shape that hides another needs no rule: the least range counts.
+
+4. *What may be elsewhere* is somewhere within a region. A range is at least what it would be if the whole region were
+   solid, and at most what it would be without the thing: the lower form of the one and the upper form of the other
+   hold it. Bins, whatever they make of their rays, do not fall when ranges grow.
 """
 
 from __future__ import annotations
@@ -53,7 +57,8 @@ def enclose_scan(boxes: PoseBoxes, shapes: Shapes, lidar: Lidar) -> Forms:
     shapes : Shapes
         What is around.
     lidar : Lidar
-        Its rays, bins and limits.
+        Its rays, bins and limits. Where something may be elsewhere, what it reads without a return is no less than
+        its maximum range.
 
     Returns
     -------
@@ -65,10 +70,30 @@ def enclose_scan(boxes: PoseBoxes, shapes: Shapes, lidar: Lidar) -> Forms:
     Sound: yes, by the derivation of the module; rounding is counted. Cost: O(C (K + M)) and O(1) for each ray and shape
     that may meet.
     """
+    seen = _enclose(boxes.checked(), shapes, lidar)
+    return seen if shapes.without is None else _spanning(seen, _enclose(boxes, shapes.without, lidar))
+
+
+def _spanning(near: Forms, far: Forms) -> Forms:
+    """Return forms (C, bins) of readings between what is read at most and at least of what may be there.
+
+    Notes
+    -----
+    Sound: yes, for readings that do not fall when something is taken away. A thing that may be anywhere within some
+    region hides no more than the region, and no less than nothing.
+    """
+    apart = np.abs(far.slope - near.slope).sum(axis=1)
+    low, high = near.centre - near.rest, far.centre + far.rest + apart
+    rest = np.maximum(0.5 * (high - low), near.rest) * SLIGHTLY_MORE
+    same = (near.centre == far.centre) & (near.rest == far.rest) & (apart == 0.0)
+    return Forms.where(same, near, Forms(0.5 * (low + high), near.slope, rest))
+
+
+def _enclose(boxes: PoseBoxes, shapes: Shapes, lidar: Lidar) -> Forms:
+    """Enclose the bins where all shapes are there."""
     slack = SIGHT_ROUNDING * (
         shapes.scale + lidar.maximum_range + float(np.abs(boxes.centre).max(initial=0.0))
     )
-    boxes.checked()
     if lidar.reduce == "minimum" and lidar.no_return is None:
         return _read(boxes, shapes, lidar, slack)[0]
     rays, met = _read(boxes, shapes, lidar.unreduced, slack)

@@ -20,9 +20,9 @@ _DRIVEN = MOTION | {"sensor.angle"}
 _POSE = frozenset({"pose.x", "pose.y", "pose.theta"})
 _START = frozenset({"start.x", "start.y", "start.theta"})
 
-_MOVING = frozenset(
-    f"obstacles.{term}" for term in ("speed", "named", "roams", "returns", "people", "hidden", "behind")
-)
+_SHOWN = frozenset({"obstacles.speed", "obstacles.named", "obstacles.roams"})
+"""Moving things that the map shows."""
+_MOVING = _SHOWN | frozenset(f"obstacles.{term}" for term in ("returns", "people", "hidden", "behind"))
 
 SUPPORTED: dict[str, frozenset[str]] = {
     "verify": frozenset({"sensor.absolute", "sensor.relative", "sensor.bias", "sensor.missing"})
@@ -30,7 +30,7 @@ SUPPORTED: dict[str, frozenset[str]] = {
     | _POSE
     | _MOVING,
     "verify with a horizon": frozenset({"sensor.absolute"}) | _START,
-    "certify": frozenset({"sensor.absolute", "sensor.relative", "sensor.bias"}) | MOTION | _POSE,
+    "certify": frozenset({"sensor.absolute", "sensor.relative", "sensor.bias"}) | MOTION | _POSE | _SHOWN,
     "mission": frozenset({"sensor.absolute"}) | _START,
     "simulate": _DRAWN | _DRIVEN,
     "simulate with bullet": _DRAWN,

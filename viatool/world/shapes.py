@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from viatool.arrays import Floats
+from viatool.arrays import Booleans, Floats
 from viatool.errors import MapError
 from viatool.world.rings import (
     LARGEST,
@@ -74,6 +74,13 @@ class Obstacles:
         if self.grid is not None and other.grid is not None:
             raise ValueError("both sets of obstacles have a grid")
         return replace(Obstacles.together([self, other]), grid=self.grid or other.grid)
+
+    def select(self, which: Booleans) -> Obstacles:
+        """Return some of the shapes, (len,) bool, with the grid."""
+        rounds, others = np.split(np.asarray(which, dtype=bool), [len(self.circles)])
+        rings = tuple(ring for ring, taken in zip(self.polygons, others, strict=True) if taken)
+        names = tuple(name for name, taken in zip(self.names, which, strict=True) if taken)
+        return Obstacles(self.circles[rounds], rings, self.grid, names)
 
     @classmethod
     def together(cls, parts: Sequence[Obstacles]) -> Obstacles:
