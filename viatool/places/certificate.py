@@ -11,11 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viatool.arrays import Indices
+from viatool.loop.surroundings import Surroundings
 from viatool.places.findings import SETTLED, STATUSES, CellFindings
 from viatool.places.over_time import LastingCells
 from viatool.places.raster import Raster, rasterise
 from viatool.places.tree import AXES, Lattice, Nodes
 from viatool.policy import Policy
+from viatool.safety import JudgedStates, Witnesses
 from viatool.setting.asked import Asked
 from viatool.setting.setting import Setting
 from viatool.world import Scenario
@@ -122,6 +124,20 @@ class Certificate(Asked):
         order = np.argsort(self.findings.clearance, kind="stable")
         _, first = np.unique(groups[order], return_index=True)
         return np.asarray(order[np.sort(first)])
+
+    def witnesses(self, rows: Indices) -> Witnesses:
+        """Return some of the counterexamples, (W,), with what has moved in them."""
+        found, rules = self.findings, self.rules
+        pose, action = found.pose[rows], found.action[rows]
+        seen = Witnesses.among_what_stands(
+            rows, found.observation[rows].astype(np.float64), action, found.seconds[rows], found.closest[rows],
+            found.clearance[rows], pose, pose,
+        )  # fmt: skip
+        around = Surroundings.of(self.world_map, self.scenario, self.setting.uncertainty).everything
+        if not around.movers or not len(rows):
+            return seen
+        judged = JudgedStates(rules, around.throughout(pose), rules.queue(found.previous[rows]))
+        return seen.among(judged.nearest_movers(action))
 
     def worst(self, most: int = 10) -> Indices:
         """Return the counterexamples that come nearest to something, in places at least half a metre apart."""

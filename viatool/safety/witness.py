@@ -20,7 +20,7 @@ from viatool.setting.driven import DrivenPolicy
 from viatool.taylor.attained import climb
 from viatool.taylor.choices import margins
 from viatool.taylor.propagation import Box
-from viatool.world import Footprint, Scenario, WorldMap
+from viatool.world import Footprint, Nearest, Scenario, WorldMap
 
 MARGIN = 1e-7
 """Metres by which a witness must fail, so that it fails again in whatever order the runtime sums."""
@@ -133,6 +133,13 @@ class Witnesses:
             nothing,
             nothing.copy(),
         )
+
+    def among(self, moved: Nearest) -> Witnesses:
+        """Return the same counterexamples with what has moved in them."""
+        origin, velocity = (
+            np.column_stack([part.real, part.imag]) for part in (moved.origin, moved.velocity)
+        )
+        return replace(self, mover=moved.labels, origin=origin, velocity=velocity)
 
     @classmethod
     def join(cls, parts: list[Witnesses], size: int, axes: int) -> Witnesses:
@@ -331,13 +338,7 @@ def confirm(policy: SearchablePolicy, states: JudgedStates, candidates: Floats) 
     if not states.observing.movers:
         return Witnesses.among_what_stands(rows, *picked, here, here)
     moved = states.select(rows).nearest_movers(picked[1])
-    origin, velocity = (np.column_stack([part.real, part.imag]) for part in (moved.origin, moved.velocity))
-    return replace(
-        Witnesses.among_what_stands(rows, *picked, here, here),
-        mover=moved.labels,
-        origin=origin,
-        velocity=velocity,
-    )
+    return Witnesses.among_what_stands(rows, *picked, here, here).among(moved)
 
 
 def _of_states(found: Witnesses, rows: Indices) -> Witnesses:

@@ -85,8 +85,12 @@ def _spanning(near: Forms, far: Forms) -> Forms:
     apart = np.abs(far.slope - near.slope).sum(axis=1)
     low, high = near.centre - near.rest, far.centre + far.rest + apart
     rest = np.maximum(0.5 * (high - low), near.rest) * SLIGHTLY_MORE
+    sloped, flat = Forms(0.5 * (low + high), near.slope, rest), Forms.between(near.lower, far.upper)
+    flat = Forms(flat.centre, np.zeros_like(near.slope), np.maximum(flat.rest, near.rest) * SLIGHTLY_MORE)
     same = (near.centre == far.centre) & (near.rest == far.rest) & (apart == 0.0)
-    return Forms.where(same, near, Forms(0.5 * (low + high), near.slope, rest))
+    return Forms.where(
+        same, near, Forms.where(flat.upper - flat.lower <= sloped.upper - sloped.lower, flat, sloped)
+    )
 
 
 def _enclose(boxes: PoseBoxes, shapes: Shapes, lidar: Lidar) -> Forms:

@@ -165,6 +165,20 @@ class PlacesDocument(Verified, Annotated):
         return {"command before": "any from " + " and ".join(told)}
 
     @property
+    def _moving(self) -> str:
+        """Return in words what moves on the map."""
+        told = [
+            f"{premise.name} {premise.value}"
+            for premise in self.record.premises
+            if premise.name.startswith("obstacles.")
+        ]
+        return (
+            f"; {', '.join(told)} may move as that says, and nothing else does"
+            if told
+            else ", and nothing on it moves"
+        )
+
+    @property
     def assumptions(self) -> Mapping[str, str]:
         """Return what the certificate rests on."""
         record = self.record
@@ -172,7 +186,7 @@ class PlacesDocument(Verified, Annotated):
         return {
             **super().assumptions,
             "distance": f"the footprint keeps more than {record.clearance:g} m",
-            "map": "correct, and nothing on it moves",
+            "map": f"correct{self._moving}",
             "sensors": f"read what is there, each number within eps {describe_eps(record.eps)}",
             "motion": "exact arcs without slip" if record.state is None else "exact, without slip",
             "timing": f"commands act after {record.delay:g} s, until then the one before goes on",

@@ -134,7 +134,6 @@ class PlacesRun(PlacesDocument, Cased, Located, Tabled, Drawn, Explorable, Repla
         )  # fmt: skip
 
     def _witnesses(self) -> Iterator[dict[str, Any]]:
-        from viatool.safety import Witnesses
         from viatool.trajectory import write_scenario
         from viatool.verification.witness_file import commands_before
 
@@ -143,15 +142,11 @@ class PlacesRun(PlacesDocument, Cased, Located, Tabled, Drawn, Explorable, Repla
         others = np.setdiff1d(np.arange(len(found.clearance)), worst)
         step = max(1, -(-len(others) // (_MOST_WITNESSES - len(worst))))
         rows = np.concatenate([worst, others[::step]])
-        observation = found.observation.astype(np.float64)
-        every = np.arange(len(observation))
-        seen = Witnesses.among_what_stands(
-            every, observation, found.action, found.seconds, found.closest, found.clearance, found.pose, found.pose
-        )  # fmt: skip
+        seen = certificate.witnesses(rows)
         about = json.loads(write_scenario(scenario) or "null")
         kinematics = certificate.rules.kinematics
         under_way = certificate.rules.queue(found.previous)
-        for row in rows.tolist():
+        for place, row in enumerate(rows.tolist()):
             motion = {"motion": [found.previous[row].tolist()] * 2} if kinematics.state else {}
             yield {
                 "state": row,
@@ -161,7 +156,7 @@ class PlacesRun(PlacesDocument, Cased, Located, Tabled, Drawn, Explorable, Repla
                 **commands_before(under_way[row]),
                 "previous": found.previous[row].tolist(),
                 **motion,
-                **seen.violation(row, certificate.world_map, scenario, certificate.rules.footprint),
+                **seen.violation(place, certificate.world_map, scenario, certificate.rules.footprint),
                 "scenario": about,
             }
 
