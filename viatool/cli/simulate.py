@@ -116,6 +116,10 @@ def _simulate(given: Mapping[str, Any]) -> Simulation:
     errors = as_error_model(given["errors"])
     if given["adversary"] and not errors:
         raise click.UsageError("--adversary chooses errors within a model: give it with --errors")
+    if (given["record"] or given["render"]) and errors.obstacles != type(errors.obstacles)():
+        raise click.UsageError(
+            f"--record and --render show obstacles where the map has them, and {errors.source} lets them move"
+        )
     policy = load_policy(given["policy"], given["spec_path"])
     world_map = options.open_map(given["map_path"], given["unknown"])
     scenarios = options.draw_scenarios(world_map, given["scenarios"], given["seed"])

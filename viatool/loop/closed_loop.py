@@ -16,7 +16,7 @@ from viatool.channels.velocities import MeasuredVelocity
 from viatool.errors import PolicyError
 from viatool.loop.observation import Sensors
 from viatool.loop.retreat import keep_away
-from viatool.loop.surroundings import Surroundings, check_roaming
+from viatool.loop.vicinity import Vicinity, check_roaming
 from viatool.loop.waiting import after_waiting
 from viatool.motion.actuated import ActuatedMotion, Machine
 from viatool.motion.manoeuvre import Manoeuvre
@@ -119,7 +119,7 @@ class ClosedLoop:
         The meaning of its numbers with their uncertainty, and what is to hold.
     sensors : Sensors
         What it observes.
-    around : Surroundings
+    around : Vicinity
         What is around the robot in the scenario.
     arithmetic : str
         Contract of the bounds.
@@ -128,7 +128,7 @@ class ClosedLoop:
     policy: Policy
     setting: Setting
     sensors: Sensors
-    around: Surroundings
+    around: Vicinity
     arithmetic: Arithmetic = "float32"
 
     @classmethod
@@ -141,7 +141,7 @@ class ClosedLoop:
     ) -> ClosedLoop:
         """Ask about a scenario of a map."""
         world_map, observed = setting.world_map, require_known_over_poses(setting)
-        around = Surroundings.of(world_map, scenario, setting.uncertainty)
+        around = Vicinity.of(world_map, scenario, setting.uncertainty)
         check_roaming((lidar for lidar, _ in observed.lidars), setting.uncertainty)
         sensors = Sensors(
             observed,

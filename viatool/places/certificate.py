@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viatool.arrays import Indices
-from viatool.loop.surroundings import Surroundings
+from viatool.loop.vicinity import Vicinity
 from viatool.places.findings import SETTLED, STATUSES, CellFindings
 from viatool.places.over_time import LastingCells
 from viatool.places.raster import Raster, rasterise
@@ -133,7 +133,7 @@ class Certificate(Asked):
             rows, found.observation[rows].astype(np.float64), action, found.seconds[rows], found.closest[rows],
             found.clearance[rows], pose, pose,
         )  # fmt: skip
-        around = Surroundings.of(self.world_map, self.scenario, self.setting.uncertainty).everything
+        around = Vicinity.of(self.world_map, self.scenario, self.setting.uncertainty).everything
         if not around.movers or not len(rows):
             return seen
         judged = JudgedStates(rules, around.throughout(pose), rules.queue(found.previous[rows]))

@@ -73,23 +73,13 @@ def moving_obstacles(
     return Capsules.stacked(parts)
 
 
-def freedom(name: str, terms: ObstacleTerms) -> tuple[float, float]:
-    """Return how far an obstacle of the map may be from its place at any time, in metres, or how fast it moves, in m/s.
-
-    One of both is 0; both are for what stays.
-    """
-    roams = terms.roams.get(name, 0.0) if name else 0.0
-    speed = terms.speed or 0.0
-    return roams, 0.0 if roams else terms.named.get(name, speed) if name else speed
-
-
 def _capsules_of(obstacles: Obstacles, terms: ObstacleTerms, scenes: int) -> Capsules:
     """Return the circles and the rims of the polygons that may move or roam, the same in every scene."""
     rows: list[tuple[complex, complex, float, float]] = []
     labels = []
     count = len(obstacles.circles)
     for number, name in enumerate(obstacles.names):
-        roams, speed = freedom(name, terms)
+        roams, speed = terms.freedom(name)
         if not roams and not speed:
             continue
         if number < count:

@@ -51,6 +51,5 @@ def choose_observations(
     commands = simulator.kinematics.clip(setting.sent(flat, actions), simulator.robot)
     states = np.tile(np.concatenate([simulator.poses, simulator.motion], axis=1), (CANDIDATES, 1))
     ahead = simulator.kinematics.advance(states, commands, _AHEAD * simulator.robot.control_interval)[:, :3]
-    scene = np.tile(simulator.scene, CANDIDATES)
-    clearance = simulator.scenes.footprint_clearance(ahead, simulator.robot.footprint, scene)
+    clearance = simulator.clearance(ahead)
     return simulator.take(clearance.reshape(CANDIDATES, -1).argmin(axis=0))

@@ -91,9 +91,7 @@ class NavigationSimulator(Simulator):
             given = motors.give(self._state, self.previous, choice)
             outcomes.append((motors.follow(given, choice), choice.interval + given.age))
         states = [state for state, _ in outcomes]
-        clearance = [
-            self.scenes.footprint_clearance(state.poses, self.robot.footprint, self.scene) for state in states
-        ]
+        clearance = [self.clearance(state.poses) for state in states]
         worst = np.stack(clearance).argmin(axis=0)
         self._state = chosen_of(states, worst)
         passed = np.stack([seconds for _, seconds in outcomes])[worst, np.arange(len(self))] - self._state.age

@@ -213,7 +213,7 @@ class _Recording:
 
     def __init__(self, episodes: int, *, repeats: bool) -> None:
         self.repeats = repeats
-        self.states: list[tuple[Indices, Indices, Floats, Floats, Floats, Floats, Floats]] = []
+        self.states: list[tuple[Indices, Indices, Floats, Floats, Floats, Floats, Floats, Floats]] = []
         self.motion: tuple[str, ...] = ()
         self.clearances: list[Floats] = []
         self.outcomes = np.full(episodes, "timeout", dtype="U9")
@@ -232,7 +232,7 @@ class _Recording:
                     simulator.time.copy(),
                     simulator.poses.copy(),
                 ),
-                *(observations, actions, simulator.motion.copy()),
+                *(observations, actions, simulator.motion.copy(), simulator.people()),
             )
         )
 
@@ -248,7 +248,7 @@ class _Recording:
 
     def drive(self, scenarios: tuple[Scenario, ...]) -> Drive:
         """Return everything, sorted by episode."""
-        episode, steps, time, poses, observations, actions, motion = (
+        episode, steps, time, poses, observations, actions, motion, people = (
             np.concatenate(arrays) for arrays in zip(*self.states, strict=True)
         )
         order = np.argsort(episode, kind="stable")
@@ -263,6 +263,7 @@ class _Recording:
             scenarios=scenarios,
             from_rest=True,
             steps=steps[order] if self.repeats else None,
+            people=people[order],
             motion=dict(zip(self.motion, motion[order].T, strict=True)),
         )
         return Drive(trajectory, self.ends, np.concatenate(self.clearances)[order], self.least)

@@ -43,7 +43,7 @@ class FixedScenarios:
                 "add `scenarios` or a `generator` to the map",
             )
         self.scenes = Scenes.of(world_map, scenarios)
-        self._scenarios = tuple(scenarios)
+        self.scenarios = tuple(scenarios)
         self._starts = np.array([scenario.start for scenario in scenarios])
         self._goals = np.array([scenario.goal for scenario in scenarios])
         self._next = 0
@@ -51,7 +51,7 @@ class FixedScenarios:
 
     def _check_room(self, footprint: Footprint) -> None:
         """Refuse a start or a goal that no robot can be at."""
-        every = np.arange(len(self._scenarios))
+        every = np.arange(len(self.scenarios))
         inside = self.scenes.footprint_clearance(self._starts, footprint, every) <= 0.0
         for what, places, wrong in (
             ("start", self._starts, inside),
@@ -60,7 +60,7 @@ class FixedScenarios:
             for index in np.flatnonzero(wrong)[:1]:
                 x, y = places[index, :2]
                 raise ConfigurationError(
-                    f"the {what} ({x:g}, {y:g}) of scenario '{self._scenarios[index].name}' lies in an obstacle "
+                    f"the {what} ({x:g}, {y:g}) of scenario '{self.scenarios[index].name}' lies in an obstacle "
                     "or off the map",
                     f"move the {what} into free space",
                 )
@@ -71,7 +71,7 @@ class FixedScenarios:
 
     def own(self, scene: int) -> Obstacles:
         """Return the obstacles that one scenario has besides the map's."""
-        return self._scenarios[scene].obstacles
+        return self.scenarios[scene].obstacles
 
     def take(self, slots: Indices) -> Taken:
         """Return the next scenario for each of W robots."""

@@ -15,12 +15,14 @@ import numpy as np
 from viatool.arrays import Booleans, Floats, Indices, Reals
 from viatool.channels import Fan, Frames, View, see
 from viatool.errors import ConfigurationError
+from viatool.motion.actuated import STANDING
 from viatool.motion.arcs import wrap_angle
 from viatool.motion.changing import ChangingTwist
 from viatool.motion.kinematics import motion_of
 from viatool.motion.twists import HeldTwist
 from viatool.policy.specification import ObservationChannel
 from viatool.simulate.conditions import Conditions
+from viatool.simulate.crowd import Crowd
 from viatool.simulate.models import track_of
 from viatool.simulate.observation import Observer, navigation_channels
 from viatool.simulate.odometry import DelayLine, Odometry
@@ -28,7 +30,10 @@ from viatool.simulate.scenarios import FixedScenarios, RandomScenarios
 from viatool.simulate.sensor_flaws import SensorFlaws
 from viatool.simulate.task import NavigationTask
 from viatool.uncertainty import ErrorModel
-from viatool.world import Obstacles, Scenario, ScenarioGenerator, WorldMap
+from viatool.world import Obstacles, Scenario, ScenarioGenerator, Scenes, WorldMap
+
+_STILL = 1e-12
+"""Metres by which poses of robots that stand may be rounded."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,13 +116,16 @@ class Simulator(ABC):
 
     Notes
     -----
-    Collision and danger are decided by the exact clearance of the footprint after each step, not by the noisy
-    rays (the paper compares the smallest range): a state that is proved safe can then not collide in
-    simulation. The reward's proximity term uses the smallest reading. Robots do not meet each other.
+    Among obstacles that move a robot is at fault while it moves alone (passive safety): one that stood still during a
+    step has not collided in it. Collision and danger are decided by the exact clearance of the footprint after each
+    step, not by the noisy rays (the paper compares the smallest range): a state that is proved safe can then not
+    collide in simulation. The reward's proximity term uses the smallest reading. Robots do not meet each other.
     """
 
     largest = 2**31
     """Most robots that one simulator of the kind should have at once."""
+    moves_obstacles = True
+    """Whether obstacles may move."""
 
     def __init__(
         self,
@@ -181,6 +189,36 @@ class Simulator(ABC):
         track = track_of(self.robot) if drift > 0.0 else 1.0
         self._odometry = Odometry(robots, drift, track, drift_seed)
         self._sent = DelayLine(robots, self.conditions.delay, self.robot.control_interval, axes)
+        self._crowd = self._gathered()
+
+    def _gathered(self) -> Crowd | None:
+        """Return what moves around the robots, None where all stands."""
+        terms = self.errors.obstacles
+        if not Crowd.is_asked(self.world_map, terms):
+            return None
+        if not (self.moves_obstacles and isinstance(self._source, FixedScenarios)):
+            raise ConfigurationError(
+                f"{self.errors.source}: obstacles: they move in the kinematic engine and in fixed scenarios alone",
+                "leave the section obstacles out",
+            )
+        return Crowd(self.world_map, self._source.scenarios, terms, len(self), adversary=self.adversary)
+
+    def around(self, index: Indices | slice = slice(None)) -> tuple[Scenes, Indices]:
+        """Return the geometry at present, and which of its scenes some robots are in, (W,)."""
+        if self._crowd is None:
+            return self.scenes, self.scene[index]
+        return self._crowd.scenes, self._slots[index]
+
+    def clearance(self, poses: Floats) -> Floats:
+        """Return the clearance of the footprint at poses of all robots, or of them several times over, (C E, 3)."""
+        scenes, scene = self.around()
+        return scenes.footprint_clearance(
+            poses, self.robot.footprint, np.tile(scene, len(poses) // len(self))
+        )
+
+    def people(self) -> Floats:
+        """Return what walks around the robots, (E, P, 5), as in `Trajectory`; nobody where nothing moves."""
+        return np.zeros((len(self), 0, 5)) if self._crowd is None else self._crowd.people(self._slots)
 
     def __len__(self) -> int:
         """Return E, the number of robots."""
@@ -291,6 +329,8 @@ class Simulator(ABC):
             self.time[index] = 0.0
             if self._flaws is not None:
                 self.poses[index] = self._flaws.started(self.poses[index], self._chance)
+            if self._crowd is not None:
+                self._crowd.begin(self._slots[index], self.scene[index], self._chance)
             self._place(index)
             self._odometry.reset(index, self.poses[index])
             self._sent.reset(index)
@@ -315,16 +355,20 @@ class Simulator(ABC):
             What happened. Nothing is reset: call `reset` with `Step.done`.
         """
         self.previous = self.kinematics.clip(np.asarray(actions, dtype=np.float64), self.robot)
-        before = self.poses
+        before, begun = self.poses, self.time
         if self.observes_raw:
             self._raw = np.asarray(self.previous if raw is None else raw, dtype=np.float64)
         touching = self._drive(before)
         self._odometry.follow(before, self.poses)
         self.steps += 1
-        clearance = self.scenes.footprint_clearance(self.poses, self.robot.footprint, self.scene)
+        at_fault = np.ones(len(self), dtype=bool)
+        if self._crowd is not None:
+            self._crowd.move(self._slots, self.poses, self.time - begun, self._chance)
+            at_fault = self._moved(before, self.time - begun)
+        clearance = self.clearance(self.poses)
         away = self.goals - self.poses[:, :2]
         distance = np.sqrt(np.square(away).sum(axis=1))
-        collision = (clearance < self.world_map.clearance.collision) | touching
+        collision = (at_fault & (clearance < self.world_map.clearance.collision)) | touching
         success = (distance < self.task.goal_radius) & ~collision
         terminated = success | collision
         view = self._view(slice(None))
@@ -336,7 +380,7 @@ class Simulator(ABC):
         return Step(
             observation=self._observation.copy(),
             reward=self.task.reward(self._driven, nearest, success, collision),
-            cost=((clearance < self.world_map.clearance.danger) | touching).astype(np.float64),
+            cost=((at_fault & (clearance < self.world_map.clearance.danger)) | touching).astype(np.float64),
             terminated=terminated,
             truncated=(self.steps >= self.task.horizon) & ~terminated,
             success=success,
@@ -344,6 +388,13 @@ class Simulator(ABC):
             clearance=clearance,
             goal_distance=distance,
         )
+
+    def _moved(self, before: Floats, seconds: Floats) -> Booleans:
+        """Tell which footprints have moved since poses (E, 3); motors that lag never quite rest, see `STANDING`."""
+        lags = any(any(one.lag or ()) for one in self.errors.actuation.each)
+        way, turn = np.hypot(*(self.poses - before)[:, :2].T), np.abs(self.poses - before)[:, 2]
+        rim = self.robot.footprint.reach if self.robot.footprint.kind == "polygon" else 0.0
+        return np.asarray(way + rim * turn > (STANDING * seconds if lags else _STILL))
 
     def _drive(self, before: Floats) -> Booleans:
         """Let all robots follow their commands until the next observation; return which bodies touch, (E,) bool."""
@@ -395,10 +446,11 @@ class Simulator(ABC):
 
     def _view(self, index: Indices | slice) -> View:
         """Return some robots and what is around them, as their sensors see it."""
+        scenes, scene = self.around(index)
         return View(
-            self.scenes,
+            scenes,
             self.poses[index],
-            self.scene[index],
+            scene,
             self.goals[index],
             self.previous[index],
             self._believed(index),

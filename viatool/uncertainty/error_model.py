@@ -104,6 +104,12 @@ class ActuationTerms(ErrorTerms):
     linear: AxisTerms = AxisTerms()
     lateral: AxisTerms = AxisTerms()
     angular: AxisTerms = AxisTerms()
+
+    @property
+    def each(self) -> tuple[AxisTerms, AxisTerms, AxisTerms]:
+        """Return the terms of all axes."""
+        return self.linear, self.lateral, self.angular
+
     slip: Bound | None = _term(
         "velocity to the side that nobody commanded, at most this share of the speed", "share", "no slip"
     )
@@ -157,6 +163,15 @@ class ObstacleTerms(ErrorTerms):
         "m",
         "nothing is where the LiDAR does not look",
     )
+
+    def freedom(self, name: str) -> tuple[float, float]:
+        """Return how far an obstacle of the map may be from its place at any time, in m, or how fast it moves, in m/s.
+
+        One of both is 0; both are for what stays.
+        """
+        roams = self.roams.get(name, 0.0) if name else 0.0
+        speed = self.speed or 0.0
+        return roams, 0.0 if roams else self.named.get(name, speed) if name else speed
 
 
 class ErrorModel(ErrorTerms):

@@ -16,7 +16,6 @@ _DRAWN = frozenset(
     )
     for term in terms
 )
-_DRIVEN = MOTION | {"sensor.angle"}
 _POSE = frozenset({"pose.x", "pose.y", "pose.theta"})
 _START = frozenset({"start.x", "start.y", "start.theta"})
 
@@ -32,6 +31,6 @@ SUPPORTED: dict[str, frozenset[str]] = {
     "verify with a horizon": frozenset({"sensor.absolute"}) | _START,
     "certify": frozenset({"sensor.absolute", "sensor.relative", "sensor.bias"}) | MOTION | _POSE | _SHOWN,
     "mission": frozenset({"sensor.absolute"}) | _START,
-    "simulate": _DRAWN | _DRIVEN,
+    "simulate": _DRAWN | MOTION | _SHOWN | {"sensor.angle"},
     "simulate with bullet": _DRAWN,
 }

@@ -45,6 +45,7 @@ class BulletSimulator(Simulator):
     """
 
     largest = 8
+    moves_obstacles = False
 
     def __init__(
         self,

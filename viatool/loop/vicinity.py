@@ -16,7 +16,7 @@ from viatool.arrays import Booleans
 from viatool.channels import LidarReadings
 from viatool.errors import ConfigurationError
 from viatool.safety import ScenePoses
-from viatool.safety.moving import freedom, moving_obstacles
+from viatool.safety.moving import moving_obstacles
 from viatool.safety.scene_poses import Movers
 from viatool.uncertainty import ErrorModel
 from viatool.world import Obstacles, Scenario, WorldMap
@@ -26,7 +26,7 @@ _FAR = 1e4
 
 
 @dataclass(frozen=True, eq=False)
-class Surroundings:
+class Vicinity:
     """What is around the robot; poses of the geometries are not used.
 
     Parameters
@@ -47,13 +47,13 @@ class Surroundings:
     loose: ScenePoses | None = None
 
     @classmethod
-    def of(cls, world_map: WorldMap, scenario: Scenario, errors: ErrorModel) -> Surroundings:
+    def of(cls, world_map: WorldMap, scenario: Scenario, errors: ErrorModel) -> Vicinity:
         """Return what is around in a scenario of a map."""
         everything, terms = _placed(world_map, scenario), errors.obstacles
         capsules = moving_obstacles(world_map, [scenario], terms)
         if not len(capsules):
             return cls(everything, everything)
-        free = np.array([freedom(name, terms) for name in world_map.obstacles.names]).reshape(-1, 2)
+        free = np.array([terms.freedom(name) for name in world_map.obstacles.names]).reshape(-1, 2)
         roams = free[:, 0] > 0.0
         moves = roams | (free[:, 1] > 0.0)
         movers = Movers(capsules, np.zeros(1, np.int64))

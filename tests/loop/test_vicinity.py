@@ -15,7 +15,7 @@ from tests.safety.brute_force import FOOTPRINTS, drive_and_stop, place, rim_of
 from viatool.channels import Quantities
 from viatool.errors import ConfigurationError
 from viatool.loop.closed_loop import ClosedLoop
-from viatool.loop.surroundings import check_roaming
+from viatool.loop.vicinity import check_roaming
 from viatool.places import SearchBudget, certify
 from viatool.places.job import Resolution
 from viatool.places.over_time import Lookahead
