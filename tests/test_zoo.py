@@ -26,8 +26,8 @@ LARGE = {"navrep", "rl_collision_avoidance", "ros_jackal"}
 """Scans of 512 to 1080 rays: some tens of seconds each."""
 
 
-def marked(layouts):
-    return [pytest.param(one, marks=pytest.mark.slow) if one in LARGE else one for one in layouts]
+def marked(layouts, large=LARGE):
+    return [pytest.param(one, marks=pytest.mark.slow) if one in large else one for one in layouts]
 
 
 def run(command, layout, *options):
@@ -71,7 +71,7 @@ def test_a_layout_is_inspected_driven_and_verified(layout, tmp_path):
     assert (moved > 0.0).all()
 
 
-@pytest.mark.parametrize("layout", marked(LAYOUTS))
+@pytest.mark.parametrize("layout", marked(LAYOUTS, LARGE | {"metadrive"}))
 def test_places_are_certified_or_refused_by_name(layout):
     asked = run(
         "certify",

@@ -141,7 +141,7 @@ def test_no_command_that_is_chosen_is_missing(tmp_path: Path, operator: str, ref
     policy = load_policy(
         write_values(tmp_path / "v.onnx", (4, 16, 16, 6), 2, operator, gain=1.5), table(4, 6)
     )
-    observations, eps = boxes(6, 4), 0.4
+    observations, eps = boxes(3, 4), 0.4
     sets = viatool.reach(policy, observations, eps, refine=refine)
     assert sets.possible is not None
     assert not (attack(policy, observations, eps, rounds=20) & ~sets.possible).any()

@@ -56,6 +56,7 @@ def test_no_dispatch_over_nodes_has_a_default() -> None:
                 assert not any(isinstance(p, ast.MatchAs) and p.pattern is None for p in patterns), path
 
 
+@pytest.mark.slow
 def test_a_new_kind_of_node_fails_type_checking_in_every_pass(
     tmp_path: Path, pytestconfig: pytest.Config
 ) -> None:

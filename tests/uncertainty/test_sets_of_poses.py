@@ -143,7 +143,7 @@ def test_certify_takes_the_terms_and_says_so():
             LAB,
             eps=0.005 if errors else {"": 0.005, "lidar": 0.01},
             errors=errors,
-            budget=SearchBudget(share=0.002),
+            budget=SearchBudget(share=0.0002),
         )
         for errors in (model, None)
     )
