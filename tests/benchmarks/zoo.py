@@ -31,6 +31,9 @@ COMMANDS = {
 }
 """Each command with its options; all others are as they are by default."""
 
+SHARES = {"metadrive": 0.1}
+"""By how much less of a map certify examines where its arena is many times the room's, or its cells have more axes."""
+
 
 @dataclass(frozen=True)
 class Run:
@@ -45,7 +48,7 @@ class Run:
     code : int
         Its exit code.
     said : str
-        The last line that it wrote on stderr, or of the report its first lines on the subject.
+        Its error, or what of its report says the most in one line.
     """
 
     processor: float
@@ -60,7 +63,9 @@ def main() -> int:
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--layout", action="append", help="only this one; repeatable")
     options.add_argument("--command", action="append", choices=COMMANDS, help="only this one; repeatable")
-    options.add_argument("--sample", default="0.0001", help="share of the map that certify examines")
+    options.add_argument(
+        "--sample", type=float, default=0.0001, help="share of the map that certify examines"
+    )
     options.add_argument("--most", type=float, default=60.0)
     given = options.parse_args()
     refused: list[str] = []
@@ -81,11 +86,14 @@ def main() -> int:
     return int(slow > 0)
 
 
-def arguments(command: str, layout: str, share: str) -> Iterator[str]:
+def arguments(command: str, layout: str, share: float) -> Iterator[str]:
     """Yield the words of a command line."""
     folder = ZOO / layout
     own = folder / "map.yaml"
-    chosen = {"MAP": str(own if own.exists() else ZOO / "room.yaml"), "SHARE": share}
+    chosen = {
+        "MAP": str(own if own.exists() else ZOO / "room.yaml"),
+        "SHARE": f"{share * SHARES.get(layout, 1.0):g}",
+    }
     yield from (command, str(folder / "policy.onnx"), "--spec", str(folder / "specification.yaml"))
     yield from (chosen.get(word, word) for word in COMMANDS[command])
 
@@ -117,7 +125,8 @@ def _memory(used: resource.struct_rusage) -> float:
 
 def _said(code: int, stdout: Sequence[str], stderr: Sequence[str]) -> str:
     """Return what a command said of its end, on one line."""
-    lines = [line for line in stderr if line.startswith("error")] if code else stdout[1:2]
+    told = [line for line in stdout if " % of " in line or line.startswith("onnxruntime")]
+    lines = [line for line in stderr if line.startswith("error")] if code else told
     return (lines or [""])[0].replace("|", "/")
 
 

@@ -10,8 +10,10 @@ import pytest
 from tests.benchmarks.deep import CASES, deep_policy, observations, ratio, samples_within
 from tests.taylor.containment import Bare
 from viatool.errors import EnclosureError
-from viatool.policy.network import Affine, Input, Network, Node, Product
-from viatool.taylor import reach
+from viatool.policy.activations import activation
+from viatool.policy.network import Activation, Affine, Input, Network, Node, Product
+from viatool.taylor import deviation, reach
+from viatool.taylor.deviation import runtime_deviation
 
 EPS = 0.01
 
@@ -67,3 +69,25 @@ def test_an_overflow_that_norms_cannot_exclude_is_excluded_by_symbols() -> None:
     assert np.isfinite(bounds.upper).all()
     with pytest.raises(EnclosureError, match="leave the range of float32"):
         reach(Bare(Network(tuple(nodes))), np.ones((1, size)), 1e-3, refine="none")
+
+
+def test_the_errors_of_a_wide_network_are_those_of_each_state_by_itself(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    generator = np.random.default_rng(0)
+    first, second = generator.normal(size=(1200, 12)) / 12, generator.normal(size=(2, 1200)) / 1200
+    network = Network(
+        (
+            Input(12),
+            Affine((0,), (first,), generator.normal(size=1200)),
+            Activation(1, activation("Tanh"), 1200),
+            Affine((2,), (second,), np.zeros(2)),
+        )
+    )
+    centre = generator.normal(size=(9, 12))
+    hulls = [(value, value) for value in network.values(centre)]
+    together = runtime_deviation(network, hulls)
+    assert [len(rows) for rows in deviation._blocks(network, np.arange(9))] == [5, 4]
+    monkeypatch.setattr(deviation, "_MOST_FLOATS", 0)
+    assert {len(rows) for rows in deviation._blocks(network, np.arange(9))} == {1}
+    np.testing.assert_allclose(runtime_deviation(network, hulls), together, rtol=1e-9)

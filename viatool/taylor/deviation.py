@@ -50,6 +50,9 @@ _UNKNOWN = (
 _FLOATS_TOGETHER = 2**22
 """Floats in the symbols of one node, over the states that are looked at together."""
 
+_LEAST_STATES, _MOST_FLOATS = 8, 2**24
+"""States that are looked at together in any case, so that weights are read once for all; and floats up to which."""
+
 
 @dataclass(frozen=True, eq=False)
 class Deviation:
@@ -176,8 +179,8 @@ def _is_worth_more(network: Network, actions: Hull, deviation: Floats) -> Boolea
 
 def _blocks(network: Network, rows: Indices) -> list[Indices]:
     """Cut states into blocks whose symbols fit the memory that is meant for them."""
-    symbols = sum(node.size for node in network.nodes)
-    step = max(1, _FLOATS_TOGETHER // (symbols * max(node.size for node in network.nodes)))
+    each = sum(node.size for node in network.nodes) * max(node.size for node in network.nodes)
+    step = max(1, _FLOATS_TOGETHER // each, min(_LEAST_STATES, _MOST_FLOATS // each))
     return [rows[start : start + step] for start in range(0, rows.size, step)]
 
 
