@@ -195,6 +195,15 @@ class Channel(Strict):
         plain = (self.scale, self.offset, self.clip, self.reciprocal) == (1.0, 0.0, None, False)
         return PLAIN if plain else Encoding(self.scale, self.offset, self.clip, self.reciprocal)
 
+    @property
+    def told_apart(self) -> tuple[float, float]:
+        """Return the ends of the readings that are told apart: one beyond is encoded as the end; infinite if any is."""
+        if self.clip is None or self.reciprocal:
+            return -np.inf, np.inf
+        ends = [(end - self.offset) / self.scale for end in self.clip]
+        spare = 1.0 + max(abs(end) for end in ends)
+        return min(ends) - spare, max(ends) + spare
+
     @contextmanager
     def named_in_errors(self) -> Iterator[None]:
         """Say of which channel there is no enclosure."""

@@ -99,6 +99,7 @@ class PreviousAngular(PreviousCommand):
 class PreviousRaw(Quantity):
     """The network's own outputs of the step before, as it gave them; 0 before the first."""
 
+    believes = False
     needs = frozenset({"outputs"})
 
     @classmethod
@@ -112,8 +113,45 @@ class PreviousRaw(Quantity):
         if view.raw is None:
             return np.zeros((len(view), size))
         if view.raw.shape[1] != size:
-            raise PolicyError(
-                f"{self.channel} has {size} numbers, but the network gives {view.raw.shape[1]}",
-                "correct the size of the channel",
-            )
+            raise self._gives(view.raw.shape[1])
         return view.raw
+
+    def enclose(self, view: BoxView) -> Forms:
+        """Return what the network may have given, where it makes a difference to the channel.
+
+        Raises
+        ------
+        PolicyError
+            If nothing bounds it, or it gives another number of outputs.
+        """
+        raw = view.raw
+        if raw is None:
+            raise self.lacks("enclose")
+        lower, upper = self.require_limits(raw.lower, raw.upper)
+        known = np.isfinite(raw.rest)
+        free = Forms.between(np.where(known, 0.0, lower), np.where(known, 0.0, upper))
+        return Forms.where(known, raw, Forms(free.centre, 0.0 * raw.slope, free.rest))
+
+    def require_limits(self, lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
+        """Return ends of outputs (..., K), where they make a difference to the channel.
+
+        Raises
+        ------
+        PolicyError
+            If one of them is infinite, or there is another number of outputs than the channel has.
+        """
+        if lower.shape[-1] != self.channel.size:
+            raise self._gives(lower.shape[-1])
+        ends = np.clip(lower, *self.channel.told_apart), np.clip(upper, *self.channel.told_apart)
+        if not np.isfinite(ends).all():
+            raise PolicyError(
+                f"{self.channel} is not known over a set of poses: nothing limits what the network gives",
+                "export it with its squash or clip inside, give the channel a `clip`, or verify recorded states alone",
+            )
+        return ends
+
+    def _gives(self, outputs: int) -> PolicyError:
+        return PolicyError(
+            f"{self.channel} has {self.channel.size} numbers, but the network gives {outputs}",
+            "correct the size of the channel",
+        )

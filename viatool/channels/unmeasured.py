@@ -7,7 +7,9 @@ import numpy as np
 from viatool.arrays import Floats, Indices, Reals
 from viatool.channels.channel import Channel
 from viatool.channels.quantity import Quantity, observes, refuse_lidar
-from viatool.channels.views import View
+from viatool.channels.views import BoxView, View
+from viatool.errors import PolicyError
+from viatool.sets.forms import Forms
 
 
 @observes("budget")
@@ -35,12 +37,41 @@ class ConstantNumbers(Quantity):
 class StepsLeft(Quantity):
     """How many control intervals are left until the episode ends."""
 
+    believes = False
+
     def measure(self, view: View) -> Reals:
         """Return the intervals that are left; all of them before an episode."""
         horizon = 0 if view.horizon is None else view.horizon
         return (
             np.full(len(view), float(horizon)) if view.steps is None else (horizon - view.steps).astype(float)
         )
+
+    def enclose(self, view: BoxView) -> Forms:
+        """Return what is left in each set, or what makes a difference to the channel, see `Channel.told_apart`.
+
+        Raises
+        ------
+        PolicyError
+            If neither bounds it.
+        """
+        least, most = self.channel.told_apart
+        left = np.array([[0.0, np.inf]]) if view.left is None else view.left
+        self.require_limits(*left.T)
+        return view.between(*np.clip(left, least, most).T)
+
+    def require_limits(self, lower: float | Floats, upper: float | Floats) -> None:
+        """Refuse ends of what may be left that the channel does not bound either.
+
+        Raises
+        ------
+        PolicyError
+            If there is none.
+        """
+        if not np.isfinite(np.clip([lower, upper], *self.channel.told_apart)).all():
+            raise PolicyError(
+                f"{self.channel} is not known over a set of poses: nothing tells how long an episode is",
+                "give the channel a `clip` or a fixed `value` in the specification, or verify recorded states alone",
+            )
 
     def mirror(self) -> tuple[Indices, Floats]:
         """Return the time as it is."""

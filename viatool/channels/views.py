@@ -143,6 +143,10 @@ class BoxView:
     behind : frozenset of str
         Kinds of angles that are meant on the clockwise side of the half turn, near -pi, in sets that reach over it; on
         the other side, near pi, unless named.
+    left : ndarray, optional
+        (C, 2) ends of the control intervals that are left; None where an episode is not long enough to be known.
+    raw : Forms, optional
+        (C, K) what the network gave in the step before; None where nothing tells.
     """
 
     start: StateBoxes
@@ -151,6 +155,8 @@ class BoxView:
     goal: Floats
     submerged: Booleans
     behind: frozenset[str] = frozenset()
+    left: Floats | None = None
+    raw: Forms | None = None
 
     def __len__(self) -> int:
         """Return C."""
@@ -158,10 +164,14 @@ class BoxView:
 
     def select(self, which: Indices, behind: frozenset[str]) -> BoxView:
         """Return some of the sets, with some angles on the other side of the half turn."""
-        states = self.states
-        some = Forms(states.centre[which], states.slope[which], states.rest[which])
         return replace(
-            self, start=self.start.select(which), states=some, submerged=self.submerged[which], behind=behind
+            self,
+            start=self.start.select(which),
+            states=self.states.select(which),
+            submerged=self.submerged[which],
+            behind=behind,
+            left=None if self.left is None else self.left[which],
+            raw=None if self.raw is None else self.raw.select(which),
         )
 
     @cached_property
@@ -216,9 +226,11 @@ class BoxView:
         column, states = [number], self.states
         return Forms(states.centre[:, column], states.slope[:, :, column], states.rest[:, column])
 
-    def between(self, lower: float, upper: float) -> Forms:
-        """Return one number of which nothing is known but its ends, as forms (C, 1)."""
-        ends = (np.full((len(self), 1), end) for end in (lower, upper))
+    def between(self, lower: float | Floats, upper: float | Floats) -> Forms:
+        """Return one number of which nothing is known but its ends, one or (C,) each, as forms (C, 1)."""
+        ends = (
+            np.broadcast_to(np.asarray(end, dtype=np.float64), len(self))[:, None] for end in (lower, upper)
+        )
         found = Forms.between(*ends)
         return Forms(found.centre, np.zeros((*self.states.slope.shape[:2], 1)), found.rest)
 

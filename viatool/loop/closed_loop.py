@@ -16,6 +16,7 @@ from viatool.channels.velocities import MeasuredVelocity
 from viatool.errors import PolicyError
 from viatool.loop.observation import Sensors
 from viatool.loop.retreat import keep_away
+from viatool.loop.told import Recollection
 from viatool.loop.vicinity import Vicinity, check_roaming
 from viatool.loop.waiting import after_waiting
 from viatool.motion.actuated import ActuatedMotion, Machine
@@ -138,8 +139,10 @@ class ClosedLoop:
         setting: Setting,
         scenario: Scenario,
         arithmetic: Arithmetic = "float32",
+        *,
+        episode: int | None = None,
     ) -> ClosedLoop:
-        """Ask about a scenario of a map."""
+        """Ask about a scenario of a map, in an episode of so many control intervals, if that is known."""
         world_map, observed = setting.world_map, require_known_over_poses(setting)
         around = Vicinity.of(world_map, scenario, setting.uncertainty)
         check_roaming((lidar for lidar, _ in observed.lidars), setting.uncertainty)
@@ -152,6 +155,7 @@ class ClosedLoop:
             setting.reading_errors.over_sets(setting.pose_radii),
             setting.rules.kinematics,
             around.loose,
+            Recollection.of(policy, setting, episode),
         )
         return cls(setting.commanding(policy), setting, sensors, around, arithmetic)
 

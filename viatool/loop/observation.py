@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from viatool.arrays import Booleans, Floats
 from viatool.channels import BoxView, Quantities, Sightings, View, see_precisely
 from viatool.channels.erring import Erring
+from viatool.loop.told import NOTHING, Recollection, Told
 from viatool.motion.kinematics import DIFFERENTIAL
 from viatool.motion.law import Kinematics
 from viatool.rounding import SIGHT_ROUNDING
@@ -42,6 +43,8 @@ class Sensors:
         Says what stands behind the poses of states: the command before, or the state of the motion.
     loose : ScenePoses, optional
         What may be anywhere around its place, alone; its poses are not used. None where nothing is.
+    recollection : Recollection
+        What is observed of the time that is left, and of the outputs of the step before.
     """
 
     quantities: Quantities
@@ -52,8 +55,9 @@ class Sensors:
     radii: Floats | Erring | None = None
     kinematics: Kinematics = DIFFERENTIAL
     loose: ScenePoses | None = None
+    recollection: Recollection = field(default_factory=Recollection)
 
-    def enclose(self, cells: StateBoxes, states: Forms | None = None) -> Sightings:
+    def enclose(self, cells: StateBoxes, states: Forms | None = None, told: Told = NOTHING) -> Sightings:
         """Enclose what the network takes anywhere in sets of states, whatever the sensors err.
 
         Parameters
@@ -62,6 +66,8 @@ class Sensors:
             C boxes.
         states : Forms, optional
             (C, 5) the sets within the boxes, in S symbols; by default all of the boxes, in five.
+        told : Told
+            What else is known of the sets.
 
         Returns
         -------
@@ -73,9 +79,10 @@ class Sensors:
         Sound: yes; rounding is counted.
         """
         states = cells.forms if states is None else states
-        return self.quantities.enclose(
-            BoxView(cells, states, self.shapes, self.goal, self._submerged(cells.poses)), self.radii
-        )
+        left, raw = self.recollection.over(told, cells, states)
+        submerged = self._submerged(cells.poses)
+        view = BoxView(cells, states, self.shapes, self.goal, submerged, left=left, raw=raw)
+        return self.quantities.enclose(view, self.radii)
 
     def encode(self, readings: Floats) -> Floats:
         """Return what the network takes of readings (B, n), not yet rounded to its numbers."""
@@ -85,7 +92,9 @@ class Sensors:
         """Return what the network takes of perfect sensors at poses (B, 3) after commands (B, 2), (B, n)."""
         return self.quantities.observe(self.read(poses, previous))
 
-    def read(self, poses: Floats, previous: Floats, command: Floats | None = None) -> Floats:
+    def read(
+        self, poses: Floats, previous: Floats, command: Floats | None = None, told: Told = NOTHING
+    ) -> Floats:
         """Return what perfect sensors read at poses (B, 3) after commands (B, A), (B, n) in float64 rays.
 
         Of a robot whose motion has a state, previous is that state (B, S); the command that led there may be given.
@@ -93,7 +102,10 @@ class Sensors:
         scene = np.zeros(len(poses), np.int64)
         goals = np.broadcast_to(self.goal, (len(poses), 2))
         command, velocity = self.kinematics.recalled(previous, command)
-        view = View(self.scenes, poses, scene, goals, command, velocity=velocity, eyes=see_precisely)
+        recalled = self.recollection.at(told, previous)
+        view = View(
+            self.scenes, poses, scene, goals, command, velocity=velocity, eyes=see_precisely, **recalled
+        )
         return self.quantities.read(view)
 
     def _submerged(self, boxes: PoseBoxes) -> Booleans:

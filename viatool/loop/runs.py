@@ -9,6 +9,7 @@ import numpy as np
 from viatool.arrays import Booleans, Floats, Indices
 from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.horizon import Crashes
+from viatool.loop.told import NOTHING, Told
 from viatool.loop.tube import TubeFollower
 from viatool.rounding import AS_RECEIVED
 from viatool.safety import JudgedStates
@@ -20,6 +21,20 @@ _ROUNDS = 4
 _FLIPPED = (0.5, 0.3, 0.1)
 """Shares of the signs of the best run so far that a round of the search changes."""
 _AT_ONCE = 4096
+
+
+@dataclass(frozen=True, eq=False)
+class Begun:
+    """What runs begin with beside their poses: see `drive`."""
+
+    before: Floats
+    command: Floats | None
+    told: Told
+
+    def rows(self, which: Indices) -> Begun:
+        """Return what some of the runs begin with, repeated at will."""
+        command = None if self.command is None else self.command[which]
+        return Begun(self.before[which], command, self.told.select(which))
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +64,12 @@ class Runs:
 
 
 def drive(
-    follower: TubeFollower, poses: Floats, before: Floats, errors: Floats, command: Floats | None = None
+    follower: TubeFollower,
+    poses: Floats,
+    before: Floats,
+    errors: Floats,
+    command: Floats | None = None,
+    told: Told = NOTHING,
 ) -> Runs:
     """Drive the deployed program.
 
@@ -63,6 +83,8 @@ def drive(
         (R, K, n) what is added to what perfect sensors read.
     command : ndarray, optional
         (R, A) commands before, where these are not what stands behind the poses; by default such that a robot stands.
+    told : Told
+        What else was recorded where the runs begin.
 
     Returns
     -------
@@ -72,11 +94,12 @@ def drive(
     loop, rules = follower.loop, follower.loop.rules
     move, held_path = rules.kinematics, replace(rules.manoeuvre, deceleration=None)
     found: list[tuple[Floats, ...]] = []
-    driving = ~_near_goal(follower, poses)
+    driving, raw = ~_near_goal(follower, poses), None
     for k in range(errors.shape[1]):
-        readings = loop.sensors.read(poses, before, command) + errors[:, k]
+        readings = loop.sensors.read(poses, before, command, told.after(k).given(raw)) + errors[:, k]
         seen = loop.sensors.encode(readings).astype(loop.setting.number).astype(np.float64)
         command = rules.clip(np.asarray(loop.driven.run(seen)))
+        raw = loop.policy.outputs(seen) if loop.sensors.recollection.outputs is not None else None
         motion = before if move.state else before[:, :0]
         left = _judged(loop, poses, motion).clearance(command[:, None], _FRACTIONS).min(axis=(1, 2))
         held = np.concatenate([command, motion], axis=1)
@@ -93,6 +116,7 @@ def search_crashes(
     poses: Floats,
     before: Floats,
     command: Floats | None = None,
+    told: Told = NOTHING,
     *,
     seed: int | tuple[int, ...],
 ) -> Crashes:
@@ -108,6 +132,8 @@ def search_crashes(
         (B, 3) and (B, K): recorded poses, and what stands behind them (`Kinematics.before`).
     command : ndarray, optional
         (B, A) commands before, as for `drive`.
+    told : Told
+        What else was recorded.
     seed : int
         Of the errors.
 
@@ -126,28 +152,23 @@ def search_crashes(
     each = max(1, _AT_ONCE // _RUNS)
     for first in range(0, len(states), each):
         some = slice(first, first + each)
-        begins = poses[some], before[some], None if command is None else command[some]
-        found.append(_search(follower, states[some], *begins, generator))
+        begun = Begun(before[some], None if command is None else command[some], told.select(some))
+        found.append(_search(follower, states[some], poses[some], begun, generator))
     return Crashes.join(found)
 
 
 def _search(
-    follower: TubeFollower,
-    states: Indices,
-    poses: Floats,
-    before: Floats,
-    command: Floats | None,
-    generator: np.random.Generator,
+    follower: TubeFollower, states: Indices, poses: Floats, begun: Begun, generator: np.random.Generator
 ) -> Crashes:
     steps, size, count = follower.horizon.steps, len(follower.loop.setting.radii), len(states)
     shape = (count, _RUNS, 3 + steps * size)
     signs = generator.choice([-1.0, 1.0], shape)
     signs[:, 0] = 0.0
     best, least = np.zeros((count, shape[2])), np.full(count, np.inf)
-    begun = np.repeat(before, _RUNS, axis=0), None if command is None else np.repeat(command, _RUNS, axis=0)
+    repeated = begun.rows(np.repeat(np.arange(count), _RUNS))
     for round_ in range(_ROUNDS):
-        starts, errors = _spread(follower, poses, before, signs)
-        runs = drive(follower, starts, begun[0], errors, begun[1])
+        starts, errors = _spread(follower, poses, begun.before, signs)
+        runs = drive(follower, starts, repeated.before, errors, repeated.command, repeated.told)
         left = runs.clearance.min(axis=1).reshape(count, _RUNS)
         better = left.min(axis=1) < least
         best = np.where(better[:, None], signs[np.arange(count), left.argmin(axis=1)], best)
@@ -161,36 +182,31 @@ def _search(
         flipped = generator.random(shape) < _FLIPPED[round_]
         flipped[:, :2] = False
         signs = np.where(flipped, generator.choice([-1.0, 1.0], shape), signs)
-    return _confirmed(follower, states, poses, before, command, best, least)
+    return _confirmed(follower, states, poses, begun, best, least)
 
 
 def _spread(follower: TubeFollower, poses: Floats, before: Floats, signs: Floats) -> tuple[Floats, Floats]:
     """Return starts (B M, 3) and errors (B M, K, n) of signs (B, M, 3 + K n)."""
     loop, (count, each, _) = follower.loop, signs.shape
     seen = loop.sensors.read(poses, before)
-    radii = np.maximum(loop.setting.radii - AS_RECEIVED * (1.0 + np.abs(seen).max(initial=0.0)), 0.0)
+    size = max(np.abs(seen).max(initial=0.0), loop.sensors.recollection.largest)
+    radii = np.maximum(loop.setting.radii - AS_RECEIVED * (1.0 + size), 0.0)
     starts = poses[:, None] + signs[:, :, :3] * follower.horizon.pose_error
     errors = signs[:, :, 3:].reshape(count * each, follower.horizon.steps, len(radii)) * radii
     return starts.reshape(-1, 3), errors
 
 
 def _confirmed(
-    follower: TubeFollower,
-    states: Indices,
-    poses: Floats,
-    before: Floats,
-    command: Floats | None,
-    best: Floats,
-    least: Floats,
+    follower: TubeFollower, states: Indices, poses: Floats, begun: Begun, best: Floats, least: Floats
 ) -> Crashes:
     """Return the best runs that fail."""
     limit = follower.loop.rules.clearance.collision
     rows = np.flatnonzero((least < limit - MARGIN) | (least <= 0.0))
     if not len(rows):
         return _no_crash(follower)
-    starts, errors = _spread(follower, poses[rows], before[rows], best[rows, None])
-    told, each = None if command is None else command[rows], np.arange(len(rows))
-    runs = drive(follower, starts, before[rows], errors, told)
+    begun, each = begun.rows(rows), np.arange(len(rows))
+    starts, errors = _spread(follower, poses[rows], begun.before, best[rows, None])
+    runs = drive(follower, starts, begun.before, errors, begun.command, begun.told)
     at = (runs.clearance < limit).argmax(axis=1)
     judged = _judged(follower.loop, runs.poses[each, at], runs.motions[each, at])
     left, seconds, places = (part[:, 0] for part in judged.closest_approach(runs.actions[each, at][:, None]))

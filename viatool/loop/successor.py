@@ -20,6 +20,7 @@ import numpy as np
 
 from viatool.arrays import Booleans, Floats, Hull, Indices
 from viatool.loop.closed_loop import ClosedLoop
+from viatool.loop.told import NOTHING, Told
 from viatool.rounding import SIGHT_ROUNDING, SLIGHTLY_MORE, SPARE
 from viatool.sets.bounds import require_ordered
 from viatool.sets.forms import Forms, PoseBoxes
@@ -79,7 +80,7 @@ def states_of(cells: StateBoxes) -> Forms:
     return cells.checked().forms
 
 
-def step(loop: ClosedLoop, states: Forms) -> LoopStep:
+def step(loop: ClosedLoop, states: Forms, told: Told = NOTHING) -> LoopStep:
     """Enclose where the closed loop is after one control interval.
 
     Parameters
@@ -88,6 +89,8 @@ def step(loop: ClosedLoop, states: Forms) -> LoopStep:
         The policy, what it observes, its uncertainty and the robot.
     states : Forms
         (C, 3 + K) in S symbols.
+    told : Told
+        What else is known of the sets.
 
     Returns
     -------
@@ -105,7 +108,8 @@ def step(loop: ClosedLoop, states: Forms) -> LoopStep:
     count, symbols = states.slope.shape[:2]
     chunk = max(1, _MOST_NUMBERS // ((symbols + len(loop.setting.radii)) * 64))
     firsts = range(0, max(count, 1), chunk)
-    parts = [_step(loop, select(states, slice(first, first + chunk))) for first in firsts]
+    chunks = [slice(first, first + chunk) for first in firsts]
+    parts = [_step(loop, select(states, some), told.select(some)) for some in chunks]
     return parts[0] if len(parts) == 1 else _join(parts, firsts)
 
 
@@ -142,10 +146,10 @@ def hull(states: Forms) -> StateBoxes:
     return StateBoxes(poses, middle - half, middle + half)
 
 
-def _step(loop: ClosedLoop, states: Forms) -> LoopStep:
+def _step(loop: ClosedLoop, states: Forms, told: Told) -> LoopStep:
     """Enclose one chunk of sets without rests."""
     start = hull(states)
-    sightings = loop.sensors.enclose(start, states)
+    sightings = loop.sensors.enclose(start, states, told)
     sent = loop.commands_of_sets(sightings, states.slope.shape[1], len(start))
     start, states, reached = start.select(sent.cell), select(states, sent.cell), sent.reach
     rules, bounds = loop.rules, (reached.lower, reached.upper)

@@ -25,6 +25,7 @@ from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.horizon import Horizon, Tubes
 from viatool.loop.sectors import TubeParts, cut_by_heading
 from viatool.loop.successor import LoopStep, states_of, step
+from viatool.loop.told import NOTHING, Told
 from viatool.rounding import SPARE
 from viatool.safety.enclosure import MotionBoxes, enclose
 from viatool.safety.proof import prove_clearance
@@ -65,7 +66,9 @@ class TubeFollower:
         parts = TubeParts(tube, state - reach, state + reach)
         return self._cut(tube, states_of(parts.cells), (parts.lower, parts.upper))
 
-    def follow(self, poses: Floats, before: Floats, apart: Floats | None = None) -> Tubes:
+    def follow(
+        self, poses: Floats, before: Floats, apart: Floats | None = None, told: Told = NOTHING
+    ) -> Tubes:
         """Enclose every run from B states.
 
         Parameters
@@ -77,6 +80,8 @@ class TubeFollower:
             out, or the state of the motion.
         apart : ndarray, optional
             (B, K) by how much each number of that may be another one.
+        told : Told
+            What else was recorded in the states.
 
         Returns
         -------
@@ -95,7 +100,7 @@ class TubeFollower:
         parts = parts.select(~self.arrived(parts))
         begins_clear = self._all_clear(parts, count)
         for k in range(steps):
-            after = step(self.loop, states_of(parts.cells))
+            after = step(self.loop, states_of(parts.cells), told.after(k).select(parts.tube))
             clearance[:, k], kept[:, k] = self._clearance(parts, after, count)
             bounds = after.bounds(parts.lower[:, :3], parts.upper[:, :3])
             parts = self._cut(parts.tube[after.origin], after.states, bounds)

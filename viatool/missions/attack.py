@@ -81,18 +81,24 @@ def attack(follower: MissionFollower, lower: Floats, upper: Floats, *, seed: int
     signs[:_HELD] = signs[:_HELD, :1]
     signs[0] = 0.0
     size = np.abs(loop.sensors.read(starts[:, :3], starts[:, 3:])).max(initial=0.0)
+    size = max(size, loop.sensors.recollection.largest)
     size = max(size, *(lidar.fan.lidar.maximum_range for lidar, _ in loop.sensors.quantities.lidars), 0.0)
     size += 2.0 * loop.sensors.shapes.scale  # no reading of a later interval is larger
     errors = signs * np.maximum(radii - AS_RECEIVED * (1.0 + size), 0.0)
     centre = 0.5 * (lower + upper)
     tubes = TubeFollower(loop, follower.goal_radius, Horizon(min(steps, _MOST)))
-    runs = drive(tubes, starts[:, :3], starts[:, 3:], errors)
+    runs = drive(tubes, starts[:, :3], starts[:, 3:], errors, told=follower.told(count))
     arrived = _arrivals(follower, runs)
     extents = 0.5 * (upper - lower)[:3]
     wider = Horizon(min(steps, _MOST), float(extents[:2].min()), float(extents[2]))
     searching = TubeFollower(loop, follower.goal_radius, wider)
     crashes = search_crashes(
-        searching, np.zeros(1, np.int64), centre[None, :3], centre[None, 3:], seed=(seed, 1)
+        searching,
+        np.zeros(1, np.int64),
+        centre[None, :3],
+        centre[None, 3:],
+        told=follower.told(1),
+        seed=(seed, 1),
     )
     return MissionRuns(runs, arrived, crashes)
 

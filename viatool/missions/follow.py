@@ -26,6 +26,7 @@ from viatool.arrays import Booleans, Floats, Indices
 from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.sectors import TubeParts
 from viatool.loop.successor import LoopStep, states_of, step
+from viatool.loop.told import Told
 from viatool.missions.cells import CellSides
 from viatool.rounding import SPARE
 from viatool.safety.enclosure import MotionBoxes, enclose
@@ -166,7 +167,7 @@ class MissionFollower:
             return trace.ended(0, f"{_TOO_NEAR} at the start")
         for k in range(1, self.limits.steps + 1):
             check_time()
-            after = step(self.loop, states_of(parts.cells))
+            after = step(self.loop, states_of(parts.cells), self.told(len(parts)).after(k - 1))
             clearance, clear = self._clearance(parts, after)
             trace.clearance = min(trace.clearance, clearance)
             if not clear.all():
@@ -185,6 +186,11 @@ class MissionFollower:
                     k, f"{_TOO_MANY}: {len(parts):,} of at most {self.limits.parts:,}, {_place(parts)}"
                 )
         return trace.ended(self.limits.steps, f"runs may still be on their way, {_place(parts)}")
+
+    def told(self, count: int) -> Told:
+        """Return what is known of sets of states at the start: the episode is the mission."""
+        episode = self.loop.sensors.recollection.episode
+        return Told(None if episode is None else np.full((count, 2), float(episode)))
 
     def _distances(self, parts: TubeParts) -> tuple[Floats, Floats]:
         """Return the least and the largest distance to the goal of any pose of each part, (P,) each."""

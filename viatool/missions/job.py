@@ -141,7 +141,9 @@ def mission(
     error = _start_error(start_error, model)
     examination = MissionExamination(policy, setting.bare(), error, radius, limits, arithmetic, seed)
     _check_starts(examination, setting, chosen)
-    ClosedLoop.of(policy, setting, chosen[0], arithmetic)  # refuses what cannot be enclosed, before any work
+    ClosedLoop.of(
+        policy, setting, chosen[0], arithmetic, episode=limits.steps
+    )  # refuses what cannot be enclosed, before any work
     found = (campaign or Campaign()).carry_out(
         MissionWork(examination, chosen), progress or ignore, until=until
     )

@@ -61,7 +61,7 @@ class MissionExamination:
     def examine(self, scenario: Scenario) -> Mission:
         """Return the mission of one scenario."""
         begun = time.process_time()
-        loop = ClosedLoop.of(self.policy, self.setting, scenario, self.arithmetic)
+        loop = ClosedLoop.of(self.policy, self.setting, scenario, self.arithmetic, episode=self.limits.steps)
         follower = MissionFollower(loop, self.goal_radius, self.limits)
         lower, upper = self.starts(scenario)
         driven = attack(follower, lower, upper, seed=self.seed)

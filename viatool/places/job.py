@@ -24,6 +24,7 @@ from viatool.setting.criteria import PROVING
 from viatool.setting.rules import Rules
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
+from viatool.simulate import NavigationTask
 from viatool.taylor import Arithmetic
 from viatool.uncertainty import ErrorModel, as_error_model
 from viatool.versions import result_versions
@@ -162,7 +163,7 @@ def certify(
     )
     setting = Setting.of(policy, world_map, eps, wishes, [scenario], job="certify")
     rules = setting.rules
-    loop = ClosedLoop.of(policy, setting, scenario, arithmetic)
+    loop = ClosedLoop.of(policy, setting, scenario, arithmetic, episode=NavigationTask().horizon)
     smallest = (resolution.side, resolution.side, resolution.halvings)
     lookahead = lookahead or Lookahead()
     grain = max(1, lookahead.coarser)

@@ -53,6 +53,8 @@ class Policy:
         with the action map as well. Bounds of the deployed program hold for each of them.
     command_map : CommandMap, optional
         What makes a command of the actions, where the policy gives commands: it stands at the end of the networks.
+    own : tuple of Network
+        The networks without the action map: what gives the outputs that a policy may observe in the next step.
     memory : Runtime, optional
         The program of what the policy remembers, where it does: the last part of the observation of the step after.
     """
@@ -67,6 +69,7 @@ class Policy:
     maps: Maps = field(default_factory=Maps)
     rewritten: tuple[Network, ...] = ()
     command_map: CommandMap | None = None
+    own: tuple[Network, ...] = ()
     memory: Runtime | None = field(default=None, repr=False)
 
     def commanding(self, command_map: CommandMap) -> Policy:
@@ -224,6 +227,7 @@ def load_policy(
         found,
         maps_of(network, spec, runtime.ports),
         tuple(with_action_map(other, spec) for other in executed.rewritten),
+        own=(network, *executed.rewritten),
         memory=memory_program(model, spec, runtime.ports),
     )
 

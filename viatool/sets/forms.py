@@ -91,6 +91,10 @@ class Forms:
         require_ordered("linear forms", self.lower, self.upper, finite=True)
         return self
 
+    def select(self, which: NDArray[Any] | slice) -> Forms:
+        """Return those of some of the boxes."""
+        return Forms(self.centre[which], self.slope[which], self.rest[which])
+
     @classmethod
     def concatenate(cls, parts: Sequence[Forms]) -> Forms:
         """Return the boxes of all parts one after the other."""

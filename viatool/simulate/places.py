@@ -201,4 +201,5 @@ def _observe(policy: RunnablePolicy, setting: Setting, view: View, motion: Float
     velocity, kinematics = view.velocity, setting.rules.kinematics
     if isinstance(kinematics, ChangingTwist):
         velocity = kinematics.velocity(np.concatenate([previous, motion], axis=1))
-    return quantities.measure(replace(view, previous=previous, velocity=velocity))
+    raw = np.asarray(policy.outputs(standing)) if quantities.outputs else None
+    return quantities.measure(replace(view, previous=previous, velocity=velocity, raw=raw))

@@ -10,6 +10,7 @@ import numpy as np
 
 from viatool.arrays import Booleans
 from viatool.loop.horizon import Crashes, Tubes
+from viatool.loop.told import Told
 from viatool.policy import Policy
 from viatool.safety import Contested, JudgedStates, Judgement, ScenePoses, find_contested
 from viatool.safety.moving import movers_around
@@ -145,6 +146,7 @@ class StateExamination:
             before,
             block.episode,
             wanted,
+            Told.recorded(self.setting, block.observations),
             first=block.first,
             seed=self.seed,
             commands=block.previous if block.begun.shape[2] else None,

@@ -12,6 +12,7 @@ from viatool.errors import ConfigurationError
 from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.horizon import Crashes, Horizon, Tubes
 from viatool.loop.runs import search_crashes
+from viatool.loop.told import NOTHING, Told
 from viatool.loop.tube import TubeFollower
 from viatool.policy import Policy
 from viatool.safety import ScenePoses
@@ -56,8 +57,11 @@ class HorizonExamination:
                 "a horizon needs to know the goal, but an episode has none",
                 "give the trajectory its scenario, a bag its --goal, or leave out --horizon",
             )
-        closed_loop = ClosedLoop.of(self.policy, self.setting, scenario, self.arithmetic)
-        return TubeFollower(closed_loop, NavigationTask().goal_radius, self.horizon)
+        task = NavigationTask()
+        closed_loop = ClosedLoop.of(
+            self.policy, self.setting, scenario, self.arithmetic, episode=task.horizon
+        )
+        return TubeFollower(closed_loop, task.goal_radius, self.horizon)
 
     def out_of_reach(self, placed: ScenePoses, begun: Floats | None = None) -> Booleans:
         """Tell from which states no command comes too near within the horizon, however often, (B,). **Sound:** yes.
@@ -88,6 +92,7 @@ class HorizonExamination:
         before: Floats,
         episode: Indices,
         wanted: Booleans,
+        told: Told = NOTHING,
         *,
         first: int,
         seed: int,
@@ -106,6 +111,8 @@ class HorizonExamination:
             (B,) index into the scenarios.
         wanted : ndarray
             (B,) bool: the states that are looked at; the others count as safe.
+        told : Told
+            What else was recorded in the states.
         first : int
             What the first state is called.
         seed : int
@@ -128,13 +135,13 @@ class HorizonExamination:
         wanted = wanted & known
         for index in np.unique(episode[wanted]).tolist():
             follower, rows = self.follower(scenarios[index]), np.flatnonzero(wanted & (episode == index))
-            found = follower.follow(poses[rows], middle[rows], apart[rows])
+            found = follower.follow(poses[rows], middle[rows], apart[rows], told.select(rows))
             for name in Tubes.__dataclass_fields__:
                 getattr(tubes, name)[rows] = getattr(found, name)
-            rows, told = rows[~found.safe], None
+            rows, sent = rows[~found.safe], None
             if commands is not None:
                 rows = rows[np.isfinite(commands[rows]).all(axis=1)]
-                told = commands[rows]
-            where = first + rows, poses[rows], middle[rows], told
+                sent = commands[rows]
+            where = first + rows, poses[rows], middle[rows], sent, told.select(rows)
             crashes.append(search_crashes(follower, *where, seed=(seed, first, index)))
         return tubes, Crashes.join(crashes)
