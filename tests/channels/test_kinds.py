@@ -75,6 +75,10 @@ def view_at(generator, count):
 def test_every_kind_that_has_a_part_is_tested_here():
     tested = {channel.kind for channel in (*CHANNELS, *test_encoded.PLAIN) if channel.value is None}
     tested.add("previous_lateral")  # this robot takes no such command
+    tested |= {
+        "previous_raw",
+        "steps_left",
+    }  # in tests/loop/test_told.py: sets of poses alone do not tell them
     assert tested == {name for name, kind in kinds().items() if kind.enclose is not Quantity.enclose}
     assert all(quantity.has(part) for quantity in OBSERVED for part in PARTS)
 

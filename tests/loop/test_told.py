@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tests.loop.noisy_runs import arc
-from viatool import mission, roll_out, verify
+from viatool import certify, mission, roll_out, verify
 from viatool.errors import PolicyError
 from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.horizon import Horizon
 from viatool.loop.runs import drive
 from viatool.loop.told import OutputsBefore, Told
 from viatool.loop.tube import TubeFollower
+from viatool.places import Resolution, SearchBudget
 from viatool.policy import Activation, Affine, Input, Network, PolicySpecification, load_policy, write_onnx
 from viatool.policy.activations import activation
 from viatool.sets.forms import PoseBoxes
 from viatool.sets.states import StateBoxes
 from viatool.setting.setting import Setting
+from viatool.simulate import Places, observe_places
 from viatool.taylor.outputs import output_range
 from viatool.world import load_map
 
@@ -169,6 +173,32 @@ def test_each_rule_is_needed(loop, monkeypatch, rule):
     assert missed(loop, cells, raw)[0]
 
 
+def test_certified_cells_are_safe_whatever_was_given_before(policy, world):
+    certificate = certify(
+        policy, world, world.scenarios[0], eps=EPS, criterion="swept", resolution=Resolution(0.1, 1),
+        budget=SearchBudget(share=0.03), seed=1,
+    )  # fmt: skip
+    assert "up to the 300 of an episode" in str(certificate.premises)
+    table, generator = certificate.cell_table(), np.random.default_rng(0)
+    proved = table["status"] == "certified"
+    assert proved.sum() > 20
+    lower, upper = table["lower"][proved], table["upper"][proved]
+    counted = 0
+    for _ in range(200):
+        raw = generator.uniform(-1.0, 1.0, (len(lower), 2))
+        raw[generator.random(len(raw)) < 0.2] = 0.0
+        poses = generator.uniform(lower[:, :3], upper[:, :3])
+        stood = (raw == 0.0).all(axis=1)
+        before = np.where(stood[:, None], 0.0, sent(raw))
+        there = ((before >= lower[:, 3:]) & (before <= upper[:, 3:])).all(axis=1)
+        there &= 3.0 - np.abs(poses[:, :2]).max(axis=1) > 0.4
+        counted += int(there.sum())
+        readings = sensed(poses[there], raw[there], generator.integers(0, EPISODE + 1, int(there.sum())))
+        found = sent(policy.outputs(taken(readings + errors(generator, int(there.sum())))))
+        assert (3.0 - np.abs(arc(poses[there], found, 0.1)[:, :2]).max(axis=1) > 0.4 - 1e-6).all()
+    assert counted > 1000
+
+
 def begun(generator, count):
     """Recorded states under way: poses, commands before, and what was told of them."""
     poses = generator.uniform((-1.5, -1.0, -0.5), (-0.5, 1.0, 0.5), (count, 3))
@@ -220,9 +250,12 @@ def test_runs_of_the_search_recall_what_they_gave(loop):
 
 
 def test_a_mission_counts_its_own_time_and_simulated_runs_stay_in_it(policy, world):
-    found = mission(policy, world, eps=0.002, start_error=(0.01, 0.01), time_limit=15.0).missions[0]
+    near = [replace(world.scenarios[0], start=(0.0, 0.2, 0.2))]
+    found = mission(
+        policy, world, eps=0.002, scenarios=near, start_error=(0.005, 0.005), time_limit=9.0
+    ).missions[0]
     assert found.verdict == "proved", found.reason
-    driven = roll_out(policy, world, horizon=150, noise=0.0)
+    driven = roll_out(policy, world, near, horizon=90, noise=0.0)
     assert driven.outcomes.tolist() == ["success"]
     tube = found.proof.tube
     for k in range(1, len(driven)):
@@ -245,6 +278,27 @@ def test_a_horizon_begins_with_what_was_recorded(policy, world):
         assert ((lower[rows, k] - 1e-6 <= after) & (after <= upper[rows, k] + 1e-6))[known].all()
 
 
+def test_a_command_that_a_rule_sends_tells_nothing_of_the_outputs(tmp_path, world):
+    rules = [{"when": {"far": {"below": 0.9}}, "command": [0.1, 0.0]}]
+    spec = PolicySpecification.model_validate(
+        {**described().model_dump(exclude_none=True), "overrides": rules}
+    )
+    ruled = written(tmp_path, spec)
+    loop = ClosedLoop.of(ruled, Setting.of(ruled, world, 0.0), world.scenarios[0], episode=EPISODE)
+    cells, _ = cells_of(np.random.default_rng(2), 20)
+    forms = loop.sensors.enclose(cells).forms
+    assert (forms.lower[:, 2:4] <= -1.0).all()
+    assert (forms.upper[:, 2:4] >= 1.0).all()
+    assert (forms.upper[:, 2:4] <= 1.00001).all()
+
+
+def test_at_picked_poses_the_outputs_are_those_of_the_command_before(policy, world):
+    setting = Setting.of(policy, world, EPS)
+    observations = observe_places(policy, setting, Places(count=5)).observations
+    standing = observations * np.array([1.0, 1.0, 0.0, 0.0, 1.0])
+    np.testing.assert_allclose(observations[:, 2:4], policy.outputs(standing), atol=1e-6)
+
+
 def test_what_nothing_bounds_is_refused_by_name(tmp_path, world):
     spec = described(CHANNELS[:3])
     linear = written(tmp_path, spec, squash="")
@@ -255,7 +309,7 @@ def test_what_nothing_bounds_is_refused_by_name(tmp_path, world):
     assert "clip" in raised.value.hint
     clipped = described([*CHANNELS[:2], {**CHANNELS[2], "clip": [-1.0, 1.0]}])
     held = written(tmp_path, clipped, squash="")
-    cells, raw = cells_of(np.random.default_rng(2), 50)
+    cells, _ = cells_of(np.random.default_rng(2), 50)
     forms = ClosedLoop.of(held, Setting.of(held, world, 0.0), world.scenarios[0]).sensors.enclose(cells).forms
     assert (forms.lower[:, 2:] >= -2.1).all()
     assert (forms.upper[:, 2:] <= 2.1).all()  # readings; a clip at 1 makes no more of them

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from viatool.arrays import Booleans, Floats, Indices
 from viatool.channels import Quantities, Sightings
-from viatool.channels.previous import PreviousCommand
+from viatool.channels.previous import PreviousCommand, PreviousRaw
 from viatool.channels.velocities import MeasuredVelocity
 from viatool.errors import PolicyError
 from viatool.loop.observation import Sensors
@@ -389,11 +389,13 @@ class ClosedLoop:
         if self.rules.kinematics.state:
             return []
         quantities, first = self.sensors.quantities, symbols - len(self.setting.radii)
-        return [
-            first + place.start
-            for quantity, place in zip(quantities, quantities.columns, strict=True)
-            if isinstance(quantity, PreviousCommand) and quantity.axis == axis
-        ]
+        outputs, told = self.sensors.recollection.outputs, []
+        for quantity, place in zip(quantities, quantities.columns, strict=True):
+            if isinstance(quantity, PreviousCommand) and quantity.axis == axis:
+                told.append(first + place.start)
+            if isinstance(quantity, PreviousRaw) and outputs is not None:
+                told += (first + place.start + np.flatnonzero(outputs.entry == axis)).tolist()
+        return told
 
 
 def require_known_over_poses(setting: Setting) -> Quantities:

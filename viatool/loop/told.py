@@ -9,7 +9,7 @@ there was none, and 0 is observed: so it may be wherever the robot may have been
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from viatool.policy.command_map import Picked
 from viatool.rounding import SIGHT_ROUNDING
 from viatool.sets.forms import Forms
 from viatool.sets.states import POSE, StateBoxes
+from viatool.setting.premises import Premise
 from viatool.setting.setting import Setting
 from viatool.taylor.outputs import output_range
 
@@ -249,6 +250,13 @@ class Recollection:
         elif self.outputs is not None:
             found["raw"] = self.outputs.behind(previous)
         return found
+
+
+def told_of_time(setting: Setting, words: str) -> Setting:
+    """Return the same, with what is assumed of the time that is left, where the policy observes it."""
+    if not any(isinstance(quantity, StepsLeft) for quantity in setting.quantities):
+        return setting
+    return replace(setting, premises=(*setting.premises, Premise("control intervals left", words, "default")))
 
 
 def _middle(ends: Floats) -> Floats:

@@ -13,6 +13,7 @@ import numpy as np
 
 from viatool.errors import ConfigurationError
 from viatool.loop.closed_loop import ClosedLoop
+from viatool.loop.told import told_of_time
 from viatool.missions.follow import MissionLimits
 from viatool.missions.verdicts import Mission, Missions
 from viatool.missions.work import MissionExamination, MissionWork
@@ -138,12 +139,12 @@ def mission(
     if not 0.0 < radius < math.inf:
         raise ConfigurationError(f"the goal radius is {radius} m", "give a positive distance in metres")
     limits = _limits(limits or MissionLimits(task.horizon), time_limit, setting.rules.interval, task.horizon)
+    setting = told_of_time(setting, f"counted down from the {limits.steps} of the mission")
     error = _start_error(start_error, model)
     examination = MissionExamination(policy, setting.bare(), error, radius, limits, arithmetic, seed)
     _check_starts(examination, setting, chosen)
-    ClosedLoop.of(
-        policy, setting, chosen[0], arithmetic, episode=limits.steps
-    )  # refuses what cannot be enclosed, before any work
+    # refuses what cannot be enclosed, before any work
+    ClosedLoop.of(policy, setting, chosen[0], arithmetic, episode=limits.steps)
     found = (campaign or Campaign()).carry_out(
         MissionWork(examination, chosen), progress or ignore, until=until
     )

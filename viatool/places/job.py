@@ -14,6 +14,7 @@ import numpy as np
 from viatool.arrays import Floats
 from viatool.errors import ConfigurationError, EmptyEvaluationError
 from viatool.loop.closed_loop import ClosedLoop
+from viatool.loop.told import told_of_time
 from viatool.places.campaign import RootExamination, RootWork, SearchBudget, describe
 from viatool.places.certificate import Certificate
 from viatool.places.over_time import Lookahead, check_lookahead, look_ahead
@@ -162,8 +163,10 @@ def certify(
         as_error_model(errors),
     )
     setting = Setting.of(policy, world_map, eps, wishes, [scenario], job="certify")
+    episode = NavigationTask().horizon
+    setting = told_of_time(setting, f"any number up to the {episode} of an episode")
     rules = setting.rules
-    loop = ClosedLoop.of(policy, setting, scenario, arithmetic, episode=NavigationTask().horizon)
+    loop = ClosedLoop.of(policy, setting, scenario, arithmetic, episode=episode)
     smallest = (resolution.side, resolution.side, resolution.halvings)
     lookahead = lookahead or Lookahead()
     grain = max(1, lookahead.coarser)
