@@ -295,11 +295,38 @@ def test_the_clock_of_faster_commands_is_never_behind():
         assert (latest - earliest < 5e-7)[(low == high).all(axis=1) & (start == end)].all()
 
 
+@pytest.mark.parametrize("name", ["braking", pytest.param("late square", marks=pytest.mark.slow)])
+def test_what_moves_far_away_changes_nothing(monkeypatch, name):
+    case, lower, upper = asked(name)
+    few = case.among_near()
+    assert sum(len(some.capsules) for some in few.observing.movers) < 0.8 * len(
+        case.observing.movers[0].capsules
+    )
+    every = Contested(np.ones(COUNT, bool), np.ones(COUNT, bool))
+    for one, other in (
+        (find_contested(few), find_contested(case)),
+        (judge(few, lower, upper, every), judge(case, lower, upper, every)),
+    ):
+        for field in vars(one):
+            np.testing.assert_array_equal(getattr(one, field), getattr(other, field))
+    commands = case.rules.clip(0.5 * (lower + upper))
+    left, *_ = case.closest_approach(commands[:, None])
+    near = left[:, 0] < case.rules.clearance.danger
+    assert near.any()
+    assert (few.nearest_movers(commands).labels[near] == case.nearest_movers(commands).labels[near]).all()
+    np.testing.assert_array_equal(few.closest_approach(commands[:, None])[0][near], left[near])
+    monkeypatch.setattr(Manoeuvre, "counted_between", lambda self, *_: (np.zeros(COUNT),) * 2)
+    monkeypatch.setattr(Manoeuvre, "longest", lambda self, *_: np.zeros(COUNT))
+    short = case.among_near()
+    monkeypatch.undo()
+    assert judge(short, lower, upper, every).safe.sum() > judge(case, lower, upper, every).safe.sum()
+
+
 def test_nothing_is_proved_of_a_mover_that_is_not_a_number():
     case, lower, upper = asked("braking")
     nowhere = np.full((1, COUNT), np.nan + 0j)
     lost = Capsules(nowhere, nowhere, np.zeros((1, COUNT)), np.ones((1, COUNT)), ("lost",))
-    states = replace(case, observing=case.observing.among([Movers(lost, np.arange(COUNT))]))
+    states = replace(case, observing=case.observing.among([Movers(lost, np.arange(COUNT))])).among_near()
     assert not judgement.prove(states, lower, upper, 0.1).proved.any()
     assert find_contested(states).collision.all()
 

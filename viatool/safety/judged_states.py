@@ -75,6 +75,34 @@ class JudgedStates:
             vars(found)["motion"] = self.motion.select(which)
         return found
 
+    def among_near(self) -> JudgedStates:
+        """Return the same states without what moves too far away to count, whatever they are commanded.
+
+        Notes
+        -----
+        Sound: yes. No point of the footprint gets farther from where the robot observes than the way of its longest
+        path and its own reach, so what stays farther from there than that and the distance that counts is never too
+        near.
+        """
+        rules, at = self.rules, self.observing
+        if not at.movers:
+            return self
+        lower, upper = (np.broadcast_to(end, (len(self), len(end))) for end in (rules.lower, rules.upper))
+        if self.motion is None:
+            boxes, once = self.boxes(lower, upper), np.ones(len(self))
+            way = rules.manoeuvre.longest(*boxes) + sum(wait.longest(lower, upper) for wait in rules.waiting)
+            latest = rules.manoeuvre.counted_between(boxes[0], *boxes, once, once)[1]
+        else:
+            way, latest = self.motion.longest, self.motion.stands
+        limit = (
+            max(rules.clearance.collision, rules.clearance.danger) + way + rules.footprint.reach + at.extent
+        )
+        limit = limit + 1e-6 * (at.scale + at.fastest * latest)
+        found = replace(self, observing=at.among_near(limit, latest))
+        if self.motion is not None:
+            vars(found)["motion"] = self.motion
+        return found
+
     def boxes(self, lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
         """Return boxes of commands (B, A) with the state of the motion in which they are given, (B, A + S)."""
         return (lower, upper) if self.begun is None else self.rules.begun(lower, upper, self.begun)

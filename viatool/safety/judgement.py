@@ -64,9 +64,16 @@ class Judgement:
 
 
 def find_contested(states: JudgedStates) -> Contested:
-    """Return which states geometry alone does not settle, at both distances."""
+    """Return which states geometry alone does not settle, at both distances.
+
+    What is contested at the smaller distance is at the larger one.
+    """
     clearance = states.rules.clearance
-    return Contested(_contested(states, clearance.collision), _contested(states, clearance.danger))
+    near = min(clearance.collision, clearance.danger)
+    contested = _contested(states, near)
+    wider, rows = contested.copy(), np.flatnonzero(~contested)
+    wider[rows] = _contested(states.select(rows), max(clearance.collision, clearance.danger))
+    return Contested(contested, wider) if near == clearance.collision else Contested(wider, contested)
 
 
 def judge(states: JudgedStates, lower: Floats, upper: Floats, contested: Contested) -> Judgement:
@@ -175,7 +182,8 @@ def settle(states: JudgedStates, threshold: float) -> Booleans:
     away = here.clearance(latest)[0] - rules.footprint.reach
     near = ~(away > threshold + way + here.extent + 1e-6 * (here.scale + here.fastest * latest))
     if here.movers and motion is None:  # which most often make some extreme command fail when its path ends
-        settled[near] &= ~_fails_at_the_end(states.select(near), threshold)
+        moving = near & here.met
+        settled[moving] &= ~_fails_at_the_end(states.select(moving), threshold)
     near &= settled
     some = states.select(near)
     settled[near] = prove_clearance(

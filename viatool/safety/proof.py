@@ -15,6 +15,8 @@ from viatool.safety.varying import enclose_varying, keep_at_best
 from viatool.sets.bounds import require_ordered
 from viatool.world import Footprint
 
+_FEW = 2000
+"""Cells of which a step costs more than the cells do, among things that move."""
 _TRIED = 2
 """Levels after which it is asked again whether cutting is in vain."""
 
@@ -129,7 +131,9 @@ def prove_clearance(
             break
         axis = shares.argmax(axis=1)
         cells = cells.halved(axis)
-        if isinstance(manoeuvre, VaryingMotion):  # whose steps cost more than their cells
+        if isinstance(manoeuvre, VaryingMotion) or (
+            placed.movers and len(cells) < _FEW
+        ):  # whose steps cost more than their cells
             shares[np.arange(len(shares)), axis] *= 0.5
             cells = cells.halved(np.tile(shares.argmax(axis=1), 2))
     return Proof(proved & ~refuted, refuted)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.arrays import Floats, Indices, Plane
+from viatool.arrays import Booleans, Floats, Indices, Plane
 from viatool.world import Capsules, Footprint, Nearest, Obstacles, Scenario, Scenes, WorldMap
 from viatool.world.measurement import as_plane
 
@@ -90,6 +90,18 @@ class ScenePoses:
         """Return the same states among things that move as well."""
         scale = max([self.scale, *(1.0 + some.capsules.extent for some in movers)])
         return replace(self, movers=(*self.movers, *movers), scale=scale)
+
+    def among_near(self, limit: Floats, seconds: Floats) -> ScenePoses:
+        """Return the same states among what may come within distances (B,) of them until some times (B,) alone."""
+        each, points = np.arange(len(self)), as_plane(self.poses)
+        near = (some.capsules.within(points, some.index, seconds, limit) for some in self.movers)
+        return replace(self, movers=tuple(Movers(few, each) for few in near if len(few)))
+
+    @property
+    def met(self) -> Booleans:
+        """Tell which states anything moves around, (B,)."""
+        there = [some.capsules.there(some.index) for some in self.movers]
+        return np.asarray(np.any([np.zeros(len(self), dtype=bool), *there], axis=0))
 
     def select(self, which: NDArray[Any]) -> ScenePoses:
         """Return some of the states, by index (repeated at will) or mask."""

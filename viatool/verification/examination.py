@@ -74,7 +74,7 @@ class StateExamination:
             sensors = BlockSensors(self.setting, block, placed.among(movers))
             judged = JudgedStates(
                 self.setting.rules, sensors.placed, block.under_way, block.measured, block.begun
-            )
+            ).among_near()
             contested = find_contested(judged)
         policy = self.setting.driven(self.policy)
         wanted, reachable = contested.either | self.everywhere, None

@@ -13,11 +13,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.arrays import Floats, Indices, Plane
+from viatool.arrays import Booleans, Floats, Indices, Plane
 from viatool.world.measurement import (
     point_edge_squared,
     segment_edge_squared,
@@ -43,7 +44,9 @@ class Capsules:
     speeds : ndarray
         (E, S) how fast each may move, in m/s.
     labels : tuple of str
-        E: what they are, in the words of a report.
+        What they are, in the words of a report.
+    named : ndarray, optional
+        (E, S) the label of each; None where capsule e has label e everywhere.
     """
 
     first: Plane
@@ -51,10 +54,11 @@ class Capsules:
     radii: Floats
     speeds: Floats
     labels: tuple[str, ...]
+    named: Indices | None = None
 
     def __len__(self) -> int:
         """Return E."""
-        return len(self.labels)
+        return len(self.first)
 
     @classmethod
     def stacked(cls, parts: Sequence[Capsules]) -> Capsules:
@@ -90,7 +94,42 @@ class Capsules:
 
     def fastest(self, index: Indices) -> Floats:
         """Return the largest speed at places (B,), (B,) m/s."""
-        return np.asarray(self.speeds.max(axis=0, initial=0.0)[index])
+        return np.asarray(self._fastest[index])
+
+    @cached_property
+    def _fastest(self) -> Floats:
+        return np.asarray(self.speeds.max(axis=0, initial=0.0))
+
+    def there(self, index: Indices) -> Booleans:
+        """Tell at which places (B,) any capsule is, (B,)."""
+        return np.asarray(self._there[index])
+
+    @cached_property
+    def _there(self) -> Booleans:
+        return np.asarray((np.abs(self.first) < np.abs(NOWHERE)).any(axis=0))
+
+    def within(self, points: Plane, index: Indices, seconds: Floats, limit: Floats) -> Capsules:
+        """Return the capsules that may come within distances (B,) of points (B,) until some times (B,).
+
+        They are those around B places, the points. Notes: sound, as what is left out stays farther away all along.
+        """
+        near = np.zeros((len(self), len(index)), dtype=bool)
+        for some in self._chunks(len(index)):
+            place = index[some]
+            away = np.sqrt(point_edge_squared(points[some], self.first[:, place], self.second[:, place]))
+            away = away - self.radii[:, place] - self.speeds[:, place] * seconds[some]
+            near[:, some] = ~(away > limit[some])  # NaN is near
+        most = int(near.sum(axis=0).max(initial=0))
+        order = np.argsort(~near, axis=0, kind="stable")[:most]
+        kept = np.take_along_axis(near, order, axis=0)
+        first, second, radii, speeds = (
+            np.where(kept, table[order, index], filler)
+            for table, filler in (
+                (self.first, NOWHERE), (self.second, NOWHERE), (self.radii, 0.0), (self.speeds, 0.0),
+            )
+        )  # fmt: skip
+        named = order if self.named is None else self.named[order, index]
+        return Capsules(first, second, radii, speeds, self.labels, named)
 
     def clearance(self, points: Plane, index: Indices, *seconds: Floats) -> list[Floats]:
         """Return the least distances of points (B,) from where capsules may be, for each of several times (B,).
@@ -186,7 +225,8 @@ class Capsules:
         far = np.abs(towards)
         towards = towards / np.where(far > 0.0, far, 1.0)
         speed, radius = self.speeds[:, index][which, rows], self.radii[:, index][which, rows]
-        labels = np.array(self.labels)[which]
+        named = which if self.named is None else self.named[:, index][which, rows]
+        labels = np.array(self.labels)[named]
         return Nearest(left, labels, origin + np.minimum(radius, far) * towards, speed * towards)
 
 
