@@ -6,23 +6,22 @@ from typing import ClassVar
 
 import numpy as np
 
-from viatool.arrays import Floats, Indices, Reals
+from viatool.arrays import Floats, Reals
 from viatool.channels.channel import Channel
+from viatool.channels.part_of_motion import PartOfMotion
 from viatool.channels.quantity import Part, Quantity, observes, refuse_lidar
-from viatool.channels.views import BoxView, Extent, RecordedInstants, View
+from viatool.channels.views import BoxView, RecordedInstants, View
 from viatool.errors import PolicyError
 from viatool.motion.kinematics import motion_of
 from viatool.sets.forms import Forms
 
 
-class PreviousCommand(Quantity):
+class PreviousCommand(PartOfMotion):
     """One part of the command before."""
 
-    believes = False
     needs = frozenset({"command"})
     command: ClassVar[str]
     """The kind of the axis that was commanded."""
-    sign: ClassVar[float] = 1.0
 
     @property
     def axis(self) -> int:
@@ -58,20 +57,13 @@ class PreviousCommand(Quantity):
 
     def enclose(self, view: BoxView) -> Forms:
         """Return the part of the state; where sets hold the state of the motion instead, any that was carried out."""
-        return view.between(*self._limits) if motion_of(self.robot).state else view.command(self.axis)
-
-    def bounds(self, extent: Extent) -> tuple[float, float]:
-        """Return the robot's limits."""
-        return self._limits
+        return view.between(*self.limits) if motion_of(self.robot).state else view.command(self.axis)
 
     @property
-    def _limits(self) -> tuple[float, float]:
+    def limits(self) -> tuple[float, float]:
+        """Return the robot's limits."""
         lower, upper = motion_of(self.robot).limits(self.robot)
         return float(lower[self.axis]), float(upper[self.axis])
-
-    def mirror(self) -> tuple[Indices, Floats]:
-        """Return the speed ahead as it is, the others turned round."""
-        return np.arange(1), np.full(1, self.sign)
 
 
 @observes("previous_linear")

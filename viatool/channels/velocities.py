@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-import numpy as np
-
-from viatool.arrays import Floats, Indices, Reals
-from viatool.channels.quantity import Quantity, observes
-from viatool.channels.views import BoxView, Extent, RecordedInstants, View
+from viatool.arrays import Floats, Reals
+from viatool.channels.part_of_motion import PartOfMotion
+from viatool.channels.quantity import observes
+from viatool.channels.views import BoxView, RecordedInstants, View
 from viatool.motion.changing import ChangingTwist
 from viatool.motion.kinematics import motion_of
 from viatool.motion.law import Axis
@@ -19,12 +18,10 @@ _KINDS: dict[Part, str] = {"ahead": "linear", "left": "lateral", "turn": "angula
 """The kinds of axes that are parts of a velocity."""
 
 
-class MeasuredVelocity(Quantity):
+class MeasuredVelocity(PartOfMotion):
     """One part of the velocity in the robot's frame."""
 
-    believes = False
     part: ClassVar[Part]
-    sign: ClassVar[float] = 1.0
 
     def measure(self, view: View) -> Reals:
         """Return the velocity at the end of the interval; without one, that of the command before."""
@@ -47,15 +44,7 @@ class MeasuredVelocity(Quantity):
         held = self._held(self._move.before)
         if held is not None:
             return view.command(held)
-        return view.between(*self._limits)
-
-    def bounds(self, extent: Extent) -> tuple[float, float]:
-        """Return the robot's limits."""
-        return self._limits
-
-    def mirror(self) -> tuple[Indices, Floats]:
-        """Return the speed ahead as it is, the others turned round."""
-        return np.arange(1), np.full(1, self.sign)
+        return view.between(*self.limits)
 
     @property
     def _move(self) -> HeldTwist | ChangingTwist:
@@ -74,7 +63,7 @@ class MeasuredVelocity(Quantity):
         return kinds.index(_KINDS[self.part]) if _KINDS[self.part] in kinds else None
 
     @property
-    def _limits(self) -> tuple[float, float]:
+    def limits(self) -> tuple[float, float]:
         """Return the least and the largest of it that the robot has; of one that never moves so, 0."""
         move = self._move
         ends = [(move.axes, move.limits(self.robot)), (move.state, move.state_range)]
