@@ -188,7 +188,7 @@ def _scenarios(given: Mapping[str, Any], world_map: WorldMap) -> tuple[Scenario,
     )
     changes: dict[str, Any] = {}
     if start is not None:
-        changes["start"] = start
+        changes |= {"start": start, "starts": None}
     if goal is not None:
-        changes["goal"] = goal
+        changes |= {"goal": goal, "region": None}
     return tuple(replace(one, **changes) for one in chosen)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from viatool.arrays import Booleans, Floats, Indices
+from viatool.arrays import Floats, Indices
 from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.horizon import Crashes
 from viatool.loop.told import NOTHING, Told
@@ -51,6 +51,8 @@ class Runs:
         (R, K, S) the state of the motion in which it is given.
     ends : ndarray
         (R, K, 3) at its end.
+    behind : ndarray
+        (R, K, ...) what stands behind the poses there (`Kinematics.before`).
     clearance : ndarray
         (R, K) least clearance of the manoeuvre, at some instants; infinite after the run has arrived.
     """
@@ -60,6 +62,7 @@ class Runs:
     actions: Floats
     motions: Floats
     ends: Floats
+    behind: Floats
     clearance: Floats
 
 
@@ -94,7 +97,7 @@ def drive(
     loop, rules = follower.loop, follower.loop.rules
     move, held_path = rules.kinematics, replace(rules.manoeuvre, deceleration=None)
     found: list[tuple[Floats, ...]] = []
-    driving, raw = ~_near_goal(follower, poses), None
+    driving, raw = ~follower.ended(np.concatenate([poses, before], axis=1)), None
     for k in range(errors.shape[1]):
         readings = loop.sensors.read(poses, before, command, told.after(k).given(raw)) + errors[:, k]
         seen = loop.sensors.encode(readings).astype(loop.setting.number).astype(np.float64)
@@ -104,9 +107,10 @@ def drive(
         left = _judged(loop, poses, motion).clearance(command[:, None], _FRACTIONS).min(axis=(1, 2))
         held = np.concatenate([command, motion], axis=1)
         ends = held_path.path(poses, held, np.ones(len(poses)))
-        found.append((poses, seen, command, motion, ends, np.where(driving, left, np.inf)))
-        poses, before = ends, move.after(held, rules.interval) if move.state else command
-        driving = driving & ~_near_goal(follower, poses)
+        before = move.after(held, rules.interval) if move.state else command
+        found.append((poses, seen, command, motion, ends, before, np.where(driving, left, np.inf)))
+        poses = ends
+        driving = driving & ~follower.ended(np.concatenate([poses, before], axis=1))
     return Runs(*(np.stack(part, axis=1) for part in zip(*found, strict=True)))
 
 
@@ -224,8 +228,3 @@ def _judged(loop: ClosedLoop, poses: Floats, motion: Floats) -> JudgedStates:
     placed = loop.around.everything.throughout(poses)
     begun = np.stack([motion, motion], axis=1) if motion.shape[1] else None
     return JudgedStates(loop.rules, placed, begun=begun)
-
-
-def _near_goal(follower: TubeFollower, poses: Floats) -> Booleans:
-    goal = follower.loop.sensors.goal
-    return np.asarray(np.hypot(*(poses[:, :2] - goal).T) < follower.goal_radius)

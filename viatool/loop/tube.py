@@ -22,6 +22,7 @@ import numpy as np
 
 from viatool.arrays import Booleans, Floats, Indices
 from viatool.loop.closed_loop import ClosedLoop
+from viatool.loop.destination import Destination, NearPlace
 from viatool.loop.horizon import Horizon, Tubes
 from viatool.loop.sectors import TubeParts, cut_by_heading
 from viatool.loop.successor import LoopStep, states_of, step
@@ -44,17 +45,28 @@ class TubeFollower:
         A run ends when it is nearer to its goal than this, in metres.
     horizon : Horizon
         How far, and in how many parts.
+    elsewhere : Destination, optional
+        Where a run arrives instead.
     """
 
     loop: ClosedLoop
     goal_radius: float
     horizon: Horizon
+    elsewhere: Destination | None = None
+
+    @property
+    def destination(self) -> Destination:
+        """Return where a run arrives."""
+        return self.elsewhere or NearPlace(False, self.loop.sensors.goal, self.goal_radius)
 
     def arrived(self, parts: TubeParts) -> Booleans:
         """Tell in which parts every pose has reached the goal, (P,)."""
-        goal = self.loop.sensors.goal
-        away = np.maximum(np.abs(parts.lower[:, :2] - goal), np.abs(parts.upper[:, :2] - goal))
-        return np.asarray(np.hypot(*away.T) * (1.0 + SPARE) < self.goal_radius)
+        return self.destination.surely(parts.lower, parts.upper)
+
+    def ended(self, states: Floats) -> Booleans:
+        """Tell which states (R, 3 + K) are those of runs that go no further, (R,)."""
+        destination = self.destination
+        return destination.holds(states) & (not destination.deadline_only)
 
     def beginning(self, poses: Floats, before: Floats, apart: Floats | None = None) -> TubeParts:
         """Return the parts of the tubes of B states; see `follow`."""

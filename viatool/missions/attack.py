@@ -86,12 +86,12 @@ def attack(follower: MissionFollower, lower: Floats, upper: Floats, *, seed: int
     size += 2.0 * loop.sensors.shapes.scale  # no reading of a later interval is larger
     errors = signs * np.maximum(radii - AS_RECEIVED * (1.0 + size), 0.0)
     centre = 0.5 * (lower + upper)
-    tubes = TubeFollower(loop, follower.goal_radius, Horizon(min(steps, _MOST)))
+    tubes = TubeFollower(loop, follower.goal_radius, Horizon(min(steps, _MOST)), follower.destination)
     runs = drive(tubes, starts[:, :3], starts[:, 3:], errors, told=follower.told(count))
     arrived = _arrivals(follower, runs)
     extents = 0.5 * (upper - lower)[:3]
     wider = Horizon(min(steps, _MOST), float(extents[:2].min()), float(extents[2]))
-    searching = TubeFollower(loop, follower.goal_radius, wider)
+    searching = TubeFollower(loop, follower.goal_radius, wider, follower.destination)
     crashes = search_crashes(
         searching,
         np.zeros(1, np.int64),
@@ -116,7 +116,9 @@ def _starts(lower: Floats, upper: Floats, count: int, generator: np.random.Gener
 
 
 def _arrivals(follower: MissionFollower, runs: Runs) -> Indices:
-    """Return after how many intervals each run is near its goal, (R,); K + 1 if never, or not before it collides."""
-    goal, steps = follower.loop.sensors.goal, runs.ends.shape[1]
-    near = np.hypot(*np.moveaxis(runs.ends[:, :, :2] - goal, 2, 0)) < follower.goal_radius
-    return np.asarray(np.where(near.any(axis=1), near.argmax(axis=1) + 1, steps + 1))
+    """Return after how many intervals each run has arrived, (R,); K + 1 if it has not, by the deadline or at it."""
+    steps = runs.ends.shape[1]
+    there = follower.destination.holds(np.concatenate([runs.ends, runs.behind], axis=2))
+    if follower.destination.deadline_only:
+        there[:, :-1] = False
+    return np.asarray(np.where(there.any(axis=1), there.argmax(axis=1) + 1, steps + 1))

@@ -24,11 +24,11 @@ import numpy as np
 
 from viatool.arrays import Booleans, Floats, Indices
 from viatool.loop.closed_loop import ClosedLoop
+from viatool.loop.destination import Destination, NearPlace
 from viatool.loop.sectors import TubeParts
 from viatool.loop.successor import LoopStep, states_of, step
 from viatool.loop.told import Told
 from viatool.missions.cells import CellSides
-from viatool.rounding import SPARE
 from viatool.safety.enclosure import MotionBoxes, enclose
 from viatool.safety.proof import prove_clearance
 from viatool.schedule import check_time
@@ -118,11 +118,19 @@ class MissionFollower:
         A run has arrived when it is nearer to its goal than this at the end of an interval, in metres.
     limits : MissionLimits
         How far.
+    elsewhere : Destination, optional
+        Where a run arrives instead.
     """
 
     loop: ClosedLoop
     goal_radius: float
     limits: MissionLimits
+    elsewhere: Destination | None = None
+
+    @property
+    def destination(self) -> Destination:
+        """Return where a run arrives, at the end of an interval."""
+        return self.elsewhere or NearPlace(False, self.loop.sensors.goal, self.goal_radius)
 
     def prove(self, lower: Floats, upper: Floats) -> MissionProof:
         """Follow every run from a box of states (3 + A,), with finer cells where the first do not suffice.
@@ -134,7 +142,7 @@ class MissionFollower:
         found = None
         for sides in self._sides():
             found = self._follow(lower, upper, sides)
-            if found.proved or not found.reason.startswith(_TOO_MANY):
+            if found.proved or not found.reason.startswith(TOO_MANY):
                 break
         assert found is not None
         return found
@@ -162,43 +170,35 @@ class MissionFollower:
         """Follow every run with cells of one size."""
         start = TubeParts(np.zeros(1, np.int64), lower[None], upper[None])
         parts = _as_parts(*sides.divide(states_of(start.cells), (start.lower, start.upper)))
-        trace = _Trace(len(parts))
+        trace = Trace(len(parts))
         if not self._begins_clear(parts).all():
-            return trace.ended(0, f"{_TOO_NEAR} at the start")
+            return trace.ended(0, f"{TOO_NEAR} at the start")
         for k in range(1, self.limits.steps + 1):
             check_time()
             after = step(self.loop, states_of(parts.cells), self.told(len(parts)).after(k - 1))
-            clearance, clear = self._clearance(parts, after)
-            trace.clearance = min(trace.clearance, clearance)
+            clearance, clear = self._clearance_of_each(parts, after)
+            trace.clearance = min(trace.clearance, float(clearance.min(initial=np.inf)))
             if not clear.all():
-                return trace.ended(k, f"{_TOO_NEAR} in {_place(parts.select(after.origin[~clear]))}")
+                return trace.ended(k, f"{TOO_NEAR} in {place_words(parts.select(after.origin[~clear]))}")
             bounds = after.bounds(parts.lower[:, :3], parts.upper[:, :3])
             parts = _as_parts(*sides.divide(after.states, bounds))
-            near, within = self._distances(parts)
-            if trace.earliest == 0 and (near < self.goal_radius).any():
-                trace.earliest = k
-            parts = parts.select(~(within < self.goal_radius))
+            if k == self.limits.steps or not self.destination.deadline_only:
+                if trace.earliest == 0 and self.destination.possibly(parts.lower, parts.upper).any():
+                    trace.earliest = k
+                parts = parts.select(~self.destination.surely(parts.lower, parts.upper))
             trace.note(k, parts)
             if not len(parts):
                 return trace.arrived(k)
             if len(parts) > self.limits.parts:
                 return trace.ended(
-                    k, f"{_TOO_MANY}: {len(parts):,} of at most {self.limits.parts:,}, {_place(parts)}"
+                    k, f"{TOO_MANY}: {len(parts):,} of at most {self.limits.parts:,}, {place_words(parts)}"
                 )
-        return trace.ended(self.limits.steps, f"runs may still be on their way, {_place(parts)}")
+        return trace.ended(self.limits.steps, f"runs may still be on their way, {place_words(parts)}")
 
     def told(self, count: int) -> Told:
         """Return what is known of sets of states at the start: the episode is the mission."""
         episode = self.loop.sensors.recollection.episode
         return Told(None if episode is None else np.full((count, 2), float(episode)))
-
-    def _distances(self, parts: TubeParts) -> tuple[Floats, Floats]:
-        """Return the least and the largest distance to the goal of any pose of each part, (P,) each."""
-        goal = self.loop.sensors.goal
-        below, above = parts.lower[:, :2] - goal, parts.upper[:, :2] - goal
-        outside = np.maximum(np.maximum(below, -above), 0.0)
-        inside = np.maximum(np.abs(below), np.abs(above))
-        return np.hypot(*outside.T) * (1.0 - SPARE), np.hypot(*inside.T) * (1.0 + SPARE)
 
     def _begins_clear(self, parts: TubeParts) -> Booleans:
         """Tell in which parts every pose keeps the collision distance, (P,)."""
@@ -208,8 +208,8 @@ class MissionFollower:
             self.loop.at(boxes), still, still, rules.clearance.collision, rules.manoeuvre, rules.footprint
         ).proved
 
-    def _clearance(self, parts: TubeParts, after: LoopStep) -> tuple[float, Booleans]:
-        """Return what runs keep during an interval, in metres, and of which pieces that is proved to suffice, (P,)."""
+    def _clearance_of_each(self, parts: TubeParts, after: LoopStep) -> tuple[Floats, Booleans]:
+        """Return what the runs of pieces keep during an interval, in metres, and of which that suffices, (P,)."""
         parts, rules = parts.select(after.origin), self.loop.rules
         boxes = parts.cells.poses
         held = self.loop.given_in(after.start, after.lower, after.upper)
@@ -218,18 +218,17 @@ class MissionFollower:
         proved = least > rules.clearance.collision
         rest = np.flatnonzero(~proved)
         proved[rest] = self.loop.holds(parts.select(rest).cells, after.lower[rest], after.upper[rest])
-        kept = np.where(proved, np.maximum(least, rules.clearance.collision), least)
-        return float(kept.min(initial=np.inf)), proved
+        return np.where(proved, np.maximum(least, rules.clearance.collision), least), proved
 
 
-_TOO_MANY = "too many parts"
-_TOO_NEAR = "the clearance is not proved"
+TOO_MANY = "too many parts"
+TOO_NEAR = "the clearance is not proved"
 _COMMAND_SHARE = 0.15
 """Of the range of a command, that a cell spans where commands are cut."""
 
 
 @dataclass(eq=False)
-class _Trace:
+class Trace:
     """What was found so far."""
 
     start_parts: int
@@ -245,6 +244,12 @@ class _Trace:
         """Note the parts that have not arrived at the end of interval k."""
         self.most = max(self.most, len(parts))
         self.tubes.append((k, parts))
+
+    def take(self, tubes: Sequence[tuple[int, TubeParts]], clearance: float) -> None:
+        """Take over sets of parts at the ends of intervals, and the metres that their runs keep."""
+        self.tubes.extend(tubes)
+        self.tubes.sort(key=lambda tube: tube[0])
+        self.clearance = min(self.clearance, clearance)
 
     def arrived(self, k: int) -> MissionProof:
         """Return what was found when every run has arrived."""
@@ -277,7 +282,7 @@ def _as_parts(lower: Floats, upper: Floats) -> TubeParts:
     return TubeParts(np.zeros(len(lower), np.int64), lower, upper)
 
 
-def _place(parts: TubeParts) -> str:
+def place_words(parts: TubeParts) -> str:
     """Say in words where parts are, and how far they reach."""
     low, high = parts.lower.min(axis=0), parts.upper.max(axis=0)
     middle = 0.5 * (low + high)

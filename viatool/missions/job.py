@@ -123,16 +123,16 @@ def mission(
         criterion, clearance, None, interval, footprint, 0.0, deceleration, robot, prefer or {}, model
     )
     setting = Setting.of(policy, world_map, eps, wishes, scenarios, job="mission")
-    if setting.rules.kinematics.state:
-        raise ConfigurationError(
-            f"what a {setting.rules.kinematics.description} does over several intervals is not enclosed",
-            "verify its recorded or simulated states, or certify places",
-        )
     chosen = setting.scenarios
     if not chosen:
         raise ConfigurationError(
             f"map '{world_map.path}' has no scenarios",
             "draw some with --scenarios N, or give --start and --goal",
+        )
+    if time_limit is not None and any(one.deadline is not None for one in chosen):
+        raise ConfigurationError(
+            f"a time limit of {time_limit:g} s was given, and scenarios of map '{world_map.path}' have a deadline",
+            "leave one of them out",
         )
     task = NavigationTask()
     radius = task.goal_radius if goal_radius is None else goal_radius
@@ -148,8 +148,7 @@ def mission(
     found = (campaign or Campaign()).carry_out(
         MissionWork(examination, chosen), progress or ignore, until=until
     )
-    size, axes = len(setting.radii), len(setting.rules.lower)
-    rest = [Mission.not_begun(one, setting.rules.interval, size, axes) for one in chosen[len(found.part) :]]
+    rest = [Mission.not_begun(one, setting, examination.task(one)) for one in chosen[len(found.part) :]]
     missions = (*found.part, *rest)
     seconds = {
         "missions": sum(one.seconds for one in missions),
@@ -196,6 +195,7 @@ def _check_starts(examination: MissionExamination, setting: Setting, scenarios: 
     left = scenes.footprint_clearance(poses, setting.rules.footprint, np.arange(len(poses)))
     limit = setting.rules.clearance.collision
     for scenario, room in zip(scenarios, left.tolist(), strict=True):
+        examination.check(scenario)
         x, y, _ = scenario.start
         if not room > limit:
             raise ConfigurationError(
@@ -203,9 +203,10 @@ def _check_starts(examination: MissionExamination, setting: Setting, scenarios: 
                 f"the map, expected more than {limit:g} m",
                 "move the start, or give another --clearance",
             )
-        if math.hypot(x - scenario.goal[0], y - scenario.goal[1]) < examination.goal_radius:
+        destination, (lower, upper) = examination.destination(scenario), examination.starts(scenario)
+        place = "in" if scenario.region else f"within {examination.goal_radius:g} m of"
+        if not destination.deadline_only and destination.holds(0.5 * (lower + upper)):
             raise ConfigurationError(
-                f"scenario '{scenario.name}' starts within {examination.goal_radius:g} m of its goal, where it has "
-                "arrived",
+                f"scenario '{scenario.name}' starts {place} its goal, where it has arrived",
                 "move the start or the goal, or give a smaller --goal-radius",
             )

@@ -46,6 +46,8 @@ class Mission:
         At most one run that is still on its way at the end; its last interval stands for the closest one.
     seconds : float
         Of processor time.
+    task : str
+        Where its runs begin and arrive, in words.
     """
 
     scenario: Scenario
@@ -56,6 +58,7 @@ class Mission:
     crashes: Crashes
     late: Crashes
     seconds: float
+    task: str = ""
 
     @property
     def verdict(self) -> str:
@@ -98,6 +101,7 @@ class Mission:
             "scenario": self.scenario.name,
             "start": list(self.scenario.start),
             "goal": list(self.scenario.goal),
+            "task": self.task,
             "verdict": self.verdict,
             "steps": self.steps,
             "arrival": [proof.earliest * self.interval, proof.steps * self.interval]
@@ -130,6 +134,7 @@ class Mission:
         return {
             "numbers": np.array([*numbers, self.interval, self.seconds], dtype=np.float64),
             "reason": np.array(proof.reason),
+            "task": np.array(self.task),
             **{f"tube_{each.name}": getattr(tube, each.name) for each in fields(MissionTube)},
             "paths": self.paths,
             "arrived": self.arrived,
@@ -150,15 +155,20 @@ class Mission:
             Crashes(*(arrays[f"{kind}_{each.name}"] for each in fields(Crashes)))
             for kind in ("crash", "late")
         )
-        return cls(scenario, interval, proof, arrays["paths"], arrays["arrived"], crashes, late, seconds)
+        driven, task = (arrays["paths"], arrays["arrived"], crashes, late), str(arrays["task"])
+        return cls(scenario, interval, proof, *driven, seconds, task)
 
     @classmethod
-    def not_begun(cls, scenario: Scenario, interval: float, size: int, axes: int) -> Mission:
+    def not_begun(cls, scenario: Scenario, setting: Setting, task: str = "") -> Mission:
         """Return a mission for which there was no time."""
-        tube = MissionTube(np.zeros(0, np.int64), np.zeros((0, 3 + axes)), np.zeros((0, 3 + axes)))
+        rules, size = setting.rules, len(setting.radii)
+        interval, axes, state = rules.interval, len(rules.lower), len(rules.kinematics.state)
+        none = np.zeros((0, 3 + len(rules.kinematics.before)))
+        tube = MissionTube(np.zeros(0, np.int64), none, none)
         proof = MissionProof(False, 0, 0, np.inf, 0, 0, _NOT_BEGUN, tube)
-        none = Crashes.none(1, size, axes)
-        return cls(scenario, interval, proof, np.zeros((0, 1, 2)), np.zeros(0, np.int64), none, none, 0.0)
+        crashes = Crashes.none(1, size, axes, state)
+        driven = np.zeros((0, 1, 2)), np.zeros(0, np.int64), crashes, crashes
+        return cls(scenario, interval, proof, *driven, 0.0, task)
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,7 +254,7 @@ class Missions(Asked):
     def tube_table(self) -> dict[str, NDArray[Any]]:
         """Return the parts of all tubes: scenario and interval (P,), ends (P, 3 + A)."""
         tubes = [mission.proof.tube for mission in self.missions]
-        axes = 3 + len(self.rules.lower)
+        axes = 3 + len(self.rules.kinematics.before)
         return {
             "scenario": np.concatenate(
                 [

@@ -2,26 +2,32 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from viatool.arrays import Floats
+from viatool.errors import ConfigurationError
 from viatool.loop.closed_loop import ClosedLoop
+from viatool.loop.destination import Destination, NearPlace, StatesReached
 from viatool.missions.attack import MissionRuns, attack
+from viatool.missions.carried import CarriedFollower
 from viatool.missions.follow import MissionFollower, MissionLimits
 from viatool.missions.verdicts import Mission, late_run
 from viatool.policy import Policy
 from viatool.rounding import SPARE
 from viatool.schedule import Span, Work, digest_of
+from viatool.sets.states import POSE
 from viatool.setting.setting import Setting
 from viatool.taylor import Arithmetic
 from viatool.versions import result_versions
 from viatool.world import Scenario
+from viatool.world.scenario import STATE
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,13 +67,14 @@ class MissionExamination:
     def examine(self, scenario: Scenario) -> Mission:
         """Return the mission of one scenario."""
         begun = time.process_time()
-        loop = ClosedLoop.of(self.policy, self.setting, scenario, self.arithmetic, episode=self.limits.steps)
-        follower = MissionFollower(loop, self.goal_radius, self.limits)
+        steps = self.steps(scenario)
+        loop = ClosedLoop.of(self.policy, self.setting, scenario, self.arithmetic, episode=steps)
+        follower = self.follower(loop, scenario)
         lower, upper = self.starts(scenario)
         driven = attack(follower, lower, upper, seed=self.seed)
         refuted = bool(len(driven.crashes) or len(driven.late))
         if refuted:  # whatever a proof would need to say of it
-            follower = MissionFollower(loop, self.goal_radius, _NOT_FOLLOWED)
+            follower = replace(follower, limits=_NOT_FOLLOWED)
         proof = follower.prove(lower, upper)
         seconds = time.process_time() - begun
         return Mission(
@@ -79,15 +86,90 @@ class MissionExamination:
             driven.crashes,
             late_run(driven),
             seconds,
+            self.task(scenario),
         )
 
+    def follower(self, loop: ClosedLoop, scenario: Scenario) -> MissionFollower:
+        """Return who follows the runs of a scenario: of robots whose motion has a state, in forms of their starts."""
+        kind = CarriedFollower if loop.rules.kinematics.state else MissionFollower
+        limits = replace(self.limits, steps=self.steps(scenario))
+        return kind(loop, self.goal_radius, limits, self.destination(scenario))
+
+    def steps(self, scenario: Scenario) -> int:
+        """Return within how many intervals, or after how many, every run has to arrive."""
+        if scenario.deadline is None:
+            return self.limits.steps
+        return math.floor(scenario.deadline / self.setting.rules.interval * (1.0 + 1e-9))
+
+    def destination(self, scenario: Scenario) -> Destination:
+        """Return where every run has to arrive."""
+        waits = scenario.arrive == "at"
+        if scenario.region is None:
+            return NearPlace(waits, np.array(scenario.goal), self.goal_radius)
+        return StatesReached(waits, *scenario.region.ends(self._names))
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        """Return what the numbers of a state are called."""
+        return (*POSE, *(axis.name for axis in self.setting.rules.kinematics.before))
+
     def starts(self, scenario: Scenario) -> tuple[Floats, Floats]:
-        """Return the ends of the states at the start, (3 + A,) each: the robot stands there."""
-        axes = len(self.setting.rules.lower)
+        """Return the ends of the states at the start, (3 + K,) each: where nothing else is said, the robot stands."""
+        move = self.setting.rules.kinematics
+        least, most = move.state_range if move.state else (np.zeros(len(move.axes)),) * 2
+        still = np.clip(0.0, least, most)
+        if scenario.starts is not None:
+            ends = scenario.starts.ends(self._names)
+            rest = np.concatenate([scenario.start, still])
+            lower, upper = (np.where(np.isfinite(end), end, rest) for end in ends)
+            return lower, upper
         pose, error = np.array(scenario.start), np.array(self.start_error)
         reach = error + SPARE * (np.abs(pose) + 1.0) * (error > 0.0)
-        still = np.zeros(axes)
         return np.concatenate([pose - reach, still]), np.concatenate([pose + reach, still])
+
+    def task(self, scenario: Scenario) -> str:
+        """Return in words where runs begin and arrive, and when."""
+        begin = "" if scenario.starts is None else f"from {scenario.starts.words()}: "
+        place = f"nearer to the goal than {self.goal_radius:g} m"
+        if scenario.region is not None:
+            place = scenario.region.words()
+        seconds = self.steps(scenario) * self.setting.rules.interval
+        return f"{begin}{place} at the end of an interval, {scenario.arrive} {seconds:g} s"
+
+    def check(self, scenario: Scenario) -> None:
+        """Refuse a scenario that asks for what the robot's sets do not hold, or for no whole intervals.
+
+        Raises
+        ------
+        ConfigurationError
+            Names it.
+        """
+        interval, names = self.setting.rules.interval, self._names
+        for what, box in (("start", scenario.starts), ("goal", scenario.region)):
+            asked = [] if box is None else [(name, *box.ends((name,))[:, 0].tolist()) for name in STATE]
+            for name, low, high in asked:
+                if name in names or (low, high) in ((-math.inf, math.inf), (0.0, 0.0)):
+                    continue
+                raise ConfigurationError(
+                    f"the {what} of scenario '{scenario.name}' limits {name}, which the state of a "
+                    f"{self.setting.rules.kinematics.description} does not hold ({', '.join(names)})",
+                    "leave it out, or null",
+                )
+        if scenario.starts is not None and any(self.start_error):
+            raise ConfigurationError(
+                f"scenario '{scenario.name}' has a box of starts, and a start error was given as well",
+                "leave --start-error out",
+            )
+        if scenario.deadline is None:
+            return
+        whole = scenario.deadline / interval
+        late = scenario.arrive == "at" and abs(whole - round(whole)) > 1e-6
+        if late or not 1 <= self.steps(scenario) <= 1000:
+            raise ConfigurationError(
+                f"the deadline of scenario '{scenario.name}' is {scenario.deadline:g} s, expected a whole number of "
+                f"control intervals of {interval:g} s, at most a thousand of them",
+                "correct the deadline, or give another --interval",
+            )
 
 
 _NOT_FOLLOWED = MissionLimits(steps=1, finer=0)
@@ -131,7 +213,10 @@ class MissionWork(Work[Sequence[Scenario], tuple[Mission, ...]]):
         asked = self.examination
         policy, setting = asked.policy, asked.setting
         world_map, meaning = setting.world_map, setting.spec.model_dump_json()
-        scenarios = [(one.start, one.goal, one.obstacles) for one in self.scenarios]
+        scenarios = [
+            (one.start, one.goal, one.obstacles, asked.task(one), [end.tolist() for end in asked.starts(one)])
+            for one in self.scenarios
+        ]
         return {
             "policy": policy.sha256,
             "network": digest_of((policy.network, policy.rewritten, meaning)),

@@ -32,6 +32,7 @@ from viatool.setting.wishes import Wishes
 from viatool.uncertainty import ErrorModel
 from viatool.uncertainty.supported import SUPPORTED
 from viatool.world import Robot, Scenario, Scenes, WorldMap
+from viatool.world.scenario import require_plain
 
 
 class Described(Specified, Protocol):
@@ -167,6 +168,8 @@ class Setting:
         errors = SensorErrors.of(spec, eps, wishes.errors)
         check_moving(wishes.errors, spec, world_map)
         chosen = world_map.scenarios if scenarios is None else tuple(scenarios)
+        if job != "mission":
+            require_plain(chosen)
         premises += _premises(world_map, rules, wishes) + errors.premises() + _stated(wishes.errors)
         setting = cls(
             spec,
@@ -362,7 +365,8 @@ def _check_goals(setting: Setting) -> None:
         return
     scenes = Scenes.of(setting.world_map, setting.scenarios)
     goals = np.array([scenario.goal for scenario in setting.scenarios])
-    blocked = np.flatnonzero(scenes.blocked(goals, np.arange(len(goals))))
+    places = np.array([scenario.region is None for scenario in setting.scenarios])
+    blocked = np.flatnonzero(places & scenes.blocked(goals, np.arange(len(goals))))
     if blocked.size:
         x, y = goals[blocked[0]]
         raise ConfigurationError(f"the goal ({x:g}, {y:g}) lies in an obstacle or off the map", "move it")

@@ -17,6 +17,7 @@ from viatool.world import (
     Scenes,
     WorldMap,
 )
+from viatool.world.scenario import require_plain
 
 Taken = tuple[Indices, Floats, Floats]  # scene (W,), starts (W, 3), goals (W, 2)
 
@@ -42,6 +43,7 @@ class FixedScenarios:
                 f"map '{world_map.name}' gives no scenario to drive",
                 "add `scenarios` or a `generator` to the map",
             )
+        require_plain(tuple(scenarios))
         self.scenes = Scenes.of(world_map, scenarios)
         self.scenarios = tuple(scenarios)
         self._starts = np.array([scenario.start for scenario in scenarios])

@@ -261,7 +261,7 @@ def replay(policy: Policy, world_map: WorldMap, file: WitnessFile) -> Replay:
             f"the witnesses have {size} observation entries, the policy takes {policy.input_size}",
             "replay them with the policy that they were found for",
         )
-    setting = Setting.of(policy, world_map, 0.0, _wishes(file.rules))
+    setting = Setting.of(policy, world_map, 0.0, _wishes(file.rules), ())
     command_map = setting.command_map
     recorded = (file.columns, file.kinds)
     if recorded != (command_map.columns, command_map.kinds):

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, Field, Tag
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from viatool.world.fields import (
     NotNegative,
@@ -20,6 +20,7 @@ from viatool.world.fields import (
     Strict,
     Unlimited,
     UnlimitedPositive,
+    misplaced,
 )
 from viatool.world.obstacle_shapes import Arena, Obstacle
 from viatool.world.robot import ROBOTS
@@ -119,13 +120,60 @@ class ClearanceFile(Strict):
     danger: NotNegative = 0.5
 
 
+class StatesFile(Strict):
+    """A box of states: x, y, theta, v, omega, as many as are to be limited; null where nothing is asked."""
+
+    lower: list[Number | None] = Field(min_length=2, max_length=5)
+    upper: list[Number | None] = Field(min_length=2, max_length=5)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> StatesFile:
+        if len(self.lower) != len(self.upper):
+            raise misplaced(
+                f"expected as many numbers as `lower` has, {len(self.lower)}, got {len(self.upper)}", "upper"
+            )
+        for number, (low, high) in enumerate(zip(self.lower, self.upper, strict=True)):
+            if low is not None and high is not None and low > high:
+                raise misplaced(f"expected at least {low:g}, as `lower` has, got {high:g}", "upper", number)
+        return self
+
+
+def _kind_of_place(value: Any) -> str:
+    """Tell whether a place or a box of states is meant, so that only its errors are told."""
+    return "states" if isinstance(value, dict | StatesFile) else "place"
+
+
+StartFile = Annotated[
+    Annotated[Pose, Tag("place")] | Annotated[StatesFile, Tag("states")], Discriminator(_kind_of_place)
+]
+GoalFile = Annotated[
+    Annotated[Point, Tag("place")] | Annotated[StatesFile, Tag("states")], Discriminator(_kind_of_place)
+]
+
+
 class ScenarioFile(Strict):
     """A fixed scenario with the obstacles that only it has."""
 
     name: str = ""
-    start: Pose
-    goal: Point
+    start: StartFile = Field(description="a pose, or a box of states (`viatool mission` alone)")
+    goal: GoalFile = Field(description="a point, or a box of states (`viatool mission` alone)")
+    deadline: Positive | None = Field(
+        default=None, description="seconds within which, or at which, every run of a mission has arrived"
+    )
+    arrive: Literal["within", "at"] = Field(
+        default="within", description="by the deadline, or at it, wherever runs are before"
+    )
     obstacles: list[Obstacle] = Field(default=[])
+
+    @model_validator(mode="after")
+    def _whole(self) -> ScenarioFile:
+        if isinstance(self.start, StatesFile) and (
+            len(self.start.lower) < 3 or None in (*self.start.lower, *self.start.upper)
+        ):
+            raise misplaced("expected x, y and theta of a start, and no null", "start")
+        if self.arrive == "at" and self.deadline is None:
+            raise misplaced("expected a `deadline` at which runs arrive", "arrive")
+        return self
 
 
 class RandomCircle(Strict):

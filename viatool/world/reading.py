@@ -20,7 +20,7 @@ from viatool.world.map_file import Unknown
 from viatool.world.map_server import ServedMap, is_map_server_file, read_map_server
 from viatool.world.obstacle_shapes import Arena, ObstacleShape
 from viatool.world.robot import ROBOTS, Footprint, Robot
-from viatool.world.scenario import Scenario
+from viatool.world.scenario import Scenario, StateRange
 from viatool.world.scenes import Scenes
 from viatool.world.shapes import Obstacles
 from viatool.world.world_map import Clearance, WorldMap
@@ -219,8 +219,28 @@ def _scenarios(document: YamlDocument, given: Sequence[file.ScenarioFile]) -> tu
                 "give every scenario its own name",
             )
         obstacles, _ = _obstacles(document, scenario.obstacles, ("scenarios", index, "obstacles"))
-        scenarios.append(Scenario(name, scenario.start, scenario.goal, obstacles))
+        starts, region = _states(scenario.start), _states(scenario.goal)
+        x, y, theta = scenario.start if isinstance(scenario.start, tuple) else _middle(scenario.start, 3)
+        goal_x, goal_y = scenario.goal if isinstance(scenario.goal, tuple) else _middle(scenario.goal, 2)
+        when = scenario.deadline, scenario.arrive
+        scenarios.append(Scenario(name, (x, y, theta), (goal_x, goal_y), obstacles, starts, region, *when))
     return tuple(scenarios)
+
+
+def _middle(given: file.StatesFile, count: int) -> tuple[float, ...]:
+    """Return the first numbers of the middle of a box of states."""
+    box = _states(given)
+    assert box is not None
+    return box.middle[:count]
+
+
+def _states(given: file.StatesFile | tuple[float, ...]) -> StateRange | None:
+    """Return a box of states; None for a place."""
+    if isinstance(given, tuple):
+        return None
+    lower = tuple(-np.inf if end is None else end for end in given.lower)
+    upper = tuple(np.inf if end is None else end for end in given.upper)
+    return StateRange(lower, upper)
 
 
 def _stated(content: file.MapFile) -> frozenset[str]:
@@ -316,7 +336,7 @@ def _check_free_space(document: YamlDocument, world: WorldMap) -> None:
                 f"(scenario '{scenario.name}')",
                 "move the start into free space",
             )
-        if blocked[number]:
+        if blocked[number] and scenario.region is None:
             raise wrong(
                 document,
                 ("scenarios", number, "goal"),

@@ -117,8 +117,7 @@ class MissionsDocument(Verified, Cased, Annotated, Located, Tabled):
             **super().assumptions,
             "distance": f"the footprint keeps more than {record.collision_distance:g} m",
             "starts": f"at rest, anywhere within {self._starts} of the scenario's start",
-            "arrival": f"nearer to the goal than {record.goal_radius:g} m at the end of an interval, within "
-            f"{record.time_limit:g} s",
+            "arrival": "; ".join(dict.fromkeys(mission.task for mission in record.missions)),
             "map": "correct, and nothing on it moves",
             "sensors": f"read what is there, each number within eps {describe_eps(record.eps)}, anew in each interval",
             "motion": "exact arcs without slip; commands act at once",

@@ -45,6 +45,7 @@ class MissionRecord(ReportPart):
     scenario: str
     start: list[float]
     goal: list[float]
+    task: str
     verdict: Literal["proved", "refuted", "unknown"]
     steps: Count
     arrival: tuple[Amount, Amount] | None
