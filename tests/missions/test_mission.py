@@ -208,17 +208,6 @@ def test_each_command_that_may_be_chosen_is_followed(hall, tmp_path):
     assert any(len(np.unique(tube.upper[tube.step == k, 4])) > 1 for k in range(1, one.steps))
 
 
-def test_a_robot_with_a_state_is_refused_by_name(hall):
-    world = load_map("examples/zoo/archcomp_nav/map.yaml")
-    with pytest.raises(ConfigurationError, match="state"):
-        mission(
-            "examples/zoo/archcomp_nav/policy.onnx",
-            world,
-            spec="examples/zoo/archcomp_nav/specification.yaml",
-            eps=0.01,
-        )
-
-
 def test_a_run_that_collides_refutes_and_can_be_driven_again(hall, straight, tmp_path, capsys):
     witnesses = tmp_path / "w.json"
     arguments = ["mission", str(straight.path), "--map", str(hall.path), "--scenario", "0", "--eps", "0.01"]

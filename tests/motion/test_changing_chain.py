@@ -9,7 +9,7 @@ import pytest
 
 from tests.motion import changing_plant as plant
 from tests.motion.changing_square import COLLISION, EPS, INTERVAL, ROBOTS, left_over
-from viatool import load_trajectory, mission, verify
+from viatool import load_trajectory, verify
 from viatool.errors import ConfigurationError, TrajectoryError
 from viatool.loop.closed_loop import ClosedLoop
 from viatool.places import Resolution, SearchBudget, certify
@@ -238,8 +238,6 @@ def test_what_is_not_followed_is_refused_by_name(robot, tmp_path):
         verify(policy, world, eps=EPS, delay=0.1)
     with pytest.raises(ConfigurationError, match="how long cells stay certified is not followed"):
         certify(policy, world, 0, eps=EPS, lookahead=Lookahead(steps=2), budget=SearchBudget(cells=10))
-    with pytest.raises(ConfigurationError, match="over several intervals is not enclosed"):
-        mission(policy, world, eps=EPS)
 
 
 def test_speeds_without_a_limit_are_judged_state_by_state_and_not_over_cells(tmp_path):

@@ -47,7 +47,7 @@ class Mission:
     seconds : float
         Of processor time.
     task : str
-        Where its runs begin and arrive, in words.
+        Where its runs arrive, and when, in words.
     """
 
     scenario: Scenario
@@ -101,7 +101,9 @@ class Mission:
             "scenario": self.scenario.name,
             "start": list(self.scenario.start),
             "goal": list(self.scenario.goal),
+            "starts": self.scenario.starts.words() if self.scenario.starts else "",
             "task": self.task,
+            "deadline": self.scenario.deadline,
             "verdict": self.verdict,
             "steps": self.steps,
             "arrival": [proof.earliest * self.interval, proof.steps * self.interval]

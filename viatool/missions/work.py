@@ -128,13 +128,12 @@ class MissionExamination:
         return np.concatenate([pose - reach, still]), np.concatenate([pose + reach, still])
 
     def task(self, scenario: Scenario) -> str:
-        """Return in words where runs begin and arrive, and when."""
-        begin = "" if scenario.starts is None else f"from {scenario.starts.words()}: "
+        """Return in words where runs arrive, and when."""
         place = f"nearer to the goal than {self.goal_radius:g} m"
         if scenario.region is not None:
             place = scenario.region.words()
         seconds = self.steps(scenario) * self.setting.rules.interval
-        return f"{begin}{place} at the end of an interval, {scenario.arrive} {seconds:g} s"
+        return f"{place} at the end of an interval, {scenario.arrive} {seconds:g} s"
 
     def check(self, scenario: Scenario) -> None:
         """Refuse a scenario that asks for what the robot's sets do not hold, or for no whole intervals.
@@ -172,7 +171,7 @@ class MissionExamination:
             )
 
 
-_NOT_FOLLOWED = MissionLimits(steps=1, finer=0)
+_NOT_FOLLOWED = MissionLimits(steps=1, parts=1, finer=0)
 
 
 def _paths(found: MissionRuns) -> Floats:

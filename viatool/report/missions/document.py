@@ -70,15 +70,23 @@ class MissionsDocument(Verified, Cased, Annotated, Located, Tabled):
         record = self.record
         return [
             f"eps {describe_eps(record.eps)}",
-            f"starts within {self._starts}",
+            f"starts {self._starts}",
             f"criterion {record.criterion}",
-            f"within {record.time_limit:g} s",
+            f"arrival {self._arrival}",
         ]
 
     @property
     def _starts(self) -> str:
-        x, y, theta = self.record.start_error
-        return f"{x:g} m, {y:g} m and {theta:g} rad"
+        """Return where runs begin: near poses, in boxes of states, or both."""
+        (x, y, theta), missions = self.record.start_error, self.record.missions
+        boxes = dict.fromkeys(mission.starts for mission in missions)
+        near = f"within {x:g} m, {y:g} m and {theta:g} rad"
+        return "; ".join(box or near for box in boxes) or near
+
+    @property
+    def _arrival(self) -> str:
+        """Return where and when runs have to arrive."""
+        return "; ".join(dict.fromkeys(mission.task for mission in self.record.missions))
 
     @property
     def sections(self) -> Sequence[Section]:

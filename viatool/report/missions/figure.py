@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle
+from matplotlib.patches import Circle, Patch, Rectangle
 
 from viatool.report.drawing import INK, WALL, draw_floor, draw_obstacles, draw_task
 from viatool.report.foreign import one_line
@@ -41,9 +41,7 @@ def draw_missions(missions: Missions, headline: Headline) -> Figure:
 def _draw(axes: Axes, mission: Mission, missions: Missions) -> None:
     draw_floor(axes, missions.world_map)
     draw_obstacles(axes, mission.scenario.obstacles, facecolor=WALL, edgecolor=INK)
-    axes.add_patch(
-        Circle(mission.scenario.goal, missions.goal_radius, facecolor="none", edgecolor=INK, lw=0.6, ls="--")
-    )
+    axes.add_patch(_goal(mission, missions))
     colour = COLOUR[_TONES[mission.verdict]]
     tube = mission.proof.tube
     low, high = tube.lower[:, :2], tube.upper[:, :2]
@@ -61,3 +59,15 @@ def _draw(axes: Axes, mission: Mission, missions: Missions) -> None:
     draw_task(axes, mission.scenario, size=0.8)
     name = one_line(mission.scenario.name).replace("$", r"\$")
     axes.set_title(f"{name}: {mission.verdict}", fontsize=8, color=INK, pad=3)
+
+
+def _goal(mission: Mission, missions: Missions) -> Patch:
+    """Return the outline of where runs arrive; what is free reaches to the edge of the map."""
+    look: dict[str, Any] = {"facecolor": "none", "edgecolor": INK, "lw": 0.6, "ls": "--"}
+    region = mission.scenario.region
+    if region is None:
+        return Circle(mission.scenario.goal, missions.goal_radius, **look)
+    arena = missions.world_map.bounds
+    low = np.clip(region.lower[:2], arena[:2], arena[2:])
+    high = np.clip(region.upper[:2], arena[:2], arena[2:])
+    return Rectangle((float(low[0]), float(low[1])), *(high - low).tolist(), **look)

@@ -36,6 +36,8 @@ class MissionLimitsRecord(ReportPart):
 class MissionRecord(ReportPart):
     """One mission.
 
+    `starts` is the box of states from which runs begin instead of a pose (empty if there is none), `task` where they
+    have to arrive and when, `deadline` the seconds that its scenario gives for that, if it does.
     `steps` are the intervals that were followed, `arrival` the seconds between which every run arrives,
     `driven_arrival` those of the runs that were driven against it, `clearance` the metres that every run keeps in
     the intervals that were followed (of a refuted mission those that its run keeps), `parts` the most that were
@@ -45,7 +47,9 @@ class MissionRecord(ReportPart):
     scenario: str
     start: list[float]
     goal: list[float]
+    starts: str
     task: str
+    deadline: float | None
     verdict: Literal["proved", "refuted", "unknown"]
     steps: Count
     arrival: tuple[Amount, Amount] | None
