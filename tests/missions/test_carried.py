@@ -288,6 +288,8 @@ def test_destinations():
     [
         ({"deadline: 6": "deadline: 6.1"}, r"deadline of scenario 'park' is 6\.1 s"),
         ({"null, 0.5]": "null, 0.5, 1]", "null, -0.5]": "null, -0.5, -1]"}, "limits omega"),
+        ({"null, 0.5]": "null, 0.5, 0]", "null, -0.5]": "null, -0.5, 0]"}, "limits omega"),
+        ({"-2.3, 0.1]": "-2.3, 0.1, 0.2]", "-2.4, 0.0]": "-2.4, 0.0, 0.0]"}, "limits omega"),
     ],
 )
 def test_what_a_scenario_may_not_ask_is_refused_by_name(changes, message, policy, tmp_path):

@@ -147,7 +147,8 @@ class MissionExamination:
         for what, box in (("start", scenario.starts), ("goal", scenario.region)):
             asked = [] if box is None else [(name, *box.ends((name,))[:, 0].tolist()) for name in STATE]
             for name, low, high in asked:
-                if name in names or (low, high) in ((-math.inf, math.inf), (0.0, 0.0)):
+                at_rest = what == "start" and low == high == 0.0
+                if name in names or (low, high) == (-math.inf, math.inf) or at_rest:
                     continue
                 raise ConfigurationError(
                     f"the {what} of scenario '{scenario.name}' limits {name}, which the state of a "
