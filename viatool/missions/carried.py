@@ -86,7 +86,7 @@ class CarriedFollower(MissionFollower):
             return found
         for k in range(1, self.limits.steps + 1):
             check_time()
-            after = step(self.loop, states)
+            after = step(self.loop, states, self.told(len(here)).after(k - 1))
             clearance, clear = self._clearance_of_each(here, after)
             low, high = after.bounds(here.lower[:, :3], here.upper[:, :3])
             require_ordered("states after an interval", low, high, rounding=SPARE)

@@ -139,7 +139,9 @@ def mission(
     if not 0.0 < radius < math.inf:
         raise ConfigurationError(f"the goal radius is {radius} m", "give a positive distance in metres")
     limits = _limits(limits or MissionLimits(task.horizon), time_limit, setting.rules.interval, task.horizon)
-    setting = told_of_time(setting, f"counted down from the {limits.steps} of the mission")
+    timed = any(one.deadline is not None for one in chosen)
+    counted = "to the deadline of each mission" if timed else f"from the {limits.steps} of the mission"
+    setting = told_of_time(setting, f"counted down {counted}")
     error = _start_error(start_error, model)
     examination = MissionExamination(policy, setting.bare(), error, radius, limits, arithmetic, seed)
     _check_starts(examination, setting, chosen)
