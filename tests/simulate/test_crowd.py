@@ -14,7 +14,7 @@ from viatool.cli import main
 from viatool.errors import ConfigurationError
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
-from viatool.simulate import NavigationSimulator
+from viatool.simulate import Conditions, NavigationSimulator
 from viatool.simulate.roll_out import drive
 from viatool.trajectory import load_trajectory
 from viatool.uncertainty import ErrorModel
@@ -192,8 +192,56 @@ def test_simulate_moves_things_and_verify_takes_where_they_were(tmp_path):
     assert CliRunner().invoke(main, [*verify, "--errors", str(errors)]).exit_code == 0
 
 
+def test_people_walk_about_and_are_what_verify_judges(policy):
+    """Sampled and adversarial: people within their speed, seen, recorded, and no contact in a state that is safe."""
+    errors = model(people=0.6)
+    asked = Setting.of(policy, LAB, 0.0, Wishes(errors=errors), LAB.scenarios[:6], job="simulate")
+    bad, blind, total = 0, 0, 0
+    for adversary in (False, True):
+        driven = drive(
+            policy,
+            asked,
+            errors=errors,
+            adversary=adversary,
+            conditions=Conditions(noise=0.0, people=2),
+            seed=4,
+        )
+        seen = driven.trajectory
+        assert seen.people.shape[1:] == (2, 5)
+        first = seen.people[seen.time == 0.0]
+        assert (
+            np.hypot(*np.moveaxis(first[:, :, :2] - seen.poses[seen.time == 0.0][:, None, :2], 2, 0)) > 1.5
+        ).all()
+        follows = np.diff(seen.episode) == 0
+        moved = np.hypot(*np.moveaxis(np.diff(seen.people[:, :, :2], axis=0), 2, 0))[follows]
+        assert 0.05 < moved.max() <= 0.06 + 1e-9
+        kept = driven.clearances > LAB.clearance.collision
+        found = viatool.verify(policy, LAB, eps=0.01, errors=errors, trajectory=seen, only_contested=True)
+        bad += int((found.judgement.safe & ~kept).sum())
+        total += int(found.judgement.safe.sum())
+        alone = replace(seen, people=np.zeros((len(kept), 0, 5)))
+        plain = viatool.verify(policy, LAB, eps=0.01, trajectory=alone, only_contested=True)
+        blind += int((plain.judgement.safe & ~kept).sum())
+    assert bad == 0
+    assert blind > 0
+    assert total > 200
+
+
+def test_people_and_their_speed_belong_together(policy):
+    for errors, people in ((model(people=1.0), 0), (model(), 2)):
+        with pytest.raises(ConfigurationError, match="belong together"):
+            drive(
+                policy,
+                Setting.of(policy, LAB, 0.0, Wishes(errors=errors), job="simulate"),
+                errors=errors,
+                conditions=Conditions(people=people),
+            )
+    with pytest.raises(ConfigurationError, match="-1 people"):
+        Conditions(people=-1)
+
+
 def test_what_does_not_move_is_refused_by_name(policy):
-    for term in ("returns", "hidden", "people"):
+    for term in ("returns", "hidden"):
         with pytest.raises(ConfigurationError, match=f"obstacles.{term}"):
             Setting.of(policy, LAB, 0.0, Wishes(errors=model(**{term: 1.0})), job="simulate")
     with pytest.raises(ConfigurationError, match=r"obstacles\.speed"):

@@ -88,6 +88,14 @@ def condition_options(command: Command) -> Command:
                 help="Largest acceleration of a wheel's rim; by default unlimited (kinematic) or the robot's "
                 "(bullet).",
             ),
+            click.option(
+                "--people",
+                type=click.IntRange(min=0),
+                default=0,
+                show_default=True,
+                metavar="N",
+                help="People who walk about in each episode, as fast as obstacles.people of --errors says.",
+            ),
         )
     ):
         command = option(command)

@@ -147,7 +147,7 @@ def _simulate(given: Mapping[str, Any]) -> Simulation:
 def _conditions(given: Mapping[str, Any]) -> Conditions:
     from viatool.simulate import Conditions
 
-    names = ("noise", "dropout", "lidar_rate", "delay", "drift", "acceleration")
+    names = ("noise", "dropout", "lidar_rate", "delay", "drift", "acceleration", "people")
     return Conditions(**{name: given[name] for name in names})
 
 

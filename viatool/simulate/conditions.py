@@ -7,6 +7,11 @@ from dataclasses import dataclass, replace
 
 from viatool.errors import ConfigurationError
 
+PERSON = 0.25
+"""Metres: the radius of a simulated person."""
+MOST_PEOPLE = 100
+"""In an episode at once."""
+
 
 @dataclass(frozen=True)
 class Conditions:
@@ -28,6 +33,9 @@ class Conditions:
     acceleration : float, optional
         Largest change of a wheel's rim speed in m/s^2; None means no limit in the kinematic engine, and that of
         the robot's motors in the physics engine.
+    people : int
+        How many people walk about in each episode, as discs of `PERSON` metres, as fast as the error model says
+        (`obstacles.people`).
     """
 
     noise: float | None = None
@@ -36,6 +44,7 @@ class Conditions:
     delay: float = 0.0
     drift: float = 0.0
     acceleration: float | None = None
+    people: int = 0
 
     def __post_init__(self) -> None:
         self._check("noise", "m", self.noise, 0.0)
@@ -43,6 +52,10 @@ class Conditions:
         self._check("delay", "s", self.delay, 0.0)
         self._check("LiDAR rate", "Hz", self.lidar_rate, 0.0, above=True)
         self._check("acceleration", "m/s^2", self.acceleration, 0.0, above=True)
+        if not 0 <= self.people <= MOST_PEOPLE:
+            raise ConfigurationError(
+                f"{self.people} people, expected 0 to {MOST_PEOPLE}", "correct the number of people"
+            )
         if not 0.0 <= self.dropout < 1.0:
             raise ConfigurationError(
                 f"dropout is {self.dropout}, expected a share of at least 0 and below 1",
@@ -71,6 +84,7 @@ class Conditions:
             "lidar_rate": (self.lidar_rate, "LiDAR at {:g} Hz"),
             "delay": (self.delay or None, "delay {:g} s"),
             "drift": (self.drift or None, "odometry drift {:g}"),
+            "people": (self.people or None, "people: {:g}"),
             "acceleration": (self.acceleration, "wheel acceleration {:g} m/s^2"),
         }
         return [text.format(value) for value, text in told.values() if value is not None]

@@ -14,11 +14,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from viatool.arrays import Booleans, Floats, Indices, Plane
+from viatool.simulate.conditions import PERSON
 from viatool.uncertainty.error_model import ObstacleTerms
 from viatool.world import Obstacles, Scenario, Scenes, WorldMap
 from viatool.world.capsules import NOWHERE
 from viatool.world.measurement import as_plane, point_edge_squared
 
+_DRAWN = 64
+"""Places among which one is chosen where a person begins."""
+_APART = 1.5
+"""Metres from the robot at which people begin at least."""
 _TURNS = 1.0
 """How often in a second what wanders takes another way, on average."""
 
@@ -49,12 +54,20 @@ class Things:
     speeds: Floats
 
     @classmethod
-    def of(cls, world_map: WorldMap, scenarios: Sequence[Scenario], terms: ObstacleTerms) -> Things:
-        """Return what moves on the map, and everything that scenarios add to it."""
+    def of(
+        cls, world_map: WorldMap, scenarios: Sequence[Scenario], terms: ObstacleTerms, people: int
+    ) -> Things:
+        """Return what moves on the map, everything that scenarios add to it, and behind them people, at the origin."""
         moving = world_map.obstacles.select(_move(world_map, terms))
         alike = ObstacleTerms(speed=terms.speed)
         parts = [_listed([(moving, terms), (scenario.obstacles, alike)]) for scenario in scenarios]
         circles, edges, things = (_stacked(rows) for rows in zip(*parts, strict=True))
+        discs = [(0.0, 0.0, PERSON, things.shape[1] + number) for number in range(people)]
+        persons = np.tile((0.0, 0.0, PERSON, 0.0, terms.people or 0.0), (len(parts), people, 1))
+        circles = np.concatenate(
+            [circles, np.tile(np.reshape(discs, (people, 4)), (len(parts), 1, 1))], axis=1
+        )
+        things = np.concatenate([things, persons], axis=1)
         return cls(
             circles[:, :, :3], edges[:, :, :4], circles[:, :, 3].astype(int), edges[:, :, 4].astype(int),
             things[:, :, 0] + 1j * things[:, :, 1], *np.moveaxis(things[:, :, 2:], 2, 0),
@@ -74,6 +87,8 @@ class Crowd:
         How they move.
     robots : int
         E.
+    people : int
+        How many people walk about besides, from free places that are not near the robot.
     adversary : bool
         Whether they go straight at the robots.
 
@@ -90,9 +105,11 @@ class Crowd:
         terms: ObstacleTerms,
         robots: int,
         *,
+        people: int = 0,
         adversary: bool,
     ) -> None:
-        self._things, self._adversary = Things.of(world_map, scenarios, terms), adversary
+        self._things, self._adversary = Things.of(world_map, scenarios, terms, people), adversary
+        self._people, self._standing = people, Scenes.of(world_map, scenarios)
         count = self._things.middle.shape[1]
         self._scene = np.zeros(robots, np.int64)
         self._gone = np.zeros((robots, count), complex)
@@ -104,13 +121,15 @@ class Crowd:
         self.scenes = Scenes(world_map.arena, stays, self._circles(slice(None)), self._edges(slice(None)))
 
     @staticmethod
-    def is_asked(world_map: WorldMap, terms: ObstacleTerms) -> bool:
+    def is_asked(world_map: WorldMap, terms: ObstacleTerms, people: int) -> bool:
         """Tell whether anything moves."""
-        return bool(terms.speed) or bool(_move(world_map, terms).any())
+        return people > 0 or bool(terms.speed) or bool(_move(world_map, terms).any())
 
-    def begin(self, robots: Indices, scene: Indices, rng: np.random.Generator) -> None:
-        """Put everything around some robots (W,) where the map and their scenarios (W,) show it."""
+    def begin(self, robots: Indices, scene: Indices, poses: Floats, rng: np.random.Generator) -> None:
+        """Put everything around some robots (W,) at poses (W, 3) where the map and their scenarios (W,) show it."""
         self._scene[robots], self._gone[robots] = scene, 0.0
+        for person in range(self._gone.shape[1] - self._people, self._gone.shape[1]):
+            self._gone[robots, person] = self._free_places(scene, as_plane(poses), rng)
         self._velocity[robots] = self._speeds(robots) * _anywhere(rng, (len(robots), self._gone.shape[1]))
         self._rebuild(robots)
 
@@ -154,10 +173,21 @@ class Crowd:
         at = self._things.middle[scene] + self._gone[robots]
         velocity, around = self._velocity[robots], self._things.around[scene]
         table = np.stack([at.real, at.imag, velocity.real, velocity.imag, around], axis=2)
-        walks = self._speeds(robots) > 0.0
-        return np.asarray(
-            np.where(walks[:, :, None], table, np.nan)[:, (self._things.speeds > 0.0).any(axis=0)]
-        )
+        walks = self._things.speeds > 0.0
+        walks[:, walks.shape[1] - self._people :] = True
+        table = np.where(walks[scene][:, :, None], table, np.nan)
+        return np.asarray(table[:, walks.any(axis=0)])
+
+    def _free_places(self, scene: Indices, here: Plane, rng: np.random.Generator) -> Plane:
+        """Return a place for a person around each of W robots; the least bad of some where none is free."""
+        low, high = self._bounds
+        span = high - low
+        drawn = rng.random((2, _DRAWN, len(here)))
+        places = low + span.real * drawn[0] + 1j * span.imag * drawn[1]
+        flat = np.column_stack([places.real.ravel(), places.imag.ravel()])
+        room = self._standing.clearance(flat, np.tile(scene, _DRAWN)).reshape(places.shape) - PERSON
+        good = np.minimum(room, 0.0) + np.minimum(np.abs(places - here) - _APART, 0.0)
+        return np.asarray(places[good.argmax(axis=0), np.arange(len(here))])
 
     def _speeds(self, robots: Indices) -> Floats:
         return np.asarray(self._things.speeds[self._scene[robots]])

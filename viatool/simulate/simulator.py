@@ -193,15 +193,23 @@ class Simulator(ABC):
 
     def _gathered(self) -> Crowd | None:
         """Return what moves around the robots, None where all stands."""
-        terms = self.errors.obstacles
-        if not Crowd.is_asked(self.world_map, terms):
+        terms, people = self.errors.obstacles, self.conditions.people
+        if (terms.people is not None) != (people > 0):
+            raise ConfigurationError(
+                f"{self.errors.source}: obstacles.people and the number of people to simulate (--people) belong "
+                "together",
+                "give both: how fast people walk, and how many there are",
+            )
+        if not Crowd.is_asked(self.world_map, terms, people):
             return None
         if not (self.moves_obstacles and isinstance(self._source, FixedScenarios)):
             raise ConfigurationError(
                 f"{self.errors.source}: obstacles: they move in the kinematic engine and in fixed scenarios alone",
                 "leave the section obstacles out",
             )
-        return Crowd(self.world_map, self._source.scenarios, terms, len(self), adversary=self.adversary)
+        return Crowd(
+            self.world_map, self._source.scenarios, terms, len(self), people=people, adversary=self.adversary
+        )
 
     def around(self, index: Indices | slice = slice(None)) -> tuple[Scenes, Indices]:
         """Return the geometry at present, and which of its scenes some robots are in, (W,)."""
@@ -330,7 +338,7 @@ class Simulator(ABC):
             if self._flaws is not None:
                 self.poses[index] = self._flaws.started(self.poses[index], self._chance)
             if self._crowd is not None:
-                self._crowd.begin(self._slots[index], self.scene[index], self._chance)
+                self._crowd.begin(self._slots[index], self.scene[index], self.poses[index], self._chance)
             self._place(index)
             self._odometry.reset(index, self.poses[index])
             self._sent.reset(index)

@@ -45,7 +45,8 @@ class Place:
         """Return the conditions as the simulators take them."""
         from viatool.simulate import Conditions
 
-        return Conditions(**dict(self.conditions))
+        chosen: dict[str, Any] = dict(self.conditions)
+        return Conditions(**chosen)
 
 
 PLACES = (

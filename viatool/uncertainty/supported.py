@@ -31,6 +31,6 @@ SUPPORTED: dict[str, frozenset[str]] = {
     "verify with a horizon": frozenset({"sensor.absolute"}) | _START,
     "certify": frozenset({"sensor.absolute", "sensor.relative", "sensor.bias"}) | MOTION | _POSE | _SHOWN,
     "mission": frozenset({"sensor.absolute"}) | _START,
-    "simulate": _DRAWN | MOTION | _SHOWN | {"sensor.angle"},
+    "simulate": _DRAWN | MOTION | _SHOWN | {"sensor.angle", "obstacles.people"},
     "simulate with bullet": _DRAWN,
 }
