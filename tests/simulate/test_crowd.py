@@ -227,6 +227,19 @@ def test_people_walk_about_and_are_what_verify_judges(policy):
     assert total > 200
 
 
+def test_a_drive_among_what_roams_tells_where_it_was(policy):
+    """Else it could be verified as if it had been where the map shows it."""
+    errors = model(roams={"fixed-3": 0.4})
+    asked = Setting.of(policy, LAB, 0.0, Wishes(errors=errors), LAB.scenarios[:2], job="simulate")
+    seen = drive(policy, asked, errors=errors, seed=1).trajectory
+    assert seen.people.shape[1:] == (1, 5)
+    away = np.hypot(*(seen.people[:, 0, :2] - [-2.77, -0.96]).T)
+    assert 0.3 < away.max() <= 0.4 + 1e-9
+    assert (seen.people[:, 0, 2:] == [0.0, 0.0, 0.14]).all()
+    with pytest.raises(ConfigurationError, match="nobody says how they move"):
+        viatool.verify(policy, LAB, eps=0.01, errors=errors, trajectory=seen)
+
+
 def test_people_and_their_speed_belong_together(policy):
     for errors, people in ((model(people=1.0), 0), (model(), 2)):
         with pytest.raises(ConfigurationError, match="belong together"):

@@ -168,12 +168,16 @@ class Crowd:
         self._rebuild(robots)
 
     def people(self, robots: Indices) -> Floats:
-        """Return what walks around robots (W,) as discs: x, y, vx, vy and radius, (W, P, 5); NaN for what does not."""
+        """Return what is not where the map shows it around robots (W,) as discs: x, y, vx, vy and radius, (W, P, 5).
+
+        NaN for what stays. What roams has no velocity: it is said to be within its radius, however fast it gets there.
+        """
         scene = self._scene[robots]
         at = self._things.middle[scene] + self._gone[robots]
-        velocity, around = self._velocity[robots], self._things.around[scene]
+        velocity = np.where(self._things.roams[scene] > 0.0, 0.0, self._velocity[robots])
+        around = self._things.around[scene]
         table = np.stack([at.real, at.imag, velocity.real, velocity.imag, around], axis=2)
-        walks = self._things.speeds > 0.0
+        walks = (self._things.speeds > 0.0) | (self._things.roams > 0.0)
         walks[:, walks.shape[1] - self._people :] = True
         table = np.where(walks[scene][:, :, None], table, np.nan)
         return np.asarray(table[:, walks.any(axis=0)])
