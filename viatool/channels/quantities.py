@@ -19,7 +19,9 @@ from viatool.channels.lidar import LidarReadings
 from viatool.channels.quantity import Part, Quantity, quantity_of
 from viatool.channels.views import BoxView, Extent, RecordedInstants, View
 from viatool.errors import PolicyError
+from viatool.rounding import SLIGHTLY_MORE, UNIT_ROUNDOFF
 from viatool.sets.forms import Forms
+from viatool.sets.observations import Few, ObservationSets
 from viatool.world import Robot
 
 
@@ -33,10 +35,32 @@ class Sightings:
         (R, n).
     cell : ndarray
         (R,) which set each part belongs to; first all sets in their order, then again those with a second part.
+    few : tuple of Few
+        Entries of which some may lie elsewhere than their forms say, of the R parts.
     """
 
     forms: Forms
     cell: Indices
+    few: tuple[Few, ...] = ()
+
+    @property
+    def sets(self) -> ObservationSets:
+        """Return what is observed as sets, (R, n)."""
+        return ObservationSets(self.forms, self.forms.lower, self.forms.upper, self.few)
+
+    @property
+    def wide(self) -> Forms:
+        """Return forms (R, n) that hold every entry, wherever it may be."""
+        if not self.few:
+            return self.forms
+        lower, upper = self.sets.hull
+        among = np.zeros(lower.shape, dtype=bool)
+        for some in self.few:
+            among[:, some.columns] = True
+        anywhere, still = Forms.between(lower, upper), np.zeros_like(self.forms.slope)
+        return Forms.where(
+            among, Forms(anywhere.centre, still, anywhere.rest * SLIGHTLY_MORE), self.forms
+        ).checked()
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,11 +173,16 @@ class Quantities:
         """
         every = np.arange(len(view))
         erring = radii if isinstance(radii, Erring) or radii is None else Erring.within(radii)
-        rows, parts = [every], [self._enclose(view, erring)]
+        rows, found = [every], [self._enclose(view, erring)]
         for behind, both in self._other_sides(view if erring is None else erring.believed(view)):
             rows.append(every[both])
-            parts.append(self._enclose(view.select(every[both], behind), erring))
-        return Sightings(parts[0] if len(parts) == 1 else Forms.concatenate(parts), np.concatenate(rows))
+            found.append(self._enclose(view.select(every[both], behind), erring))
+        parts, few = [part[0] for part in found], zip(*(part[1] for part in found), strict=True)
+        return Sightings(
+            parts[0] if len(parts) == 1 else Forms.concatenate(parts),
+            np.concatenate(rows),
+            tuple(Few.concatenate(some) for some in few),
+        )
 
     def _other_sides(self, view: BoxView) -> Iterator[tuple[frozenset[str], Booleans]]:
         """Give every choice of angles that may be on the other side of the half turn, and in which sets (C,)."""
@@ -171,21 +200,27 @@ class Quantities:
             if both.any():
                 yield behind, both
 
-    def _enclose(self, view: BoxView, erring: Erring | None) -> Forms:
-        """Enclose what the network takes, on the sides of half turns that the view names."""
-        parts, symbols = [], view.states.slope.shape[1]
+    def _enclose(self, view: BoxView, erring: Erring | None) -> tuple[Forms, list[Few]]:
+        """Enclose what the network takes, on the sides of half turns that the view names; and what may be elsewhere."""
+        parts, few, symbols = [], [], view.states.slope.shape[1]
         believed = view if erring is None else erring.believed(view)
         for quantity, place in zip(self.each, self.columns, strict=True):
-            seen = quantity.enclose(believed if quantity.knows_its_pose else view)
-            if erring is not None:
+            lost: list[Few] = []
+            if erring is None:
+                seen = quantity.enclose(view)
+            else:
+                seen = quantity.enclose(believed if quantity.knows_its_pose else erring.looking(view, place))
                 seen = erring.added(seen, place, symbols)
+                lost = erring.lost(seen, place)
             with quantity.channel.named_in_errors():
                 parts.append(quantity.channel.encoding.forms(seen))
-        return Forms(
+                few += [_encoded(some, quantity.channel) for some in lost]
+        forms = Forms(
             np.concatenate([part.centre for part in parts], axis=1),
             np.concatenate([part.slope for part in parts], axis=2),
             np.concatenate([part.rest for part in parts], axis=1),
         ).checked()
+        return forms, few
 
     def bounds(self, extent: Extent) -> tuple[Floats, Floats]:
         """Return the least and the largest number of each input on a map, (n,) each."""
@@ -208,3 +243,10 @@ class Quantities:
         for quantity, columns in zip(self.each, self.columns, strict=True):
             table[:, columns] = read(quantity).reshape(count, quantity.channel.size)
         return table.astype(np.float64)
+
+
+def _encoded(some: Few, channel: Channel) -> Few:
+    """Return what the network takes of readings that are elsewhere, with its rounding to float32."""
+    lower, upper = channel.encoding.enclose(some.lower, some.upper)
+    spare = 2.0 * UNIT_ROUNDOFF["float32"] * np.maximum(np.abs(lower), np.abs(upper))
+    return replace(some, lower=lower - spare, upper=upper + spare)

@@ -16,67 +16,19 @@ import numpy as np
 
 from viatool.arrays import Booleans, Floats, Hull, Indices
 from viatool.channels.drift import Drift
-from viatool.channels.erring import Erring
+from viatool.channels.erring import Erring, ScanErrors
 from viatool.channels.inputs import Inputs
 from viatool.channels.lidar import LidarReadings
+from viatool.channels.missing import Missing
 from viatool.channels.quantities import Quantities
 from viatool.errors import ConfigurationError
 from viatool.rounding import SLIGHTLY_MORE, UNIT_ROUNDOFF
 from viatool.sets.forms import Forms
 from viatool.sets.observations import Few, ObservationSets
 from viatool.uncertainty.error_model import SensorTerms
-from viatool.world import Lidar
 
-
-@dataclass(frozen=True, eq=False)
-class Missing:
-    """Bins of one scan of which up to `count` have a ray that returns nothing.
-
-    Parameters
-    ----------
-    count : int
-        How many rays at once.
-    columns : ndarray
-        (E,) the inputs that hold the bins.
-    lidar : Lidar
-        Says how rays make bins.
-    """
-
-    count: int
-    columns: Indices
-    lidar: Lidar
-
-    @property
-    def reading(self) -> float:
-        """Return what a ray reads that returns nothing."""
-        lidar = self.lidar
-        return lidar.maximum_range if lidar.no_return is None else lidar.no_return
-
-    @property
-    def is_one(self) -> bool:
-        """Tell whether a bin is one ray, so that its reading is known when the ray returns nothing."""
-        return self.lidar.each == 1 or self.lidar.reduce == "first"
-
-    def bounds(self, lower: Floats, upper: Floats) -> Hull:
-        """Bound what bins (B, E) read of which a ray returns nothing, of bounds of what they read else.
-
-        Notes
-        -----
-        Sound: yes. Of the least of several rays nothing is known of the others: they may read anything up to the
-        maximum. A mean changes by what a ray reads then instead of anything within the limits, once for each.
-        """
-        lidar, reading = self.lidar, self.reading
-        if self.is_one:
-            return np.full_like(lower, reading), np.full_like(upper, reading)
-        ends = min(lidar.minimum_range, reading), max(lidar.maximum_range, reading)
-        if lidar.reduce == "minimum":
-            return np.minimum(lower, reading), np.maximum(upper, ends[1])
-        share = min(self.count, lidar.each) / lidar.each
-        down = share * min(reading - lidar.maximum_range, 0.0)
-        up = share * max(reading - lidar.minimum_range, 0.0)
-        return np.maximum(lower + down, np.minimum(lower, ends[0])), np.minimum(
-            upper + up, np.maximum(upper, ends[1])
-        )
+_BEYOND = ("relative", "bias", "angle", "missing", "thin")
+"""Terms of a sensor beside its absolute error."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +49,8 @@ class ReadingErrors:
         Scans whose rays may return nothing.
     angles : ndarray
         (n,) bool: angles within a half turn.
+    scans : tuple of ScanErrors
+        Of the LiDARs that may be turned, or whose rays may pass thin obstacles; columns are readings.
     """
 
     inputs: Inputs
@@ -107,6 +61,7 @@ class ReadingErrors:
     limits: tuple[Floats, Floats]
     missing: tuple[Missing, ...]
     angles: Booleans
+    scans: tuple[ScanErrors, ...] = ()
 
     @classmethod
     def of(
@@ -136,12 +91,13 @@ class ReadingErrors:
         limits = np.full(size, -np.inf), np.full(size, np.inf)
         scan = np.unique(np.stack([inputs.channel, inputs.age]), axis=1, return_inverse=True)[1].reshape(-1)
         missing: list[Missing] = []
+        scans: list[ScanErrors] = []
         angles = np.array([quantity.wraps for quantity in quantities])[inputs.channel]
         for number, quantity in enumerate(quantities):
             channel = quantity.channel
             asked = terms.get(channel.name, SensorTerms())
             columns = np.flatnonzero(inputs.channel == number)
-            beyond = {name: getattr(asked, name) or 0 for name in ("relative", "bias", "missing")}
+            beyond = {name: getattr(asked, name) or 0 for name in _BEYOND}
             if not any(beyond.values()):
                 continue
             where = f"{source}: sensor.{channel.name}"
@@ -156,16 +112,22 @@ class ReadingErrors:
                 limits[0][columns], limits[1][columns] = lidar.minimum_range, lidar.maximum_range
             if beyond["missing"]:
                 missing += _missing(quantity, inputs, columns, int(beyond["missing"]), where)
-        return cls(inputs, absolute, relative, bias, scan, limits, tuple(missing), angles)
+            scans += _scan(quantity, inputs, number, where, float(beyond["angle"]), float(beyond["thin"]))
+        return cls(inputs, absolute, relative, bias, scan, limits, tuple(missing), angles, tuple(scans))
 
     @property
     def is_box(self) -> bool:
         """Tell whether every reading errs by itself, by a number that does not depend on it."""
-        return not (self.relative.any() or self.bias.any() or self.missing)
+        return not (self.relative.any() or self.bias.any() or self.missing or self.scans)
 
     def over_sets(self, pose: Floats) -> Erring:
-        """Return how readings err over sets of states, with the error (3,) of the believed pose; nothing is missing."""
-        return Erring(self.absolute, self.relative, self.common, pose)
+        """Return how readings err over sets of states, with the error (3,) of the believed pose."""
+        return Erring(self.absolute, self.relative, self.common, pose, self.scans, self.missing)
+
+    @property
+    def passes(self) -> bool:
+        """Tell whether rays may pass thin obstacles, so that the widths of obstacles count."""
+        return any(scan.thin > 0.0 for scan in self.scans)
 
     @property
     def words(self) -> str:
@@ -175,6 +137,10 @@ class ReadingErrors:
         parts = ["any value within eps of each observation entry"]
         parts += ["and a share of it"] if self.relative.any() else []
         parts += ["a bias that all readings of a scan have in common"] if self.bias.any() else []
+        if any(scan.angle > 0.0 for scan in self.scans):
+            parts.append("a turn of the whole scan against the robot")
+        if self.passes:
+            parts.append("rays that pass thin obstacles of the map")
         if self.missing:
             counts = max(scan.count for scan in self.missing)
             parts.append(f"and up to {counts} of the rays of a scan return nothing, whichever they are")
@@ -218,6 +184,7 @@ class ReadingErrors:
             If what a network takes of a reading has no bounds.
         """
         least, most = self.inputs.readings(inputs)
+        limits = self.kept(least, most)
         with np.errstate(invalid="ignore"):  # what a clip hides has no middle, and is as free as its bounds
             here = Forms.between(least, most)
         shared = np.concatenate(
@@ -234,7 +201,7 @@ class ReadingErrors:
             shared = np.where(over[:, None], 0.0, shared)
             with np.errstate(invalid="ignore"):
                 here = Forms.where(over, Forms.between(least, most), here)
-        ends, limits = self.own(least, most), self.kept(least, most)
+        ends = self.own(least, most)
         total = ends[0] - self.bias, ends[1] + self.bias
         bounds = np.clip(total[0], *limits), np.clip(total[1], *limits)
         changed = self._changed | shared.any(axis=(0, 1))
@@ -263,6 +230,8 @@ class ReadingErrors:
     def _changed(self) -> Booleans:
         """Which inputs err by more than a box around what was recorded, (n,)."""
         changed = (self.relative > 0.0) | (self.bias > 0.0)
+        for some in self.scans:
+            changed |= np.isin(self.inputs.reading, some.columns)
         for scan in self.missing:
             changed[scan.columns] = True
         return changed
@@ -302,6 +271,26 @@ class ReadingErrors:
 
 def _columns(forms: Forms, columns: Indices) -> Forms:
     return Forms(forms.centre[:, columns], forms.slope[:, :, columns], forms.rest[:, columns])
+
+
+def _scan(
+    quantity: object, inputs: Inputs, number: int, where: str, angle: float, thin: float
+) -> list[ScanErrors]:
+    """Return how the scan of a channel errs as a whole, if it does."""
+    if not (angle or thin):
+        return []
+    term = "angle" if angle else "thin"
+    if not isinstance(quantity, LidarReadings):
+        raise ConfigurationError(
+            f"{where}.{term}: the channel is no LiDAR, so it has no rays", "leave it out"
+        )
+    if inputs.memory:
+        raise ConfigurationError(
+            f"{where}.{term}: the policy observes earlier scans, and where those were taken is not known",
+            "leave the term out, or verify a policy that observes the present alone",
+        )
+    place = inputs.places[number]
+    return [ScanErrors(np.arange(place.start, place.stop), angle, thin)]
 
 
 def _missing(quantity: object, inputs: Inputs, columns: Indices, count: int, where: str) -> Sequence[Missing]:

@@ -41,9 +41,9 @@ from viatool.taylor.correlated import (
     CorrelatedReach,
     LinearReach,
     input_model,
-    reach_correlated,
     reach_linear,
 )
+from viatool.taylor.observed import MOST_CHOICES, reach_sets
 from viatool.taylor.reach import Arithmetic, networks_of
 from viatool.taylor.watch import require_program_within
 from viatool.world import Scenario
@@ -90,6 +90,13 @@ class CommandBounds:
     def select(self, which: NDArray[Any]) -> CommandBounds:
         """Return those of some cells."""
         return CommandBounds(self.pieces.select(which), self.influence[which])
+
+    def replaced(self, rows: Indices, other: CommandBounds) -> CommandBounds:
+        """Return these with others in the place of those of some cells (D,), each once."""
+        kept = np.setdiff1d(np.arange(len(self.influence)), rows)
+        order = np.argsort(np.concatenate([kept, rows]))
+        pieces = CommandPieces.join([self.pieces.select(kept), other.pieces]).select(order)
+        return CommandBounds(pieces, np.concatenate([self.influence[kept], other.influence])[order])
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +155,12 @@ class ClosedLoop:
         check_roaming((lidar for lidar, _ in observed.lidars), setting.uncertainty)
         sensors = Sensors(
             observed,
-            Shapes.of(world_map, scenario, setting.uncertainty.obstacles.roams),
+            Shapes.of(
+                world_map,
+                scenario,
+                setting.uncertainty.obstacles.roams,
+                measured=setting.reading_errors.passes,
+            ),
             around.everything.still,
             np.array(scenario.goal),
             setting.rules.footprint.holds_origin(setting.rules.clearance.collision),
@@ -285,12 +297,20 @@ class ClosedLoop:
             ).proved
         return kept
 
-    def commands(self, cells: StateBoxes) -> CommandBounds:
-        """Bound what the policy commands anywhere in cells, whatever the sensors err. **Sound:** yes."""
+    @property
+    def loses_rays(self) -> bool:
+        """Tell whether rays may return nothing, so that bounds of the commands cost more."""
+        return bool(self.setting.reading_errors.missing)
+
+    def commands(self, cells: StateBoxes, *, complete: bool = True) -> CommandBounds:
+        """Bound what the policy commands anywhere in cells, whatever the sensors err. **Sound:** yes, if complete.
+
+        Else all rays return; choices of those that do not cost as many passes.
+        """
         cells.checked()
         size = len(self.setting.radii)
         most = int(np.clip(_CHUNK_NUMBERS // (size * size), 1, _CHUNK))
-        found = [self._commands(cells.select(some)) for some in self._chunks(len(cells), most)]
+        found = [self._commands(cells.select(some), complete) for some in self._chunks(len(cells), most)]
         return CommandBounds(
             CommandPieces.join([part.pieces for part in found]),
             np.concatenate([part.influence for part in found]),
@@ -312,16 +332,57 @@ class ClosedLoop:
         step = int(np.clip(_CHUNK_PAIRS // len(self.sensors.shapes), min(8, most), most))
         return [slice(start, min(start + step, count)) for start in range(0, count, step)]
 
-    def _commands(self, cells: StateBoxes) -> CommandBounds:
+    def certifies(self, cells: StateBoxes) -> tuple[Booleans, CommandBounds]:
+        """Tell in which cells the policy's commands keep every free pose clear, (C,), and bound them. **Sound:** yes.
+
+        Where rays may return nothing, that counts only in cells that hold without: the bounds of others are of scans
+        in which every ray returns.
+        """
+        commands = self.commands(cells, complete=not self.loses_rays)
+        holds = self.all_hold(cells, commands.pieces)
+        if not (self.loses_rays and holds.any()):
+            return holds, commands
+        rows = np.flatnonzero(holds)
+        rows = rows[self._may_lose(cells.select(rows), commands.select(rows))]
+        every = self.commands(cells.select(rows))
+        holds[:] = False
+        holds[rows] = self.all_hold(cells.select(rows), every.pieces)
+        return holds, commands.replaced(rows, every)
+
+    def _may_lose(self, cells: StateBoxes, commands: CommandBounds) -> Booleans:
+        """Tell in which cells commands hold still at the middle if one bin reads nothing, (C,). That proves nothing."""
+        if not self.driven.is_plain:  # a hull of what is chosen says little
+            return np.ones(len(cells), dtype=bool)
+        lower, upper = (end.copy() for end in commands.ends)
+        for some in self._chunks(len(cells), _CHUNK):
+            sightings = self.sensors.enclose(cells.select(some))
+            count = len(lower[some])
+            middle = sightings.forms.centre[:count]
+            for few in sightings.few:
+                for number, column in enumerate(few.columns.tolist()):
+                    for end in (few.lower, few.upper):
+                        seen = middle.copy()
+                        seen[:, column] = end[:count, number]
+                        sent = self.rules.clip(self.driven(seen))
+                        lower[some], upper[some] = (
+                            np.minimum(lower[some], sent),
+                            np.maximum(upper[some], sent),
+                        )
+        return self.holds(cells, lower, upper)
+
+    def _commands(self, cells: StateBoxes, complete: bool) -> CommandBounds:
         check_time()
         sightings = self.sensors.enclose(cells)
-        seen = sightings.forms
-        inputs = input_model(seen.centre, seen.slope, seen.rest)
+        if not complete:
+            sightings = replace(sightings, few=())
         reached = CorrelatedReach.hull(
-            [reach_correlated(network, inputs, arithmetic=self.arithmetic) for network in self._networks()]
+            [
+                reach_sets(network, sightings.sets, MOST_CHOICES, arithmetic=self.arithmetic)
+                for network in self._networks()
+            ]
         )
         if self.driven.choice is None:
-            self.watch(seen.centre, reached)
+            self.watch(sightings.forms.centre, reached)
         pieces = self._sent(sightings, reached.lower, reached.upper, len(cells))
         influence = reached.influence[: len(cells)].copy()
         np.maximum.at(influence, sightings.cell, reached.influence)
@@ -347,13 +408,14 @@ class ClosedLoop:
         """Return what may be sent in C cells, of bounds (R, ...) of `_networks`. **Sound:** yes."""
         require_ordered("commands", lower, upper)
         seen, choice = sightings.forms, self.driven.choice
+        least, most = sightings.sets.hull
         known = ReachableSet(lower, upper, lower, upper, lower)
         if choice is not None:
             excluded = excluded_by(lower, upper, choice.actions)
             if self.arithmetic == "float32":
                 require_not_excluded(chosen_by(self.policy.run, seen.centre, choice.actions), excluded)
             known = replace(known, possible=~excluded)
-        parts = CommandPieces.of(self.driven, known, seen.lower, seen.upper)
+        parts = CommandPieces.of(self.driven, known, least, most)
         limits = self.rules.lower, self.rules.upper
         pieces = CommandPieces.of_parts(parts, sightings.cell, count, limits)
         require_ordered("commands", pieces.lower, pieces.upper)
@@ -364,7 +426,7 @@ class ClosedLoop:
 
         Each command that a policy may choose, or a rule may send, is a piece of its own, which does not vary.
         """
-        seen = sightings.forms
+        seen = sightings.wide
         inputs = input_model(seen.centre, seen.slope, seen.rest)
         found = LinearReach.hull(
             [

@@ -99,8 +99,7 @@ def _geometry(
 def _judge(loop: ClosedLoop, lattice: Lattice, nodes: Nodes, frontier: Frontier, seed: int) -> CellFindings:
     """Return the nodes that are certified, refuted or smallest; the others are halved."""
     cells = lattice.cells(nodes)
-    commands = loop.commands(cells)
-    certified = loop.all_hold(cells, commands.pieces)
+    certified, commands = loop.certifies(cells)
     smallest = (nodes.level >= lattice.deepest).all(axis=1)
     open_ = np.flatnonzero(~certified & ~smallest)
     if len(open_):

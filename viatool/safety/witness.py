@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from viatool.arrays import Floats, Indices
+from viatool.arrays import Booleans, Floats, Indices
 from viatool.policy.network import Network
 from viatool.safety.judged_states import JudgedStates
 from viatool.safety.nearest import describe_mover, describe_nearest
@@ -68,6 +68,10 @@ class Witnesses:
     origin, velocity : ndarray
         (W, 2) where the point of it was that comes nearest, when it was observed, and how it went on from there, in m
         and m/s; NaN where nothing has moved.
+    turn : ndarray
+        (W, T) by how much each scan that errs as a whole is turned, in radians; T is 0 where none does.
+    passed : ndarray
+        (W, n) bool: bins whose rays pass thin obstacles; or (W, 0).
     """
 
     state: Indices
@@ -81,6 +85,8 @@ class Witnesses:
     mover: NDArray[np.str_]
     origin: Floats
     velocity: Floats
+    turn: Floats
+    passed: Booleans
 
     def __len__(self) -> int:
         """Return the number of counterexamples."""
@@ -132,6 +138,8 @@ class Witnesses:
             nobody,
             nothing,
             nothing.copy(),
+            np.zeros((len(state), 0)),
+            np.zeros((len(state), 0), dtype=bool),
         )
 
     def among(self, moved: Nearest) -> Witnesses:
@@ -148,9 +156,14 @@ class Witnesses:
         none = cls.among_what_stands(np.zeros(0, dtype=np.int64), *(np.zeros(shape) for shape in shapes[1:]))
         every = [none, *parts]
         names = tuple(cls.__dataclass_fields__)
-        joined = {name: np.concatenate([getattr(part, name) for part in every]) for name in names}
+        joined = {name: _joined([getattr(part, name) for part in every]) for name in names}
         order = np.argsort(joined["state"], kind="stable")
         return cls(**{name: array[order] for name, array in joined.items()})
+
+
+def _joined(parts: list[NDArray[Any]]) -> NDArray[Any]:
+    """Return arrays one after the other; those without a row do not say how many columns there are."""
+    return np.concatenate([part for part in parts if len(part)] or parts[:1])
 
 
 def search_witnesses(

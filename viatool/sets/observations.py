@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
 from math import comb, prod
@@ -37,6 +37,15 @@ class Few:
     def select(self, which: NDArray[Any]) -> Few:
         """Return those of some of the sets."""
         return replace(self, lower=self.lower[which], upper=self.upper[which])
+
+    @classmethod
+    def concatenate(cls, parts: Sequence[Few]) -> Few:
+        """Return the same entries of several sets of sets, one after the other."""
+        return replace(
+            parts[0],
+            lower=np.concatenate([part.lower for part in parts]),
+            upper=np.concatenate([part.upper for part in parts]),
+        )
 
     def among(self, columns: Indices) -> Few:
         """Return the same of some of the entries alone, given by their columns."""

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from viatool.arrays import Floats, Hull, Indices
-from viatool.channels.reading_errors import Missing, ReadingErrors
+from viatool.channels.missing import Missing
+from viatool.channels.reading_errors import ReadingErrors
 from viatool.rounding import AS_RECEIVED
 
 
@@ -61,15 +62,21 @@ class AdmissibleSets:
         return self._hull[1]
 
     @cached_property
-    def _recorded(self) -> Hull:
-        """The readings that were recorded; where a clip hides a reading, the one at its end."""
+    def _placed(self) -> tuple[Floats, Hull]:
+        """What was recorded, with what changed it, and its limits; where a clip hides a reading, the one at its end."""
         least, most = self.errors.inputs.readings(self.inputs, within=True)
         seen = np.where(np.isfinite(least), least, most)
+        limits = self.errors.kept(seen, seen)
         if self.drifted is not None:
             seen = seen + self.drifted
             turns = np.where(self.errors.angles & (np.abs(seen) > np.pi), np.round(seen / (2.0 * np.pi)), 0.0)
             seen = seen - 2.0 * np.pi * turns
-        return seen, seen
+        return seen, limits
+
+    @property
+    def _recorded(self) -> Hull:
+        """What was recorded, with what changed it, (B, n) twice."""
+        return self._placed[0], self._placed[0]
 
     @cached_property
     def _own(self) -> Hull:
@@ -133,8 +140,7 @@ class AdmissibleSets:
 
     def _received(self, readings: Floats) -> Floats:
         """Return what the network takes of readings (B, n), kept within the limits of their sensors."""
-        limits = self.errors.kept(*self._recorded)
-        kept = np.clip(readings, *limits)
+        kept = np.clip(readings, *self._placed[1])
         found = kept.copy()
         for number, channel in enumerate(self.errors.inputs.channels):
             columns = np.flatnonzero(self.errors.inputs.channel == number)
@@ -241,17 +247,16 @@ def _biases(
     """Return between which biases an entry is what was recorded with an error of its own."""
     first, last = _decoded(errors, column, recorded)
     low, high = _decoded(errors, column, observed)
+    own = float(errors.absolute[column])
+    floor = min(float(errors.limits[0][column]), first - own)
+    ceiling = max(float(errors.limits[1][column]), last + own)
     first, last = first + drifted, last + drifted
     if errors.angles[column] and math.isfinite(first) and math.isfinite(low):
         turns = 2.0 * math.pi * round((low - first) / (2.0 * math.pi))
         first, last = first + turns, last + turns
-    share, own = float(errors.relative[column]), float(errors.absolute[column])
+    share = float(errors.relative[column])
     least = first - (share * abs(first) if share else 0.0) - own
     most = last + (share * abs(last) if share else 0.0) + own
-    floor, ceiling = (
-        min(float(errors.limits[0][column]), first - own),
-        max(float(errors.limits[1][column]), last + own),
-    )
     near = [AS_RECEIVED * (1.0 + abs(end)) if math.isfinite(end) else 0.0 for end in (floor, ceiling)]
     if high < floor - near[0] or low > ceiling + near[1]:
         return np.inf, -np.inf

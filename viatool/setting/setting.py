@@ -27,6 +27,7 @@ from viatool.setting.moving import check_moving
 from viatool.setting.premises import Premise
 from viatool.setting.reconcile import Parties, reconcile
 from viatool.setting.rules import Rules
+from viatool.setting.scanned import check_scans, scan_views
 from viatool.setting.sensor_errors import Eps, SensorErrors
 from viatool.setting.wishes import Wishes
 from viatool.uncertainty import ErrorModel
@@ -167,6 +168,7 @@ class Setting:
         commands = command_map(spec, rules.kinematics, robot, name)
         errors = SensorErrors.of(spec, eps, wishes.errors)
         check_moving(wishes.errors, spec, world_map)
+        check_scans(wishes.errors, world_map, job)
         chosen = world_map.scenarios if scenarios is None else tuple(scenarios)
         if job != "mission":
             require_plain(chosen)
@@ -235,6 +237,11 @@ class Setting:
         pose = self.uncertainty.pose
         return np.array([pose.x or 0.0, pose.y or 0.0, pose.theta or 0.0])
 
+    @property
+    def believes(self) -> bool:
+        """Tell whether anything that is observed changes with the pose that localisation gives."""
+        return bool(self.pose_radii.any()) and observes_its_pose(self.quantities)
+
     def goals(self, scenarios: Sequence[Scenario | None]) -> Floats:
         """Return the goals of S scenarios, (S, 2); ConfigurationError if one is not known."""
         if None in scenarios:
@@ -245,18 +252,22 @@ class Setting:
         return np.array([scenario.goal for scenario in scenarios if scenario is not None], dtype=np.float64)
 
     def drift(self, poses: Floats, scenarios: Sequence[Scenario | None], episode: Indices) -> Drift | None:
-        """Return what other believed poses change at recorded ones (B, 3); None if poses are exact or not observed."""
-        radii = self.pose_radii
-        if not (radii.any() and observes_its_pose(self.quantities)):
+        """Return what other believed poses and scans change at recorded poses (B, 3); None if neither errs."""
+        radii, scans = self.pose_radii, bool(self.reading_errors.scans)
+        if not (self.believes or scans):
             return None
-        needed = "goal" in self.quantities.needs
+        needed = self.believes and "goal" in self.quantities.needs
         goals = self.goals(scenarios) if needed else np.zeros((len(scenarios), 2))
         scale = 1.0 + float(max(np.abs(end).max(initial=0.0) for end in (self.world_map.arena, poses, goals)))
         axes, rows, parts = len(self.rules.kinematics.axes), [], []
-        for goal in np.unique(goals[episode], axis=0):
-            rows.append(np.flatnonzero((goals[episode] == goal).all(axis=1)))
-            boxes = PoseBoxes(poses[rows[-1]], np.broadcast_to(radii, (len(rows[-1]), 3)))
-            parts.append(Drift.of(self.quantities, boxes, goal, scale, axes))
+        alike = np.column_stack([goals[episode], episode * scans])
+        for key in np.unique(alike, axis=0):
+            same, goal = np.flatnonzero((alike == key).all(axis=1)), key[:2]
+            boxes = PoseBoxes(poses[same], np.broadcast_to(radii, (len(same), 3)))
+            views = scan_views(self, scenarios[int(key[2])], boxes) if scans else ((slice(None), None),)
+            for some, seen in views:
+                rows.append(same[some])
+                parts.append(Drift.of(self.quantities, boxes.select(some), goal, scale, axes, seen))
         return Drift.join(parts, np.argsort(np.concatenate(rows), kind="stable"))
 
     def drifted(

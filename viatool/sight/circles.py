@@ -29,7 +29,7 @@ def see_circles(boxes: PoseBoxes, shapes: Shapes, lidar: Lidar, slack: float) ->
     b_spread = rays.spread(1j * rays.along) + np.abs(a) * rays.turn + error + slack
     a_spread = rays.spread(rays.along) + np.abs(b) * rays.turn + error + slack
     missed = (np.abs(b) - b_spread > radius) | (a + a_spread < 0.0)
-    certain = (np.abs(b) + b_spread < radius) & (a > a_spread)
+    certain = (np.abs(b) + b_spread < radius) & (a > a_spread) & ~shapes.passed[0][rays.shape]
     s, tangent, chord = height_bounds(b, b_spread, radius)
     value, rest = a - s * b, np.sqrt(1.0 + np.square(s)) * (error + slack)
     depth = np.sqrt(np.maximum(np.square(radius) - np.square(b), 0.0))

@@ -27,7 +27,7 @@ def see_edges(boxes: PoseBoxes, shapes: Shapes, lidar: Lidar, slack: float) -> G
     at = (rays.box, rays.shape)
     missed, crossed, least, most = _between_ends(rays, first[at], second[at], slack)
     d, d_spread, n = distance[at], spread[at], normal[rays.shape]
-    certain = crossed & (d > d_spread + slack)
+    certain = crossed & (d > d_spread + slack) & ~shapes.passed[1][rays.shape]
     aim = np.conj(rays.along) * n
     phi = np.abs(np.angle(aim)) + rays.turn
     oblique = phi < _GRAZING

@@ -25,6 +25,7 @@ with ``|rest| <= E = |q| tau^2 / 2 + rho tau``.
    nearest at the middle pose. Every shape that some pose may hit bounds the bin from below where it is hit;
    every shape that all poses hit bounds it from above. Both are bounds relative to the reference, so that where
    all poses see the same wall hardly more than the second order is left.
+4. *A thin obstacle* may be passed by any ray, or seen by it: its parts bound a bin from below, and never from above.
 
 A shape that hides another needs no rule: the least range counts.
 

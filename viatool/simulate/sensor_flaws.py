@@ -48,13 +48,25 @@ class SensorFlaws:
             return None
         return np.asarray(terms.angle * self.draw(rng, robots), dtype=np.float64)
 
+    def thin(self, fan: Fan) -> float:
+        """Return the widest obstacle that rays may pass, in metres; 0 for none."""
+        terms = self._of(fan)
+        return 0.0 if terms is None else terms.thin or 0.0
+
+    def passing(self, ranges: Reals, past: Reals, fan: Fan, rng: np.random.Generator) -> Reals:
+        """Return which of two ranges (E, R) rays have: to what is nearest, or past all that is thin."""
+        robots, count = ranges.shape
+        alike = self._alike(fan, count)
+        passes = np.tile(rng.random((robots, alike)) < 0.5, count // alike)
+        return np.asarray(np.where(passes, past, ranges), dtype=ranges.dtype)
+
     def rays(self, ranges: Reals, fan: Fan, rng: np.random.Generator) -> Reals:
         """Return what rays read whose true ranges are (E, R), in the order of the fan."""
         terms, most = self._of(fan), fan.lidar.maximum_range
         if terms is None:
             return ranges
         robots, count = ranges.shape
-        alike = fan.lidar.bins if self.corners and count % fan.lidar.bins == 0 else count
+        alike = self._alike(fan, count)
         own, share = (np.tile(self.draw(rng, robots, alike), count // alike) for _ in range(2))
         error = (terms.absolute or 0.0) * own + (terms.relative or 0.0) * share * ranges
         error = error + (terms.bias or 0.0) * self.draw(rng, robots, 1)
@@ -88,6 +100,10 @@ class SensorFlaws:
     def started(self, poses: Floats, rng: np.random.Generator) -> Floats:
         """Return where robots start that should start at (E, 3)."""
         return poses + _radii(self.model.start) * self.draw(rng, *poses.shape)
+
+    def _alike(self, fan: Fan, count: int) -> int:
+        """Return how many of the rays that are cast err by themselves: at corners one for each bin."""
+        return fan.lidar.bins if self.corners and count % fan.lidar.bins == 0 else count
 
     def _of(self, fan: Fan) -> SensorTerms | None:
         """Return the terms of the LiDAR that has a fan."""

@@ -167,6 +167,7 @@ class Simulator(ABC):
             else FixedScenarios(world_map, scenarios)
         )
         self.scenes = self._source.scenes
+        self._bare: dict[float, Scenes] = {}  # by the width of what rays pass
         self._slots = np.arange(robots)
         self.scene = np.zeros(robots, np.int64)
         self.poses = np.zeros((robots, 3))
@@ -329,6 +330,7 @@ class Simulator(ABC):
         index = np.arange(len(self)) if which is None else np.flatnonzero(which)
         if len(index):
             self.scene[index], self.poses[index], self.goals[index] = self._source.take(self._slots[index])
+            self._bare.clear()
             self.previous[index] = 0.0
             self.motion[index] = np.clip(0.0, *self.kinematics.state_range)
             self._velocity[index] = self._set_down(index)
@@ -479,7 +481,7 @@ class Simulator(ABC):
         turn = None if self._flaws is None else self._flaws.turn(fan, len(view), self._chance)
         if turn is not None:
             view = replace(view, poses=view.poses + turn[:, None] * np.array([0.0, 0.0, 1.0]))
-        ranges = self.observer.disturb(self._ranges(fan, index, view), fan, self._noise)
+        ranges = self.observer.disturb(self._passing(fan, index, view), fan, self._noise)
         if self._flaws is not None:
             ranges = self._flaws.rays(ranges, fan, self._chance)
         rate = self.conditions.lidar_rate
@@ -488,6 +490,18 @@ class Simulator(ABC):
         held = self._held[fan]
         held[index] = np.where(self._scanned(index, rate)[:, None], ranges, held[index])
         return held[index].copy()
+
+    def _passing(self, fan: Fan, index: Indices | slice, view: View) -> Reals:
+        """Return how far the rays of some robots get, (W, R) m: to what is nearest, or past what is thin."""
+        ranges = self._ranges(fan, index, view)
+        thin = 0.0 if self._flaws is None else self._flaws.thin(fan)
+        if self._flaws is None or not thin:
+            return ranges
+        if thin not in self._bare:
+            own = [self._source.own(scene) for scene in range(len(self.scenes))]
+            self._bare[thin] = Scenes.around(self.world_map, own, thin)
+        past = see(fan, replace(view, scenes=self._bare[thin]))
+        return self._flaws.passing(ranges, past, fan, self._chance)
 
     def _scanned(self, index: Indices | slice, rate: float) -> Booleans:
         """Tell which robots' LiDAR has completed a scan in the last interval."""

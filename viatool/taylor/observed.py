@@ -19,10 +19,11 @@ from typing import Any
 import numpy as np
 
 from viatool.arrays import Floats, Hull
+from viatool.policy.network import Network
 from viatool.rounding import SLIGHTLY, SLIGHTLY_MORE
 from viatool.sets.observations import ObservationSets
 from viatool.taylor.choices import chosen_by, differences, excluded_by, require_not_excluded
-from viatool.taylor.correlated import input_model, reach_correlated
+from viatool.taylor.correlated import CorrelatedReach, input_model, reach_correlated
 from viatool.taylor.elsewhere import FewSymbols
 from viatool.taylor.propagation import Enclosure
 from viatool.taylor.reach import Arithmetic, HasNetwork, ReachableSet, is_choice, networks_of, reach
@@ -72,6 +73,41 @@ def reach_observed(
         for chosen in sets.choices(MOST_CHOICES if thorough else 1):
             found = _either(found, _over(policy, chosen, engine))
     return found
+
+
+def reach_sets(
+    network: Network, sets: ObservationSets, most: int, *, arithmetic: Arithmetic
+) -> CorrelatedReach:
+    """Enclose the actions over sets of observations by what their entries have in common alone.
+
+    Parameters
+    ----------
+    network : Network
+        n inputs, A outputs.
+    sets : ObservationSets
+        B of them, whose bounds are those of their forms.
+    most : int
+        So many choices of entries that are elsewhere are bounded one by one.
+    arithmetic : str
+        As in `viatool.reach`.
+
+    Returns
+    -------
+    CorrelatedReach
+        Bounds (B, A).
+
+    Notes
+    -----
+    **Sound:** yes. Cost: a pass of order 1, and one for each choice.
+    """
+    chosen = sets.choices(most) if any(few.count for few in sets.few) else (replace(sets, few=()),)
+    found: list[CorrelatedReach] = []
+    for some in chosen:
+        inputs, few = model_of(some)
+        found = [
+            CorrelatedReach.hull([*found, reach_correlated(network, inputs, arithmetic=arithmetic, few=few)])
+        ]
+    return found[0]
 
 
 def _either(found: ReachableSet, other: ReachableSet) -> ReachableSet:

@@ -7,6 +7,9 @@ MOTION = frozenset(
 ) | frozenset(f"timing.{term}" for term in ("interval", "delay", "sensing"))
 """Motors and timing."""
 
+_SENSOR = frozenset(f"sensor.{term}" for term in ("absolute", "relative", "bias", "angle", "missing", "thin"))
+"""All that may be wrong with readings."""
+
 _DRAWN = frozenset(
     f"{section}.{term}"
     for section, terms in (
@@ -24,13 +27,10 @@ _SHOWN = frozenset({"obstacles.speed", "obstacles.named", "obstacles.roams"})
 _MOVING = _SHOWN | frozenset(f"obstacles.{term}" for term in ("returns", "people", "hidden", "behind"))
 
 SUPPORTED: dict[str, frozenset[str]] = {
-    "verify": frozenset({"sensor.absolute", "sensor.relative", "sensor.bias", "sensor.missing"})
-    | MOTION
-    | _POSE
-    | _MOVING,
+    "verify": _SENSOR | MOTION | _POSE | _MOVING,
     "verify with a horizon": frozenset({"sensor.absolute"}) | _START,
-    "certify": frozenset({"sensor.absolute", "sensor.relative", "sensor.bias"}) | MOTION | _POSE | _SHOWN,
+    "certify": _SENSOR | MOTION | _POSE | _SHOWN,
     "mission": frozenset({"sensor.absolute"}) | _START,
-    "simulate": _DRAWN | MOTION | _SHOWN | {"sensor.angle", "obstacles.people"},
+    "simulate": _DRAWN | MOTION | _SHOWN | _SENSOR | {"obstacles.people"},
     "simulate with bullet": _DRAWN,
 }

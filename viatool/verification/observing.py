@@ -17,6 +17,7 @@ from viatool.policy.repeated import repeating
 from viatool.safety import JudgedStates, ScenePoses, Witnesses, search_witnesses
 from viatool.setting.admissible import AdmissibleSets, explain
 from viatool.setting.driven import DrivenPolicy
+from viatool.setting.scanned import changed_scans
 from viatool.setting.setting import Setting
 from viatool.taylor import ReachableSet, reach
 from viatool.taylor.observed import reach_observed
@@ -171,7 +172,7 @@ class BlockSensors:
             return search_witnesses(
                 policy, judged, doubtful, self.observations, box, *commands, seed=seed, shared=self.shared
             )
-        if judged.observing.radii is None:
+        if judged.observing.radii is None and not self.errors.scans:
             sets = AdmissibleSets(self.errors, self.observations)
             found = search_witnesses(
                 policy, judged, doubtful, self.observations, sets, *commands, seed=seed, shared=self.shared
@@ -199,12 +200,13 @@ class BlockSensors:
         recorded, radii = self.states.poses[rows], _WITHIN * self.setting.pose_radii
         true, believed = recorded.copy(), recorded.copy()
         worst = self._worst_corners(judged.select(doubtful), commands, doubtful)
+        turn, passed = self._scans(len(doubtful), generator)
         for number in range(1, _BELIEFS):
             true[number::_BELIEFS] += radii * worst
             if number > 1:
                 corners = _CORNERS[generator.integers(len(_CORNERS), size=len(doubtful))]
                 believed[number::_BELIEFS] += radii * corners
-        drifted = self._drifted(rows, believed)
+        drifted = self._drifted(rows, true, believed, turn, passed)
         sets = AdmissibleSets(self.errors, self.observations[rows], drifted)
         seen = sets.nearest(sets.recorded_inputs).astype(np.float32).astype(np.float64)
         some = judged.select(rows)
@@ -214,7 +216,8 @@ class BlockSensors:
             commands[0][rows], commands[1][rows], seed=seed,
             shared=None if self.shared is None else self.shared[rows],
         )  # fmt: skip
-        found = replace(found, start=true[found.state], believed=believed[found.state])
+        at = found.state
+        found = replace(found, start=true[at], believed=believed[at], turn=turn[at], passed=passed[at])
         found = self._explained(found, rows[found.state], drifted[found.state])
         best = np.lexsort([found.clearance, found.state])
         found = found.select(best)
@@ -230,13 +233,34 @@ class BlockSensors:
             clearances.append(replace(judged, observing=here).closest_approach(middle)[0][:, 0])
         return np.asarray(_CORNERS[np.argmin(clearances, axis=0)])
 
-    def _drifted(self, rows: Indices, believed: Floats) -> Floats:
-        """Return by how much readings change where the robot believes other poses (P, 3) than recorded, (P, n)."""
+    def _scans(self, count: int, generator: np.random.Generator) -> tuple[Floats, Booleans]:
+        """Return turns (P, T) of scans and which bins pass what is thin, (P, n), for every belief of D states.
+
+        The first of each are none, the others ends of the model.
+        """
+        limits = _WITHIN * np.array([scan.angle for scan in self.errors.scans])
+        turn = np.zeros((count, _BELIEFS, len(limits)))
+        passed = np.zeros((count, _BELIEFS, self.errors.inputs.size), dtype=bool)
+        turn[:, 1:] = limits * generator.choice([-1.0, 1.0], size=turn[:, 1:].shape)
+        turn[:, 2] = -turn[:, 1]
+        if self.errors.passes:
+            passed[:, 2] = True
+            passed[:, 3] = generator.random(passed[:, 3].shape) < 0.5
+        rows = count * _BELIEFS
+        return turn.reshape(rows, len(limits)), passed.reshape(rows, passed.shape[2])
+
+    def _drifted(
+        self, rows: Indices, true: Floats, believed: Floats, turn: Floats, passed: Booleans
+    ) -> Floats:
+        """Return by how much readings (P, n) change: where the robot believes other poses, and where its scan errs."""
+        scene, setting, scenarios = self.states.episode[rows], self.setting, self.states.scenarios
+        found = np.zeros((len(rows), setting.spec.inputs.size))
         if self.drift is None:
-            return np.zeros((len(rows), self.setting.spec.inputs.size))
-        scene = self.states.episode[rows]
-        goals = self.setting.goals(self.states.scenarios)[scene]
-        return self.setting.drifted(self.exact.still, scene, self.states.poses[rows], believed, goals)
+            return found
+        if setting.believes:
+            goals = setting.goals(scenarios)[scene]
+            found += setting.drifted(self.exact.still, scene, self.states.poses[rows], believed, goals)
+        return found + changed_scans(setting, scenarios, scene, true, turn, passed)
 
     def _explained(self, found: Witnesses, state: Indices, drifted: Floats) -> Witnesses:
         """Return the counterexamples that errors within their bounds explain, with the states that they are of."""

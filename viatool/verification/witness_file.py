@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from viatool.arrays import Booleans, Floats
+from viatool.channels.erring import ScanErrors
 from viatool.errors import ConfigurationError, InputError
 from viatool.loop.horizon import Crashes
 from viatool.motion.actuation import IDEAL_MOTORS, Actuation, Response
@@ -28,6 +29,7 @@ from viatool.safety.witness import Witnesses
 from viatool.setting.admissible import explain
 from viatool.setting.criteria import criterion_of
 from viatool.setting.rules import Rules
+from viatool.setting.scanned import changed_scans
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
 from viatool.trajectory import read_scenario, write_scenario
@@ -169,17 +171,31 @@ def _errors(result: Result, found: Witnesses, row: int, state: int) -> dict[str,
     """Return which errors make a counterexample of what was recorded, where they are not within eps alone."""
     setting, recorded, told = result.setting, result.trajectory.poses[state], dict[str, Any]()
     drifted = None
+    scenario, first = result.trajectory.scenarios[result.trajectory.episode[state]], np.zeros(1, np.int64)
     if setting.pose_radii.any():
         believed = found.believed[row]
         told |= {"recorded_pose": recorded.tolist(), "believed_pose": believed.tolist()}
-        scenario = result.trajectory.scenarios[result.trajectory.episode[state]]
         if scenario is not None:
             scenes, goals = Scenes.of(result.world_map, [scenario]), setting.goals([scenario])
-            first = np.zeros(1, np.int64)
             drifted = setting.drifted(scenes, first, recorded[None], believed[None], goals)[0]
+    scans = setting.reading_errors.scans
+    if scans:
+        flaws = found.start[row, None], found.turn[row, None], found.passed[row, None]
+        moved = changed_scans(setting, [scenario], first, *flaws)[0]
+        drifted = moved if drifted is None else drifted + moved
     observation = result.trajectory.observations[state]
-    errors = explain(setting.reading_errors, observation, found.observation[row], drifted)
+    errors = explain(setting.reading_errors, observation, found.observation[row], drifted) or {}
+    for number, scan in enumerate(scans):
+        name = setting.reading_errors.inputs.channels[_channel_of(setting, scan)].name
+        turn, passed = float(found.turn[row, number]), np.flatnonzero(found.passed[row, scan.columns])
+        told_of = ({"angle": turn} if turn else {}) | ({"passed": passed.tolist()} if passed.size else {})
+        if told_of:
+            errors[name] = errors.get(name, {}) | told_of
     return told | ({"errors": errors} if errors else {})
+
+
+def _channel_of(setting: Setting, scan: ScanErrors) -> int:
+    return int(setting.reading_errors.inputs.channel[scan.columns[0]])
 
 
 def run_before(crashes: Crashes, row: int) -> list[dict[str, Any]]:

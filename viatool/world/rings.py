@@ -138,6 +138,17 @@ def ring_edges(ring: Floats) -> Floats:
     return np.concatenate([ring, np.roll(ring, -1, axis=0)], axis=1)
 
 
+def ring_width(ring: Floats) -> float:
+    """Return the least distance of two parallel lines with a ring between them, in metres."""
+    import shapely
+
+    hull = shapely.get_coordinates(shapely.MultiPoint(ring).convex_hull)
+    along = np.diff(hull, axis=0)
+    normals = np.stack([-along[:, 1], along[:, 0]]) / np.hypot(*along.T)
+    heights = hull @ normals  # (corners, edges): one of the lines lies along an edge of the hull
+    return float((heights.max(axis=0) - heights.min(axis=0)).min())
+
+
 def signed_area(ring: Floats) -> float:
     """Return the area of a ring in m^2, positive when its corners run counter-clockwise."""
     x, y = (ring - ring.mean(axis=0)).T

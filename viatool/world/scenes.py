@@ -85,10 +85,15 @@ class Scenes:
     @classmethod
     def of(cls, world_map: WorldMap, scenarios: Sequence[Scenario | None]) -> Scenes:
         """Return the scenes of scenarios; None is the map with nothing added."""
-        own = [Obstacles() if scenario is None else scenario.obstacles for scenario in scenarios]
+        return cls.around(world_map, own_of(scenarios))
+
+    @classmethod
+    def around(cls, world_map: WorldMap, own: Sequence[Obstacles], thin: float = 0.0) -> Scenes:
+        """Return scenes with obstacles of their own, as rays meet them that pass all obstacles of a width."""
+        own = [obstacles.without_thin(thin) for obstacles in own]
         circles = _pad([obstacles.circles for obstacles in own], _NO_CIRCLE)
         edges = _pad([obstacles.edges() for obstacles in own], _NO_EDGE)
-        return cls(world_map.arena, world_map.obstacles, circles, edges)
+        return cls(world_map.arena, world_map.obstacles.without_thin(thin), circles, edges)
 
     def __len__(self) -> int:
         """Return the number of scenes."""
@@ -335,6 +340,11 @@ class Scenes:
         if self._grid is not None:
             nearest[self._grid.encloses(corners)] = 0.0
         return nearest
+
+
+def own_of(scenarios: Sequence[Scenario | None]) -> list[Obstacles]:
+    """Return what scenarios add to a map; nothing where there is none."""
+    return [Obstacles() if scenario is None else scenario.obstacles for scenario in scenarios]
 
 
 def _pad(arrays: Sequence[Floats], nothing: tuple[float, ...]) -> Floats:

@@ -18,12 +18,16 @@ from viatool.world.rings import (
     finite_points,
     fit,
     ring_edges,
+    ring_width,
     simple_polygon,
     without_repeats,
 )
 
 if TYPE_CHECKING:
     from viatool.world.occupancy import OccupancyGrid
+
+_AS_WIDE = 1.0 + 1e-9
+"""So that an obstacle is thin which is as wide as may be passed, whatever is rounded."""
 
 
 def _no_circles() -> Floats:
@@ -104,6 +108,21 @@ class Obstacles:
     def centres(self) -> Floats:
         """Return the centres of the circles and the centroids of the polygons, (K + polygons, 2)."""
         return np.concatenate([self.circles[:, :2], *(centroid(polygon)[None] for polygon in self.polygons)])
+
+    def widths(self) -> Floats:
+        """Return how wide the circles, and after them the polygons, are from their narrowest side, (shapes,) metres."""
+        return np.concatenate(
+            [2.0 * self.circles[:, 2], np.array([ring_width(ring) for ring in self.polygons])]
+        )
+
+    def without_thin(self, thin: float) -> Obstacles:
+        """Return what is left of the obstacles for rays that pass those that are thin."""
+        return self.select(~passed_by(self.widths(), thin)) if thin > 0.0 else self
+
+
+def passed_by(widths: Floats, thin: float) -> Booleans:
+    """Tell which obstacles of (N,) widths a ray may pass that passes thin ones; none where that is 0."""
+    return np.asarray((widths <= thin * _AS_WIDE) & (thin > 0.0))
 
 
 def _checked_circles(circles: ArrayLike) -> Floats:
