@@ -10,6 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 import viatool
+from tests.sight.ray_oracle import outlines, scan
 from viatool.channels import Quantities
 from viatool.cli import main
 from viatool.motion.kinematics import DIFFERENTIAL, KINEMATICS
@@ -20,6 +21,7 @@ from viatool.simulate.motor_flaws import MotorFlaws
 from viatool.simulate.roll_out import drive
 from viatool.simulate.sensor_flaws import SensorFlaws
 from viatool.uncertainty import ErrorModel
+from viatool.world import Obstacles
 
 LIDAR = {"absolute": 0.05, "relative": 0.02, "bias": 0.03, "missing": 2}
 MOTORS = {
@@ -145,7 +147,7 @@ def setting_of(policy, lab, model, **wished) -> Setting:
 def test_a_model_whose_errors_are_nothing_changes_nothing(policy, lab):
     nothing = ErrorModel.model_validate(
         {
-            "sensor": {"lidar": {"absolute": 0.0, "bias": 0.0, "missing": 0, "angle": 0.0}},
+            "sensor": {"lidar": {"absolute": 0.0, "bias": 0.0, "missing": 0, "angle": 0.0, "thin": 0.0}},
             "pose": {"x": 0.0},
             "actuation": {"linear": {"lag": [0.0, 0.0], "relative": 0.0}},
             "timing": {"interval": [0.1, 0.1], "delay": [0.0, 0.0]},
@@ -157,6 +159,32 @@ def test_a_model_whose_errors_are_nothing_changes_nothing(policy, lab):
     assert (plain.trajectory.outcomes == flawed.trajectory.outcomes).all()
     assert np.abs(plain.trajectory.poses - flawed.trajectory.poses).max() < 1e-6
     assert plain.trajectory.time == pytest.approx(flawed.trajectory.time)
+
+
+@pytest.mark.parametrize("adversary", [False, True])
+def test_rays_pass_thin_obstacles_or_see_them(lab, adversary):
+    posts = Obstacles(np.array([[1.0, 0.0, 0.04], [-1.0, 0.3, 0.04], [0.2, -1.0, 0.04], [0.0, 1.2, 0.2]]))
+    world = replace(lab, obstacles=lab.obstacles + posts)
+    model = ErrorModel.model_validate({"sensor": {"lidar": {"thin": 0.1}}})
+    scenario = replace(lab.scenarios[0], start=(0.0, 0.0, 0.0), goal=(3.5, 0.0), obstacles=Obstacles())
+    simulator = NavigationSimulator(
+        world, 1, noise=0.0, errors=model, adversary=adversary, scenarios=[scenario]
+    )
+    simulator.reset()
+    seen = np.concatenate([simulator.offer(60)[:, 0, :20]])
+    poses = simulator.poses
+    lidar = simulator.robot.lidar
+    near, far = (
+        scan(poses, lidar, outlines(replace(world, obstacles=kept), None))[0]
+        for kept in (world.obstacles, lab.obstacles + posts.select(np.array([False, False, False, True])))
+    )
+    assert (seen >= near - 1e-4).all()
+    assert (seen <= far + 1e-4).all()
+    met = near < far - 0.01
+    assert met.sum() >= 2
+    assert np.allclose(seen.min(axis=0)[met], near[met], atol=1e-4)
+    if adversary:
+        assert np.allclose(seen.max(axis=0)[met], far[met], atol=1e-4)
 
 
 def test_an_adversary_comes_nearer_than_chance(policy, lab):

@@ -290,7 +290,6 @@ def test_a_choice_is_bounded_over_what_errs_together(tmp_path):
     [
         ({"goal_distance": {"missing": 1}}, "sensor.goal_distance.missing: the channel is no LiDAR"),
         ({"budget": {"bias": 0.1}}, "fixed to 7.3"),
-        ({"lidar": {"angle": 0.1}}, "sensor.lidar.angle"),
     ],
 )
 def test_what_a_channel_does_not_have_is_refused_by_name(driven, sensor, said):

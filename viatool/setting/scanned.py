@@ -52,8 +52,8 @@ def check_scans(model: ErrorModel, world_map: WorldMap, job: str) -> None:
         )
     if whole and job == "verify" and any(model.obstacles.roams.values()):
         raise ConfigurationError(
-            f"{model.source}: sensor.{whole[0][0]}.{whole[0][1]} and obstacles.roams together are not taken into account "
-            "for recorded states: what another scan would be depends on where things were",
+            f"{model.source}: sensor.{whole[0][0]}.{whole[0][1]} and obstacles.roams together are not taken into "
+            "account for recorded states: what another scan would be depends on where things were",
             "leave one of them out, or certify",
         )
     if thin and moving and job == "simulate":
