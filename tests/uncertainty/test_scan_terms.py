@@ -316,7 +316,7 @@ def test_what_a_channel_does_not_have_is_refused_by_name(sensor, said):
 
 def test_thin_obstacles_of_an_occupancy_map_are_refused_by_name():
     office, model = (
-        viatool.load_map("office"),
+        viatool.load_map("maps/office-grid.yaml"),
         ErrorModel.model_validate({"sensor": {"lidar": {"thin": 0.1}}}),
     )
     assert office.obstacles.grid is not None

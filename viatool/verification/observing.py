@@ -194,7 +194,9 @@ class BlockSensors:
     ) -> Witnesses:
         """Search from some true poses of each box, with some believed ones."""
         if not len(doubtful):
-            return Witnesses.join([], self.observations.shape[1], commands[0].shape[1])
+            turn, passed = self._scans(0, np.random.default_rng(seed))
+            none = Witnesses.join([], self.observations.shape[1], commands[0].shape[1])
+            return replace(none, turn=turn, passed=passed) if self.errors.scans else none
         generator = np.random.default_rng(seed)
         rows = np.repeat(doubtful, _BELIEFS)
         recorded, radii = self.states.poses[rows], _WITHIN * self.setting.pose_radii
@@ -217,7 +219,9 @@ class BlockSensors:
             shared=None if self.shared is None else self.shared[rows],
         )  # fmt: skip
         at = found.state
-        found = replace(found, start=true[at], believed=believed[at], turn=turn[at], passed=passed[at])
+        found = replace(found, start=true[at], believed=believed[at])
+        if self.errors.scans:
+            found = replace(found, turn=turn[at], passed=passed[at])
         found = self._explained(found, rows[found.state], drifted[found.state])
         best = np.lexsort([found.clearance, found.state])
         found = found.select(best)
