@@ -43,7 +43,7 @@ def check_scans(model: ErrorModel, world_map: WorldMap, job: str) -> None:
         for field in ("angle", "thin")
         if getattr(terms, field)
     ]
-    moving = [place for place, term, value, _ in model.stated() if term.startswith("obstacles.") and value]
+    moving = [place for place, term, _, _ in model.stated() if term.startswith("obstacles.")]
     if thin and world_map.obstacles.grid is not None:
         raise ConfigurationError(
             f"{model.source}: sensor.{thin[0]}.thin: the cells of an occupancy map are not told apart as obstacles, so "
