@@ -20,23 +20,33 @@ def runs(
     start: tuple[Floats, Floats],
     errors: Floats,
     look: Callable[[Floats], Floats] | None = None,
+    *,
+    shares: Floats | float = 0.0,
+    astray: Floats | float = 0.0,
 ) -> tuple[Floats, Floats]:
     """Drive R runs for K intervals from poses (R, 3) after commands (R, 2), with sensor errors (R, K, n).
 
-    Returns poses (R, K, 3) and commands (R, K, 2) of the policies of the lab: 20 bins, goal, previous command, budget.
+    Readings are off by shares (R, K, n) of themselves as well, and the goal is seen from poses that are astray
+    (R, K, 3). Returns poses (R, K, 3) and commands (R, K, 2) of the policies of the lab: 20 bins, goal, previous
+    command, budget.
     """
     shapes, seconds = outlines(world, scenario), world.robot.control_interval
     poses, command = (np.array(part, dtype=float) for part in start)
     low = np.array([world.robot.min_linear, -world.robot.max_angular])
     high = np.array([world.robot.max_linear, world.robot.max_angular])
     places, commands = [], []
-    for error in np.moveaxis(errors, 1, 0):
+    shares = np.broadcast_to(shares, errors.shape)
+    astray = np.broadcast_to(astray, (*errors.shape[:2], 3))
+    for error, share, off in zip(
+        *(np.moveaxis(part, 1, 0) for part in (errors, shares, astray)), strict=True
+    ):
         readings = scan(poses, world.robot.lidar, shapes) if look is None else look(poses)
-        dx, dy = np.array(scenario.goal)[:, None] - poses[:, :2].T
-        bearing = np.arctan2(dy, dx) - poses[:, 2]
+        believed = poses + off
+        dx, dy = np.array(scenario.goal)[:, None] - believed[:, :2].T
+        bearing = np.arctan2(dy, dx) - believed[:, 2]
         rest = [np.hypot(dx, dy), np.cos(bearing), np.sin(bearing), *command.T, np.zeros(len(poses))]
         seen = np.hstack([readings, np.stack(rest, axis=1)])
-        command = np.clip(policy.run(seen + error), low, high).astype(float)
+        command = np.clip(policy.run(seen * (1.0 + share) + error), low, high).astype(float)
         poses = arc(poses, command, seconds)
         places.append(poses)
         commands.append(command)

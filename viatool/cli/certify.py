@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 )
 @options.eps_option
 @options.errors_option
+@options.pose_error_option
 @options.spec_option
 @click.option(
     "--criterion",
@@ -159,6 +160,7 @@ def command(ctx: click.Context, /, **given: Any) -> None:
             world_map,
             scenario,
             eps=options.plain_eps(given["eps"]),
+            errors=options.stated_errors(given),
             resolution=Resolution(given["smallest"], given["halvings"]),
             budget=SearchBudget(until, given["budget_cells"] or 2**62, given["sample"]),
             lookahead=Lookahead(
@@ -180,7 +182,6 @@ def command(ctx: click.Context, /, **given: Any) -> None:
 
 
 _PASSED_ON = (
-    "errors",
     "criterion",
     "clearance",
     "deceleration",

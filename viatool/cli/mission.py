@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 @click.option("--goal", type=PointType(), help="Where it heads, instead of the scenario's goal.")
 @options.eps_option
 @options.errors_option
+@options.pose_error_option
 @click.option(
     "--start-error",
     type=PoseErrorType(),
@@ -137,6 +138,7 @@ def command(ctx: click.Context, /, **given: Any) -> None:
             policy,
             world_map,
             eps=options.plain_eps(given["eps"]),
+            errors=options.stated_errors(given),
             scenarios=scenarios,
             limits=limits,
             campaign=Campaign(scheduler, given["checkpoint"], given["resume"]),
@@ -151,7 +153,6 @@ def command(ctx: click.Context, /, **given: Any) -> None:
 
 
 _PASSED_ON = (
-    "errors",
     "start_error",
     "criterion",
     "arithmetic",

@@ -12,10 +12,11 @@ import click
 from click.shell_completion import CompletionItem
 
 from viatool.cli.numbers import finite
-from viatool.cli.shapes import FootprintType
+from viatool.cli.shapes import FootprintType, PoseErrorType
 from viatool.samples import ERRORS, MAPS, POLICIES, Shelf
 
 if TYPE_CHECKING:
+    from viatool.uncertainty import ErrorModel
     from viatool.world import Scenario, WorldMap
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -206,6 +207,13 @@ errors_option = click.option(
     help="Error model (YAML): what is bounded about sensors, pose, motors, time and moving things, see docs/errors.md; "
     "or the name of a robot whose data sheet is known, such as husky.",
 )
+pose_error_option = click.option(
+    "--pose-error",
+    type=PoseErrorType(),
+    default=(0.0, 0.0),
+    help="How far x and y, and the heading, that localisation gives may be off in each control interval, such as "
+    "0.01,0.01; the same as pose in an error model.",
+)
 seed_option = click.option(
     "--seed",
     type=click.IntRange(min=0),
@@ -340,6 +348,14 @@ arithmetic_option = click.option(
 deceleration_option = click.option(
     "--deceleration", type=QuantityType("m/s²"), help="Braking instead of the robot's."
 )
+
+
+def stated_errors(given: Mapping[str, Any]) -> ErrorModel:
+    """Return the error model of `--errors` with what `--pose-error` adds."""
+    from viatool.uncertainty import as_error_model
+
+    model = as_error_model(given["errors"])
+    return model.with_pose_error(*given["pose_error"]) if any(given["pose_error"]) else model
 
 
 def bounds_options(command: Command) -> Command:

@@ -10,7 +10,6 @@ import click
 from viatool.cli import options
 from viatool.cli.gating import build_gate, gate_options, leave_by_gate
 from viatool.cli.reporting import read_outputs, tell
-from viatool.cli.shapes import PoseErrorType
 from viatool.cli.states import bag_settings, choose_scenarios, sampled_places, state_options
 from viatool.cli.terminal import show_progress
 from viatool.cli.work import keeping, work_options
@@ -19,7 +18,6 @@ from viatool.setting.criteria import CRITERIA
 if TYPE_CHECKING:
     from viatool.loop.horizon import Horizon
     from viatool.schedule import Progress
-    from viatool.uncertainty import ErrorModel
     from viatool.verification.result import Result
 
 _PASSED_ON = (
@@ -53,6 +51,7 @@ _PASSED_ON = (
 @options.unknown_option
 @options.eps_option
 @options.errors_option
+@options.pose_error_option
 @options.spec_option
 @click.option(
     "--criterion",
@@ -73,13 +72,6 @@ _PASSED_ON = (
     metavar="K",
     help="Also follow the closed loop from every state over K control intervals, LiDAR in the loop: where it may be, "
     "and from how many states it stays safe.",
-)
-@click.option(
-    "--pose-error",
-    type=PoseErrorType(),
-    default=(0.0, 0.0),
-    help="How far x and y, and the heading, that localisation gives may be off, such as 0.01,0.01; with --horizon "
-    "that of the first pose alone.",
 )
 @click.option(
     "--only-contested",
@@ -139,21 +131,11 @@ def _horizon(given: Mapping[str, Any]) -> Horizon | None:
     from viatool.loop.horizon import Horizon
 
     if given["horizon"] is not None:
-        return Horizon(given["horizon"], *given["pose_error"])
+        return Horizon(given["horizon"])
     about_it = [f"--fail-under {text}" for text in given["fail_under"] if text.startswith("horizon=")]
     if about_it:
         raise ConfigurationError(f"{about_it[0]} is about a horizon", "add --horizon K, such as --horizon 10")
     return None
-
-
-def _errors(given: Mapping[str, Any]) -> ErrorModel:
-    """Return the error model, with what `--pose-error` adds where no horizon follows."""
-    from viatool.uncertainty import as_error_model
-
-    model = as_error_model(given["errors"])
-    if given["horizon"] is None and any(given["pose_error"]):
-        return model.with_pose_error(*given["pose_error"])
-    return model
 
 
 def _verify(given: Mapping[str, Any], progress: Progress) -> Result:
@@ -170,7 +152,7 @@ def _verify(given: Mapping[str, Any], progress: Progress) -> Result:
         bag=bag,
         places=places,
         horizon=_horizon(given),
-        errors=_errors(given),
+        errors=options.stated_errors(given),
         progress=progress,
         **{name: given[name] for name in _PASSED_ON},
     )

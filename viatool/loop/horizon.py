@@ -60,16 +60,19 @@ class Horizon:
     def beginning(self, model: ErrorModel) -> Horizon:
         """Return the same from the box of starts that an error model states; of x and y the larger counts for both.
 
+        A recorded pose is one that localisation gave, so the box is no smaller than its error.
+
         Raises
         ------
         ConfigurationError
             If both state one.
         """
-        start = model.start
-        place, heading = max(start.x or 0.0, start.y or 0.0), start.theta or 0.0
+        start, pose = model.start, model.pose
+        place = max(start.x or 0.0, start.y or 0.0, pose.x or 0.0, pose.y or 0.0)
+        heading = max(start.theta or 0.0, pose.theta or 0.0)
         if (place or heading) and self.pose_error.any():
             raise ConfigurationError(
-                f"{model.source} states a box of starts, and so does --pose-error", "leave one of them out"
+                f"{model.source} states a box of starts, and so does the horizon", "leave one of them out"
             )
         return replace(self, position_error=place, heading_error=heading) if place or heading else self
 

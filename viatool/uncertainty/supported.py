@@ -26,11 +26,14 @@ _SHOWN = frozenset({"obstacles.speed", "obstacles.named", "obstacles.roams"})
 """Moving things that the map shows."""
 _MOVING = _SHOWN | frozenset(f"obstacles.{term}" for term in ("returns", "people", "hidden", "behind"))
 
+_OVER_SETS = frozenset({"sensor.absolute", "sensor.relative", "sensor.bias"}) | _POSE
+"""What is enclosed wherever the closed loop is followed from sets of states."""
+
 SUPPORTED: dict[str, frozenset[str]] = {
     "verify": _SENSOR | MOTION | _POSE | _MOVING,
-    "verify with a horizon": frozenset({"sensor.absolute"}) | _START,
+    "verify with a horizon": _OVER_SETS | _START,
     "certify": _SENSOR | MOTION | _POSE | _SHOWN,
-    "mission": frozenset({"sensor.absolute"}) | _START,
+    "mission": _OVER_SETS | _START,
     "simulate": _DRAWN | MOTION | _SHOWN | _SENSOR | {"obstacles.people"},
     "simulate with bullet": _DRAWN,
 }
