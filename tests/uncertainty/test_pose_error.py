@@ -215,8 +215,6 @@ def test_what_cannot_be_followed_is_refused_by_name(driven):
     nowhere = replace(trajectory, scenarios=tuple(None for _ in trajectory.scenarios))
     with pytest.raises(ConfigurationError, match="an episode has no goal"):
         verified((policy, nowhere, None), model_of())
-    with pytest.raises(ConfigurationError, match=r"pose\.x"):
-        verified(driven, model_of(), horizon=3)
     with pytest.raises(ConfigurationError, match="states a pose error, and so does"):
         model_of().with_pose_error(0.1, 0.1)
 

@@ -252,9 +252,9 @@ class Setting:
         return np.array([scenario.goal for scenario in scenarios if scenario is not None], dtype=np.float64)
 
     def drift(self, poses: Floats, scenarios: Sequence[Scenario | None], episode: Indices) -> Drift | None:
-        """Return what other believed poses and scans change at recorded poses (B, 3); None if neither errs."""
+        """Return what other believed poses and scans change at recorded poses (B, 3); None if nothing errs."""
         radii, scans = self.pose_radii, bool(self.reading_errors.scans)
-        if not (self.believes or scans):
+        if not (len(poses) and (self.believes or scans)):
             return None
         needed = self.believes and "goal" in self.quantities.needs
         goals = self.goals(scenarios) if needed else np.zeros((len(scenarios), 2))
