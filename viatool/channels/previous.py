@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from viatool.arrays import Floats, Reals
+from viatool.arrays import Floats, Hull, Indices, Reals
 from viatool.channels.channel import Channel
 from viatool.channels.part_of_motion import PartOfMotion
 from viatool.channels.quantity import Part, Quantity, observes, refuse_lidar
@@ -58,6 +58,10 @@ class PreviousCommand(PartOfMotion):
     def enclose(self, view: BoxView) -> Forms:
         """Return the part of the state; where sets hold the state of the motion instead, any that was carried out."""
         return view.between(*self.limits) if motion_of(self.robot).state else view.command(self.axis)
+
+    def told_of(self, axis: int, made: Indices) -> Indices:
+        """Return its number, of its own axis."""
+        return np.arange(int(self.axis == axis))
 
     @property
     def limits(self) -> tuple[float, float]:
@@ -124,7 +128,11 @@ class PreviousRaw(Quantity):
         free = Forms.between(np.where(known, 0.0, lower), np.where(known, 0.0, upper))
         return Forms.where(known, raw, Forms(free.centre, 0.0 * raw.slope, free.rest))
 
-    def require_limits(self, lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
+    def told_of(self, axis: int, made: Indices) -> Indices:
+        """Return the outputs that make an axis."""
+        return np.flatnonzero(made == axis)
+
+    def require_limits(self, lower: Floats, upper: Floats) -> Hull:
         """Return ends of outputs (..., K), where they make a difference to the channel.
 
         Raises

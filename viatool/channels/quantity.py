@@ -14,7 +14,7 @@ from typing import ClassVar, Literal, TypeVar
 
 import numpy as np
 
-from viatool.arrays import Floats, Indices, Reals
+from viatool.arrays import Floats, Hull, Indices, Reals
 from viatool.channels.channel import Channel
 from viatool.channels.views import BoxView, Extent, RecordedInstants, View
 from viatool.errors import PolicyError
@@ -54,7 +54,7 @@ class Quantity(ABC):
     robot: Robot
 
     needs: ClassVar[frozenset[str]] = frozenset()
-    """What it takes beyond poses: "scan", "goal", "command" of a recording; "outputs" of the network."""
+    """What it takes beyond poses: "scan", "goal", "command" of a recording; "outputs" of the network; "time" left."""
 
     believes: ClassVar[bool] = True
     """Whether it may depend on the pose that the robot believes."""
@@ -92,6 +92,20 @@ class Quantity(ABC):
     def bounds(self, extent: Extent) -> tuple[float, float]:
         """Return the least and the largest number that `measure` gives on a map."""
         raise self.lacks("bounds")
+
+    def told_of(self, axis: int, made: Indices) -> Indices:
+        """Return which of its numbers tell of an axis of the command before; outputs make entries (K,) of it."""
+        return np.zeros(0, np.int64)
+
+    def require_limits(self, lower: Floats, upper: Floats) -> Hull:
+        """Return ends (..., k) of what it takes beyond poses, where they make a difference to the channel.
+
+        Raises
+        ------
+        PolicyError
+            If one of them is infinite.
+        """
+        raise self.lacks("enclose")
 
     def mirror(self) -> tuple[Indices, Floats]:
         """Return which numbers, (k,), times which signs, (k,), are observed in the scene's mirror image."""

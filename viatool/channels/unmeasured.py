@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from viatool.arrays import Floats, Indices, Reals
+from viatool.arrays import Floats, Hull, Indices, Reals
 from viatool.channels.channel import Channel
 from viatool.channels.quantity import Quantity, observes, refuse_lidar
 from viatool.channels.views import BoxView, View
@@ -38,6 +38,7 @@ class StepsLeft(Quantity):
     """How many control intervals are left until the episode ends."""
 
     believes = False
+    needs = frozenset({"time"})
 
     def measure(self, view: View) -> Reals:
         """Return the intervals that are left; all of them before an episode."""
@@ -54,24 +55,24 @@ class StepsLeft(Quantity):
         PolicyError
             If neither bounds it.
         """
-        least, most = self.channel.told_apart
         left = np.array([[0.0, np.inf]]) if view.left is None else view.left
-        self.require_limits(*left.T)
-        return view.between(*np.clip(left, least, most).T)
+        return view.between(*self.require_limits(*left.T))
 
-    def require_limits(self, lower: float | Floats, upper: float | Floats) -> None:
-        """Refuse ends of what may be left that the channel does not bound either.
+    def require_limits(self, lower: Floats, upper: Floats) -> Hull:
+        """Return ends of what may be left, where they make a difference to the channel.
 
         Raises
         ------
         PolicyError
-            If there is none.
+            If one of them is infinite.
         """
-        if not np.isfinite(np.clip([lower, upper], *self.channel.told_apart)).all():
+        ends = np.clip(lower, *self.channel.told_apart), np.clip(upper, *self.channel.told_apart)
+        if not np.isfinite(ends).all():
             raise PolicyError(
                 f"{self.channel} is not known over a set of poses: nothing tells how long an episode is",
                 "give the channel a `clip` or a fixed `value` in the specification, or verify recorded states alone",
             )
+        return ends
 
     def mirror(self) -> tuple[Indices, Floats]:
         """Return the time as it is."""

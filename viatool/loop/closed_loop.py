@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from viatool.arrays import Booleans, Floats, Indices
+from viatool.arrays import Booleans, Floats
 from viatool.channels import Quantities, Sightings
-from viatool.channels.previous import PreviousCommand, PreviousRaw
 from viatool.channels.velocities import MeasuredVelocity
 from viatool.errors import PolicyError
+from viatool.loop.command_bounds import CommandBounds, SentReach
 from viatool.loop.observation import Sensors
 from viatool.loop.retreat import keep_away
 from viatool.loop.told import Recollection
@@ -54,65 +52,6 @@ _CHUNK_PAIRS = 400_000
 _CHUNK_NUMBERS = 8_000_000
 """Coefficients of the inputs of a network, n for each of its n inputs, that are kept together."""
 _EFFORT = ProofEffort(levels=8, cells=64, tolerance=1e-4)
-
-
-@dataclass(frozen=True, eq=False)
-class CommandBounds:
-    """What the policy can command in C cells.
-
-    Parameters
-    ----------
-    pieces : CommandPieces
-        Boxes of commands (A,), of a differential drive v in m/s and omega in rad/s, as the robot carries them out: one
-        of what the policy gives, and one for each command that it may choose, or that a rule may send.
-    influence : ndarray
-        (C, 1 + A) shares of their width that come from the pose, and from each entry of the command before.
-    """
-
-    pieces: CommandPieces
-    influence: Floats
-
-    @cached_property
-    def ends(self) -> tuple[Floats, Floats]:
-        """The ends of the box around all pieces of each cell, (C, A) each."""
-        return self.pieces.hull()
-
-    @property
-    def lower(self) -> Floats:
-        """Return the least numbers of a command, (C, A)."""
-        return self.ends[0]
-
-    @property
-    def upper(self) -> Floats:
-        """Return the largest numbers of a command, (C, A)."""
-        return self.ends[1]
-
-    def select(self, which: NDArray[Any]) -> CommandBounds:
-        """Return those of some cells."""
-        return CommandBounds(self.pieces.select(which), self.influence[which])
-
-    def replaced(self, rows: Indices, other: CommandBounds) -> CommandBounds:
-        """Return these with others in the place of those of some cells (D,), each once."""
-        kept = np.setdiff1d(np.arange(len(self.influence)), rows)
-        order = np.argsort(np.concatenate([kept, rows]))
-        pieces = CommandPieces.join([self.pieces.select(kept), other.pieces]).select(order)
-        return CommandBounds(pieces, np.concatenate([self.influence[kept], other.influence])[order])
-
-
-@dataclass(frozen=True, eq=False)
-class SentReach:
-    """What is sent in C sets of states: P pieces, each a form of the sets' symbols.
-
-    Parameters
-    ----------
-    cell : ndarray
-        (P,) the set of each piece, ascending; every set has one at least.
-    reach : LinearReach
-        P of them.
-    """
-
-    cell: Indices
-    reach: LinearReach
 
 
 @dataclass(frozen=True, eq=False)
@@ -452,11 +391,9 @@ class ClosedLoop:
             return []
         quantities, first = self.sensors.quantities, symbols - len(self.setting.radii)
         outputs, told = self.sensors.recollection.outputs, []
+        made = np.zeros(0, np.int64) if outputs is None else outputs.entry
         for quantity, place in zip(quantities, quantities.columns, strict=True):
-            if isinstance(quantity, PreviousCommand) and quantity.axis == axis:
-                told.append(first + place.start)
-            if isinstance(quantity, PreviousRaw) and outputs is not None:
-                told += (first + place.start + np.flatnonzero(outputs.entry == axis)).tolist()
+            told += (first + place.start + quantity.told_of(axis, made)).tolist()
         return told
 
 

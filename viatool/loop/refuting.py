@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from viatool.arrays import Floats, Indices
-from viatool.loop.closed_loop import ClosedLoop, CommandBounds
+from viatool.loop.closed_loop import ClosedLoop
+from viatool.loop.command_bounds import CommandBounds
 from viatool.rounding import AS_RECEIVED
 from viatool.safety import JudgedStates, Witnesses, search_witnesses
 from viatool.schedule import check_time

@@ -16,8 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viatool.arrays import Booleans, Floats, Indices
-from viatool.channels.previous import PreviousRaw
-from viatool.channels.unmeasured import StepsLeft
 from viatool.policy import Policy
 from viatool.policy.action_map import scaling_of
 from viatool.policy.command_map import Picked
@@ -27,6 +25,9 @@ from viatool.sets.states import POSE, StateBoxes
 from viatool.setting.premises import Premise
 from viatool.setting.setting import Setting
 from viatool.taylor.outputs import output_range
+
+_TOLD = frozenset({"time", "outputs"})
+"""What a channel may need that sets of states do not hold."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,13 +49,11 @@ class Told:
     def recorded(cls, setting: Setting, observations: Floats) -> Told:
         """Return what was observed in recorded states (C, n)."""
         ends = np.stack(setting.spec.inputs.readings(observations), axis=1)
-        columns: dict[type, Indices] = {}
+        columns: dict[str, Indices] = {}
         for quantity in setting.quantities:
-            if isinstance(quantity, StepsLeft | PreviousRaw):
-                columns[type(quantity)] = setting.spec.inputs.newest(quantity.channel.name)
-        left, raw = (
-            ends[:, :, columns[kind]] if kind in columns else None for kind in (StepsLeft, PreviousRaw)
-        )
+            for need in quantity.needs & _TOLD:
+                columns[need] = setting.spec.inputs.newest(quantity.channel.name)
+        left, raw = (ends[:, :, columns[need]] if need in columns else None for need in ("time", "outputs"))
         return cls(None if left is None else left[:, :, 0], raw)
 
     def select(self, which: NDArray[Any] | slice) -> Told:
@@ -213,9 +212,9 @@ class Recollection:
         """
         outputs = None
         for quantity in setting.quantities:
-            if isinstance(quantity, StepsLeft) and episode is None:
-                quantity.require_limits(0.0, np.inf)
-            if isinstance(quantity, PreviousRaw):
+            if "time" in quantity.needs and episode is None:
+                quantity.require_limits(np.zeros(1), np.full(1, np.inf))
+            if "outputs" in quantity.needs:
                 outputs = outputs or OutputsBefore.of(policy, setting)
                 quantity.require_limits(outputs.lower, outputs.upper)
         return cls(episode, outputs)
@@ -254,7 +253,7 @@ class Recollection:
 
 def told_of_time(setting: Setting, words: str) -> Setting:
     """Return the same, with what is assumed of the time that is left, where the policy observes it."""
-    if not any(isinstance(quantity, StepsLeft) for quantity in setting.quantities):
+    if "time" not in setting.quantities.needs:
         return setting
     return replace(setting, premises=(*setting.premises, Premise("control intervals left", words, "default")))
 

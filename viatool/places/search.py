@@ -7,7 +7,8 @@ from collections import defaultdict
 import numpy as np
 
 from viatool.arrays import Floats, Indices
-from viatool.loop.closed_loop import ClosedLoop, CommandBounds
+from viatool.loop.closed_loop import ClosedLoop
+from viatool.loop.command_bounds import CommandBounds
 from viatool.loop.refuting import refute
 from viatool.motion.manoeuvre import Manoeuvre
 from viatool.places.findings import BLOCKED, CERTIFIED, REFUTED, SETTLED, UNKNOWN, CellFindings
