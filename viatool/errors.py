@@ -66,8 +66,12 @@ class SelfCheckError(ViatoolError):
 class BoundsError(ViatoolError):
     """Bounds are NaN or the wrong way round: an error of this program, on which no verdict may rest."""
 
-    def __init__(self, message: str) -> None:
-        super().__init__(message, "set VIATOOL_TRACEBACK=1, run again and report the traceback as a bug")
+    def __init__(
+        self,
+        message: str,
+        hint: str = "set VIATOOL_TRACEBACK=1, run again and report the traceback as a bug",
+    ) -> None:
+        super().__init__(message, hint)
 
 
 class WorkError(ViatoolError):

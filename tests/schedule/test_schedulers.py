@@ -8,8 +8,9 @@ import time
 import pytest
 
 from tests.schedule.work import Chain, QuickAtFirst, Square, in_order, pieces, report, squares, where
-from viatool.errors import ConfigurationError, EnclosureError, WorkError
-from viatool.schedule import Processes, Serial, open_scheduler
+from viatool.errors import ConfigurationError, EnclosureError, ViatoolError, WorkError
+from viatool.schedule import Piece, Processes, Serial, Span, open_scheduler
+from viatool.schedule.parcel import checked
 
 SCHEDULERS = [Serial(), Processes(2)]
 
@@ -89,3 +90,13 @@ def test_the_scheduler_fits_the_request():
     assert isinstance(open_scheduler(), Serial)
     assert open_scheduler(3).workers == 3
     assert open_scheduler("auto").workers >= 1
+
+
+def _kinds(kind=ViatoolError):
+    return [kind, *(each for below in kind.__subclasses__() for each in _kinds(below))]
+
+
+@pytest.mark.parametrize("kind", _kinds(), ids=lambda kind: kind.__name__)
+def test_every_kind_of_error_is_raised_again_with_the_name_of_its_piece(kind):
+    with pytest.raises(kind, match=r"^states 1 to 5: it is crooked\nhint: bend it"):
+        checked(Piece(Span(1, 5), "states 1 to 5", None), kind("it is crooked", "bend it"))

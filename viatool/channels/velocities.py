@@ -39,11 +39,17 @@ class MeasuredVelocity(PartOfMotion):
     def enclose(self, view: BoxView) -> Forms:
         """Return the velocity that sets of states hold, or the command before, which is had at once.
 
-        Of a robot whose motion has a state no command before is held: what it may have of it is the limits.
+        Of a robot whose motion has a state no command before is held: what it may have of it is the limits, and a turn
+        that follows from the state as well is that of the states which the sets hold.
         """
-        held = self._held(self._move.before)
+        move = self._move
+        held = self._held(move.before)
         if held is not None:
             return view.command(held)
+        if self._follows:
+            assert isinstance(move, ChangingTwist)
+            start = view.start
+            return view.between(*move.turning(self.robot, start.previous_lower, start.previous_upper))
         return view.between(*self.limits)
 
     @property
@@ -71,9 +77,16 @@ class MeasuredVelocity(PartOfMotion):
             number = self._held(axes) if axes else None
             if number is not None:
                 return float(lower[number]), float(upper[number])
-        if isinstance(move, ChangingTwist) and self.part == "turn":
-            return move.turn_limits(self.robot)
+        if isinstance(move, ChangingTwist) and self._follows:
+            lower, upper = move.turning(self.robot, *move.state_range)
+            return float(lower), float(upper)
         return 0.0, 0.0
+
+    @property
+    def _follows(self) -> bool:
+        """Tell whether this part is a turn that follows from command and state, as of a car."""
+        axes = (*self._move.axes, *self._move.state)
+        return isinstance(self._move, ChangingTwist) and self.part == "turn" and self._held(axes) is None
 
 
 @observes("linear_velocity")

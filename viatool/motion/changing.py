@@ -90,9 +90,18 @@ class ChangingTwist(Kinematics):
     def spread(self, lower: Floats, upper: Floats, seconds: float) -> tuple[Floats, Floats, Floats, Floats]:
         """Return ``r_0, r_1, q_0, q_1`` of the module, (C,) each, over boxes (C, A + S) until some time."""
 
-    @abstractmethod
-    def turn_limits(self, robot: Limited) -> tuple[float, float]:
-        """Return the least and the largest turning speed that a robot has."""
+    def turning(self, robot: Limited, lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
+        """Return the ends (...) of the turning speed that a robot has in boxes of states (..., S), after any command.
+
+        **Sound:** yes, also of states beyond the limits of the robot, in which it was recorded.
+        """
+        ends = self.limits(robot)
+        shape = (*lower.shape[:-1], self.first_of_state)
+        least, most = (
+            np.concatenate([np.broadcast_to(end, shape), state], axis=-1)
+            for end, state in zip(ends, (lower, upper), strict=True)
+        )
+        return self.turns(least, most, 0.0)
 
     @abstractmethod
     def neutral(self) -> Floats:

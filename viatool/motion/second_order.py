@@ -74,10 +74,6 @@ class SpeedLimits(ChangingTwist):
         lower, upper = np.array([ends[axis.kind] for axis in self.axes]).T
         return lower, upper
 
-    def turn_limits(self, robot: Limited) -> tuple[float, float]:
-        """See `ChangingTwist.turn_limits`."""
-        return -robot.max_angular, robot.max_angular
-
     def neutral(self) -> Floats:
         """See `ChangingTwist.neutral`: no acceleration, and speeds as near to 0 as it may have."""
         least = {"linear": self.min_linear, "angular": -self.max_angular}

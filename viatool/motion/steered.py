@@ -15,7 +15,6 @@ that of the angle half-way to the quarter turn, or 1.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -83,12 +82,6 @@ class _Car(SpeedLimits):
 
     def _curvature(self, angle: Floats) -> Floats:
         return np.asarray(np.tan(angle) / self.wheelbase)
-
-    def turn_limits(self, robot: Limited) -> tuple[float, float]:
-        """See `ChangingTwist.turn_limits`."""
-        fastest = max(abs(robot.min_linear), abs(robot.max_linear))
-        most = fastest * math.tan(robot.max_steering) / robot.wheelbase
-        return -most, most
 
     @property
     def signals(self) -> tuple[MotionSignal, ...]:

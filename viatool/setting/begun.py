@@ -31,7 +31,7 @@ def states_begun(setting: Setting, trajectory: Trajectory) -> Floats:
     -----
     Sound: yes, in that nothing is guessed: a number that was recorded is taken as exact, as the pose is. One that the
     policy measured is off by no more than its sensor errs; where its channel is clipped it may be any that the robot
-    can have, and is not known (NaN) where nothing limits it.
+    can have, and is not known (NaN) where nothing limits it, or where it was measured beyond the limits.
     """
     kinematics = setting.rules.kinematics
     begun = np.empty((len(trajectory), 2, len(kinematics.state)))
@@ -71,7 +71,7 @@ def _measured(setting: Setting, trajectory: Trajectory, axis: Axis, limits: tupl
     found: Floats = np.stack(
         [np.where(np.isneginf(least), limits[0], least), np.where(np.isposinf(most), limits[1], most)], axis=1
     )
-    return found
+    return np.where((found[:, 0] <= found[:, 1])[:, None], found, np.nan)
 
 
 def _channel_of(setting: Setting, axis: Axis) -> str | None:
