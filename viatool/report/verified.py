@@ -30,6 +30,14 @@ class Verified(Document):
             "arithmetic": record.arithmetic,
         }
 
+    def stated(self, *places: str) -> str:
+        """Return in words the terms of the error model below some places, such as ``actuation``; empty if none."""
+        return ", ".join(
+            f"{premise.name} {premise.value}"
+            for premise in self.record.premises
+            if premise.name.startswith(tuple(f"{place}." for place in places))
+        )
+
     @property
     def assumptions(self) -> Mapping[str, str]:
         """Return what criterion and arithmetic mean."""

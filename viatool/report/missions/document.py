@@ -120,14 +120,16 @@ class MissionsDocument(Verified, Cased, Annotated, Located, Tabled):
     @property
     def assumptions(self) -> Mapping[str, str]:
         """Return what the verdicts rest on."""
-        record = self.record
+        record, beyond = self.record, self.stated("sensor", "pose")
         return {
             **super().assumptions,
             "distance": f"the footprint keeps more than {record.collision_distance:g} m",
             "starts": f"at rest, anywhere within {self._starts} of the scenario's start",
             "arrival": "; ".join(dict.fromkeys(mission.task for mission in record.missions)),
             "map": "correct, and nothing on it moves",
-            "sensors": f"read what is there, each number within eps {describe_eps(record.eps)}, anew in each interval",
+            "sensors": f"read what is there, each number within eps {describe_eps(record.eps)}"
+            + (f", but for {beyond}" if beyond else "")
+            + ", anew in each interval",
             "motion": "exact arcs without slip; commands act at once",
         }
 

@@ -165,18 +165,27 @@ class PlacesDocument(Verified, Annotated):
         return {"command before": "any from " + " and ".join(told)}
 
     @property
-    def _moving(self) -> str:
-        """Return in words what moves on the map."""
-        told = [
-            f"{premise.name} {premise.value}"
-            for premise in self.record.premises
-            if premise.name.startswith("obstacles.")
-        ]
-        return (
-            f"; {', '.join(told)} may move as that says, and nothing else does"
-            if told
-            else ", and nothing on it moves"
-        )
+    def _robot(self) -> Mapping[str, str]:
+        """Return what is taken to be so of map, sensors and robot: ideal, but for what the error model states."""
+        record = self.record
+        moving, pose = self.stated("obstacles"), self.stated("pose")
+        sensors, driven, timing = self.stated("sensor"), self.stated("actuation"), self.stated("timing")
+        slip = "" if "actuation.slip " in driven else " without slip"
+        ideal = f"exact arcs{slip}" if record.state is None else f"exact,{slip}"
+        late = f"commands act after {record.delay:g} s, until then the one before goes on"
+        return {
+            "map": f"correct; {moving} may move as that says, and nothing else does"
+            if moving
+            else "correct, and nothing on it moves",
+            "sensors": f"read what is there, each number within eps {describe_eps(record.eps)}"
+            + (f", but for {sensors}" if sensors else ""),
+            **({"pose": f"as localised, but for {pose}"} if pose else {}),
+            "motion": f"arcs{slip}, followed within {driven}, anew at every instant" if driven else ideal,
+            "timing": "; ".join(
+                ([] if "timing.delay " in timing else [late])
+                + ([f"within {timing}, anew for every command"] if timing else [])
+            ),
+        }
 
     @property
     def assumptions(self) -> Mapping[str, str]:
@@ -186,10 +195,7 @@ class PlacesDocument(Verified, Annotated):
         return {
             **super().assumptions,
             "distance": f"the footprint keeps more than {record.clearance:g} m",
-            "map": f"correct{self._moving}",
-            "sensors": f"read what is there, each number within eps {describe_eps(record.eps)}",
-            "motion": "exact arcs without slip" if record.state is None else "exact, without slip",
-            "timing": f"commands act after {record.delay:g} s, until then the one before goes on",
+            **self._robot,
             **self._before,
             "scope": "the next command from every pose, not those after it",
             "smallest cells": ", ".join(f"{name} {significant(side)}" for name, side in size.items()),
