@@ -69,6 +69,11 @@ class MeasuredVelocity(PartOfMotion):
         return kinds.index(_KINDS[self.part]) if _KINDS[self.part] in kinds else None
 
     @property
+    def held(self) -> bool:
+        """Tell whether sets of states hold it."""
+        return self._held(self._move.before) is not None
+
+    @property
     def limits(self) -> tuple[float, float]:
         """Return the least and the largest of it that the robot has; of one that never moves so, 0."""
         move = self._move

@@ -156,6 +156,8 @@ class ClosedLoop:
         require_ordered("commands", lower, upper)
         if self.rules.machine is not None:
             return self._holds_for(self.rules.machine, cells, lower, upper)
+        if self.rules.command_errors is not None:
+            return self._holds_astray(cells, lower, upper)
         rules, boxes, count = self.rules, cells.poses, len(cells)
         kept = np.ones(count, dtype=bool)
         for index, manoeuvre in enumerate(rules.waiting, start=1):
@@ -204,6 +206,24 @@ class ClosedLoop:
                 _EFFORT,
             ).proved
         return kept
+
+    def _holds_astray(self, cells: StateBoxes, lower: Floats, upper: Floats) -> Booleans:
+        """Tell in which cells a robot whose commands err keeps every pose clear, (C,). **Sound:** yes.
+
+        Cells of which a part is not free are not settled.
+        """
+        rules, held = self.rules, self.given_in(cells, lower, upper)
+        strayed = rules.strayed(*held)
+        assert strayed is not None
+        nearer = strayed.nearer(rules.footprint.reach).max(initial=0.0)
+        return prove_clearance(
+            self.around.everything.throughout(cells.poses.centre, cells.poses.radius),
+            *held,
+            rules.clearance.collision + float(nearer),
+            rules.manoeuvre,
+            rules.footprint,
+            _EFFORT,
+        ).proved
 
     def _any_commands(self, count: int) -> tuple[Floats, Floats]:
         """Return the ends (C, A) of all commands that the robot carries out."""
@@ -413,7 +433,15 @@ def require_known_over_poses(setting: Setting) -> Quantities:
 
 def _check_velocities(observed: Quantities, rules: Rules) -> None:
     """Refuse a measured velocity where motors take time or commands act late: it is not that of the command before."""
-    late = [quantity.channel for quantity in observed if isinstance(quantity, MeasuredVelocity)]
+    measured = [quantity for quantity in observed if isinstance(quantity, MeasuredVelocity)]
+    if rules.command_errors is not None:
+        for quantity in measured:
+            if not quantity.held and quantity.limits != (0.0, 0.0):
+                raise PolicyError(
+                    f"{quantity.channel} is not known over a set of poses when what acts differs from the command",
+                    "leave out the section actuation",
+                )
+    late = [quantity.channel for quantity in measured]
     if not late or (rules.delay == 0.0 and rules.machine is None):
         return
     if rules.machine is None:

@@ -174,9 +174,14 @@ def _step(loop: ClosedLoop, states: Forms, told: Told) -> LoopStep:
     lower, upper = rules.clip(bounds[0]), rules.clip(bounds[1])
     held = loop.given_in(start, lower, upper)
     after = _after(rules, states, command, held, slack)
-    least, most = rules.kinematics.displacement(start.poses, *held, rules.interval)
+    added = rules.kinematics.displacement(start.poses, *held, rules.interval)
     before = rules.kinematics.reached(*held, rules.interval) if rules.kinematics.state else (lower, upper)
-    return LoopStep(sent.cell, start, lower, upper, least, most, *before, after)
+    strayed = rules.strayed(*held)
+    if strayed is not None:
+        after = strayed.around(after)
+        added = strayed.widened(added, strayed.states[:, _POSE])
+        before = strayed.widened(before, strayed.changed)
+    return LoopStep(sent.cell, start, lower, upper, *added, *before, after)
 
 
 def _after(rules: Rules, states: Forms, command: Forms, held: Hull, slack: Floats) -> Forms:

@@ -215,6 +215,9 @@ class MissionFollower:
         held = self.loop.given_in(after.start, after.lower, after.upper)
         cells = MotionBoxes.whole(*held, boxes.radius)
         least = enclose(cells, self.loop.at(boxes), rules.manoeuvre, rules.footprint).least
+        strayed = rules.strayed(*held)
+        if strayed is not None:
+            least = least - strayed.nearer(rules.footprint.reach)
         proved = least > rules.clearance.collision
         rest = np.flatnonzero(~proved)
         proved[rest] = self.loop.holds(parts.select(rest).cells, after.lower[rest], after.upper[rest])

@@ -10,9 +10,11 @@ import numpy as np
 from viatool.arrays import Floats, Hull
 from viatool.errors import ConfigurationError
 from viatool.motion.changing import ChangingTwist
+from viatool.motion.command_errors import CommandErrors, Strayed
 from viatool.motion.law import Axis, Limited
 from viatool.motion.signals import HeldSignal, IntegratedSignal, MotionSignal
 from viatool.motion.straight import accelerated
+from viatool.rounding import SLIGHTLY_MORE
 from viatool.sets.forms import Forms
 
 SPEED, TURN = Axis("v", "m/s", "linear"), Axis("omega", "rad/s", "angular")
@@ -88,8 +90,8 @@ class SpeedLimits(ChangingTwist):
 
 
 @dataclass(frozen=True)
-class _Unicycle(SpeedLimits):
-    """Speed and turning speed are signals of their own."""
+class Unicycle(SpeedLimits):
+    """A robot whose speed and turning speed are signals of their own."""
 
     @property
     def _ahead(self) -> HeldSignal | IntegratedSignal:
@@ -136,6 +138,19 @@ class _Unicycle(SpeedLimits):
         half = 0.5 * (upper - lower)
         return *self._ahead.radii(half), *self._turning.radii(half)
 
+    def strayed(self, errors: CommandErrors, lower: Floats, upper: Floats, seconds: float) -> Strayed:
+        """Bound how far errors of commands lead, over boxes of what is held (C, A + S), see `CommandErrors`."""
+        count, half = self.first_of_state, np.zeros_like(lower)
+        half[:, :count] = errors.radii(lower[:, :count], upper[:, :count])
+        r0, r1, q0, q1 = self.spread(-half, half, seconds)
+        fastest, _ = self.rates(lower, upper, seconds)
+        turning = q0 * (0.5 * seconds**2) + q1 * (seconds**3 / 6.0)
+        away = r0 * seconds + r1 * (0.5 * seconds**2) + fastest * turning
+        turned = q0 * seconds + q1 * (0.5 * seconds**2)
+        radii = [signal.radii(half) for signal in self.signals]
+        changed = np.stack([begin + grown * seconds for begin, grown in radii], axis=1)
+        return Strayed(away * SLIGHTLY_MORE, turned * SLIGHTLY_MORE, changed * SLIGHTLY_MORE)
+
     def _faster(self, lower: Floats, upper: Floats) -> Floats:
         return self._ahead.slope(lower, upper)
 
@@ -146,7 +161,7 @@ class _Unicycle(SpeedLimits):
 
 
 @dataclass(frozen=True)
-class SecondOrderLinear(_Unicycle):
+class SecondOrderLinear(Unicycle):
     """A command is an acceleration ahead and a turning speed; the robot has the turning speed at once."""
 
     name: ClassVar[str] = "second_order_linear"
@@ -156,7 +171,7 @@ class SecondOrderLinear(_Unicycle):
 
 
 @dataclass(frozen=True)
-class SecondOrderAngular(_Unicycle):
+class SecondOrderAngular(Unicycle):
     """A command is a speed ahead, which the robot has at once, and an acceleration of its turn."""
 
     name: ClassVar[str] = "second_order_angular"
@@ -166,7 +181,7 @@ class SecondOrderAngular(_Unicycle):
 
 
 @dataclass(frozen=True)
-class SecondOrder(_Unicycle):
+class SecondOrder(Unicycle):
     """A command is an acceleration ahead and an acceleration of the turn."""
 
     name: ClassVar[str] = "second_order"

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from viatool.errors import ConfigurationError
-from viatool.motion.actuation import Actuation, Bounds, Response
+from viatool.motion.actuation import IDEAL_MOTORS, Actuation, Bounds, Response
+from viatool.motion.command_errors import CommandErrors
 from viatool.motion.law import Kinematics
+from viatool.motion.second_order import Unicycle
 from viatool.motion.timing import Timing
-from viatool.motion.twists import HeldTwist
 from viatool.uncertainty import ErrorModel
-from viatool.uncertainty.error_model import AxisTerms
+from viatool.uncertainty.error_model import ActuationTerms, AxisTerms, CommandTerms
 
 _ALIKE = 1e-9
 
@@ -21,28 +24,87 @@ def actuation_of(errors: ErrorModel, kinematics: Kinematics) -> Actuation:
     Raises
     ------
     ConfigurationError
-        If a robot that does not slide has terms of a lateral axis, or a command is not a velocity.
+        If a robot that does not slide has terms of a lateral axis, or one is stated of a command that it does not take.
     """
     stated = errors.actuation
+    if kinematics.state:
+        return IDEAL_MOTORS  # what is stated is `command_errors_of`
+    for kind in ("linear_acceleration", "angular_acceleration"):
+        if getattr(stated, kind) != CommandTerms():
+            raise _not_taken(errors, kind, kinematics)
     if stated.lateral != AxisTerms() and kinematics.axis("lateral") is None:
         raise ConfigurationError(
             f"{errors.source}: actuation.lateral is of a speed to the left that is commanded, which kinematics "
             f"'{kinematics.name}' does not take",
             "leave it out; what the wheels slide to the side is actuation.slip",
         )
-    found = Actuation(
+    return Actuation(
         linear=_response(stated.linear),
         lateral=_response(stated.lateral),
         angular=_response(stated.angular),
         slip=stated.slip or 0.0,
     )
-    if not found.is_ideal and not isinstance(kinematics, HeldTwist):
+
+
+def command_errors_of(errors: ErrorModel, kinematics: Kinematics) -> CommandErrors | None:
+    """Return what acts beside the commands of a robot whose motion has a state; None if nothing does.
+
+    Raises
+    ------
+    ConfigurationError
+        If something is stated of a command that it does not take, or of anything but its commands.
+    """
+    stated = errors.actuation
+    if not kinematics.state or stated == ActuationTerms():
+        return None
+    kinds = [axis.kind for axis in kinematics.axes]
+    for place, term, _, _ in errors.only("actuation").stated():
+        _, kind, *_ = place.split(".")
+        if kind not in kinds or not isinstance(kinematics, Unicycle):
+            raise _not_taken(errors, place.removeprefix("actuation."), kinematics)
+        if term not in ("actuation.relative", "actuation.absolute"):
+            raise ConfigurationError(
+                f"{errors.source}: {place}: motors are followed where a command is a velocity, which it is not for "
+                f"kinematics '{kinematics.name}'",
+                "leave the term out",
+            )
+    relative, absolute = (
+        np.array([getattr(getattr(stated, kind), name) or 0.0 for kind in kinds])
+        for name in ("relative", "absolute")
+    )
+    return CommandErrors(relative, absolute) if relative.any() or absolute.any() else None
+
+
+def check_motors(varies: bool, beside: CommandErrors | None, errors: ErrorModel, job: str) -> None:
+    """Refuse motors that a job does not follow: missions follow errors of commands, all others robots without a state.
+
+    Raises
+    ------
+    ConfigurationError
+        Names the model and the job.
+    """
+    if beside is not None and job != "mission":
         raise ConfigurationError(
-            f"{errors.source}: motors are followed where a command is a velocity, which it is not for kinematics "
-            f"'{kinematics.name}'",
+            f"{errors.source}: errors of the commands of a robot that is told how to accelerate are followed by "
+            f"viatool mission alone, not by {job or 'this job'}",
             "leave the section actuation out",
         )
-    return found
+    if varies and job == "mission":
+        raise ConfigurationError(
+            f"{errors.source}: missions take errors of commands into account for robots that are told how to "
+            "accelerate alone, and this one has the speed that it is told to have",
+            "leave the section actuation out",
+        )
+
+
+def _not_taken(errors: ErrorModel, place: str, kinematics: Kinematics) -> ConfigurationError:
+    """Return the refusal of what is stated of a command that a robot does not take."""
+    taken = ", ".join(axis.kind for axis in kinematics.axes)
+    return ConfigurationError(
+        f"{errors.source}: actuation.{place} is not followed for kinematics '{kinematics.name}', whose commands are "
+        f"{taken}",
+        "leave it out",
+    )
 
 
 def timing_of(errors: ErrorModel, interval: float, delay: float) -> tuple[Timing | None, float]:

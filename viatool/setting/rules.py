@@ -15,14 +15,16 @@ from viatool.arrays import Floats
 from viatool.errors import ConfigurationError
 from viatool.motion.actuated import Machine
 from viatool.motion.actuation import IDEAL_MOTORS, Actuation
+from viatool.motion.command_errors import CommandErrors, Strayed
 from viatool.motion.dead_time import DeadTime
 from viatool.motion.kinematics import DIFFERENTIAL, motion_of
 from viatool.motion.law import Kinematics
 from viatool.motion.manoeuvre import Manoeuvre
+from viatool.motion.second_order import Unicycle
 from viatool.motion.timing import Timing
 from viatool.motion.twists import HeldTwist
 from viatool.setting.criteria import PROVING, Criterion, criterion_of
-from viatool.setting.motors import actuation_of, timing_of
+from viatool.setting.motors import actuation_of, command_errors_of, timing_of
 from viatool.uncertainty import ErrorModel
 from viatool.world import Clearance, Footprint, WorldMap
 
@@ -57,6 +59,8 @@ class Rules:
         How its motors follow commands.
     timing : Timing or None
         When commands act, if that varies; None for exactly `delay` and `interval`.
+    command_errors : CommandErrors or None
+        What acts beside a command of a robot whose motion has a state; None for nothing.
     """
 
     criterion: str
@@ -70,6 +74,7 @@ class Rules:
     kinematics: Kinematics = DIFFERENTIAL
     actuation: Actuation = IDEAL_MOTORS
     timing: Timing | None = None
+    command_errors: CommandErrors | None = None
 
     @classmethod
     def of(
@@ -109,10 +114,15 @@ class Rules:
                 "give a shorter delay, in seconds",
             )
         asked.check(robot)
-        actuation = actuation_of(errors, kinematics)
+        actuation, beside = actuation_of(errors, kinematics), command_errors_of(errors, kinematics)
         timing, delay = timing_of(errors, interval, delay)
         if kinematics.state:
             _refuse_unfollowed(kinematics, errors, delay, timing)
+        if beside is not None and asked.name != "swept":
+            raise ConfigurationError(
+                f"{errors.source}: criterion '{criterion}' does not take errors of commands into account",
+                "choose swept, or leave the section actuation out",
+            )
         if not asked.proves and (timing is not None or not actuation.is_ideal):
             raise ConfigurationError(
                 f"{errors.source}: criterion '{criterion}' does not take motors and timing into account",
@@ -130,6 +140,7 @@ class Rules:
             kinematics=kinematics,
             actuation=actuation,
             timing=timing,
+            command_errors=beside,
         )
 
     @property
@@ -159,6 +170,13 @@ class Rules:
         return Machine(
             self.kinematics, (self.lower, self.upper), self.actuation, timing, path.deceleration, path.rim
         )
+
+    def strayed(self, lower: Floats, upper: Floats) -> Strayed | None:
+        """Return how far errors of commands lead, over boxes of what is held (C, A + S); None where there are none."""
+        if self.command_errors is None:
+            return None
+        assert isinstance(self.kinematics, Unicycle)
+        return self.kinematics.strayed(self.command_errors, lower, upper, self.interval)
 
     @property
     def commands_before(self) -> int:

@@ -23,6 +23,7 @@ from viatool.policy.runtime import Runtime
 from viatool.policy.specified import Specified, name_of, specification_of
 from viatool.sets.forms import PoseBoxes
 from viatool.setting.driven import DrivenPolicy
+from viatool.setting.motors import check_motors
 from viatool.setting.moving import check_moving
 from viatool.setting.premises import Premise
 from viatool.setting.reconcile import Parties, reconcile
@@ -165,6 +166,7 @@ class Setting:
         spec, robot, premises = reconcile(Parties(spec, name, world_map, wishes))
         world_map = world_map.with_robot(robot)
         rules = Rules.of(world_map, wishes.criterion, delay=wishes.delay, errors=wishes.errors)
+        check_motors(rules.varies, rules.command_errors, wishes.errors, job)
         commands = command_map(spec, rules.kinematics, robot, name)
         errors = SensorErrors.of(spec, eps, wishes.errors)
         check_moving(wishes.errors, spec, world_map)

@@ -78,6 +78,15 @@ class PoseTerms(ErrorTerms):
     theta: Annotated[float, Field(ge=0.0, lt=math.pi)] | None = _term("of the heading", "rad", "exact")
 
 
+class CommandTerms(ErrorTerms):
+    """How one acceleration follows its command; every error may change from instant to instant within its bounds."""
+
+    relative: Annotated[float, Field(ge=0.0, lt=1.0)] | None = _term(
+        "share of the acceleration that was commanded", "share", "no gain error"
+    )
+    absolute: Bound | None = _term("acceleration beside the commanded one", "m/s^2 or rad/s^2", "no bias")
+
+
 class AxisTerms(ErrorTerms):
     """How one velocity follows its command; every error may change from instant to instant within its bounds."""
 
@@ -104,10 +113,12 @@ class ActuationTerms(ErrorTerms):
     linear: AxisTerms = AxisTerms()
     lateral: AxisTerms = AxisTerms()
     angular: AxisTerms = AxisTerms()
+    linear_acceleration: CommandTerms = CommandTerms()
+    angular_acceleration: CommandTerms = CommandTerms()
 
     @property
     def each(self) -> tuple[AxisTerms, AxisTerms, AxisTerms]:
-        """Return the terms of all axes."""
+        """Return the terms of the velocities."""
         return self.linear, self.lateral, self.angular
 
     slip: Bound | None = _term(
@@ -212,7 +223,7 @@ class ErrorModel(ErrorTerms):
             yield from _stated(terms, f"sensor.{name}", "sensor")
         for section in ("pose", "start", "timing"):
             yield from _stated(getattr(self, section), section, section)
-        for axis in ("linear", "lateral", "angular"):
+        for axis in ("linear", "lateral", "angular", "linear_acceleration", "angular_acceleration"):
             yield from _stated(getattr(self.actuation, axis), f"actuation.{axis}", "actuation")
         yield from _stated(self.actuation, "actuation", "actuation")
         for name, speed in self.obstacles.named.items():

@@ -10,6 +10,9 @@ MOTION = frozenset(
 _SENSOR = frozenset(f"sensor.{term}" for term in ("absolute", "relative", "bias", "angle", "missing", "thin"))
 """All that may be wrong with readings."""
 
+_COMMANDS = frozenset({"actuation.relative", "actuation.absolute"})
+"""What acts beside a command, of robots that are told how to accelerate: `viatool.setting.motors` tells which jobs."""
+
 _DRAWN = frozenset(
     f"{section}.{term}"
     for section, terms in (
@@ -33,7 +36,7 @@ SUPPORTED: dict[str, frozenset[str]] = {
     "verify": _SENSOR | MOTION | _POSE | _MOVING,
     "verify with a horizon": _OVER_SETS | _START,
     "certify": _SENSOR | MOTION | _POSE | _SHOWN,
-    "mission": _OVER_SETS | _START,
+    "mission": _OVER_SETS | _START | _COMMANDS,
     "simulate": _DRAWN | MOTION | _SHOWN | _SENSOR | {"obstacles.people"},
     "simulate with bullet": _DRAWN,
 }

@@ -124,14 +124,22 @@ class MissionsDocument(Verified, Cased, Annotated, Located, Tabled):
         return {
             **super().assumptions,
             "distance": f"the footprint keeps more than {record.collision_distance:g} m",
-            "starts": f"at rest, anywhere within {self._starts} of the scenario's start",
+            "starts": f"{self._starts}, at rest in what is not named",
             "arrival": "; ".join(dict.fromkeys(mission.task for mission in record.missions)),
             "map": "correct, and nothing on it moves",
             "sensors": f"read what is there, each number within eps {describe_eps(record.eps)}"
             + (f", but for {beyond}" if beyond else "")
             + ", anew in each interval",
-            "motion": "exact arcs without slip; commands act at once",
+            "motion": self._motion,
         }
+
+    @property
+    def _motion(self) -> str:
+        """Return how the robot carries commands out."""
+        beside = any(premise.name.startswith("actuation.") for premise in self.record.premises)
+        return "exact, without slip; commands act at once" + (
+            ", with the errors that are stated" if beside else ""
+        )
 
     @property
     def settings(self) -> Mapping[str, str]:
