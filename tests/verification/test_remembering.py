@@ -107,11 +107,13 @@ def test_recordings_over_which_no_memory_can_be_followed_are_refused(
     mixed = np.r_[0:5, np.flatnonzero(bare.episode == 1)[:1], 5:8]
     for broken, said in (
         (bare.select(keep), "row 10 of across is not one control interval"),
-        (bare.select(np.arange(1, len(bare))), "across begins at 0.1 s in row 0, not at its start"),
+        (bare.select(np.arange(1, len(bare))), r"across begins at 0.1 s \(step 1\) in row 0, not"),
         (replace(bare, time=2.0 * bare.time), "row 1 of across is not one control interval"),
+        (replace(bare, steps=bare.steps + 5), r"across begins at 0 s \(step 5\) in row 0, not at its start"),
+        (replace(bare, steps=2 * bare.steps), "row 1 of across is not one control interval"),
         (replace(bare, clocked=False), "without the times"),
         (replace(bare, connected=False), "without the times"),
-        (bare.select(mixed), "across begins at 0.5 s in row 6, not at its start"),
+        (bare.select(mixed), r"across begins at 0.5 s \(step 5\) in row 6, not"),
     ):
         with pytest.raises(TrajectoryError, match=said):
             recalled(policy, setting, broken)

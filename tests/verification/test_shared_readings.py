@@ -199,3 +199,14 @@ def test_where_what_came_before_is_known(tmp_path):
     assert hostile.steps is None
     with pytest.raises(viatool.errors.TrajectoryError, match="'steps' holds -1 in row 2"):
         replace(driven, steps=np.array([0, 1, -1, 3]))
+
+
+def test_steps_that_do_not_go_on_are_refused(tmp_path):
+    """A robot that stands reads the same numbers again: counted as its first step, each would be the first reading."""
+    policy, hall = policy_of(tmp_path), world(tmp_path)
+    driven = roll_out(policy, hall, horizon=4, noise=0.0)
+    for steps in ([0, 0, 0, 0], [0, 1, 1, 2], [3, 2, 1, 0]):
+        with pytest.raises(viatool.errors.TrajectoryError, match=r"'steps' holds \d in row \d, no more than"):
+            replace(driven, steps=np.array(steps))
+    assert replace(driven, steps=np.zeros(4, np.int64), connected=False).steps.tolist() == [0] * 4
+    assert driven.select(np.array([1, 1, 3])).steps.tolist() == [1, 1, 3]

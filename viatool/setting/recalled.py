@@ -73,6 +73,9 @@ def _require_whole(setting: Setting, trajectory: Trajectory) -> None:
     begins[1:] = trajectory.episode[1:] != trajectory.episode[:-1]
     late = begins & ~(np.abs(trajectory.time) < LATE * interval)
     gap = ~begins & ~follows_before(setting, trajectory)
+    if trajectory.steps is not None:
+        late |= begins & (trajectory.steps != 0)
+        gap[1:] |= ~begins[1:] & (np.diff(trajectory.steps.astype(np.int64)) != 1)
     if not (late | gap).any():
         return
     row = int(np.argmax(late | gap))
@@ -80,6 +83,12 @@ def _require_whole(setting: Setting, trajectory: Trajectory) -> None:
     reason = (
         f"row {row} of {name} is not one control interval ({interval:g} s) after the row before"
         if gap[row]
-        else f"{name} begins at {trajectory.time[row]:g} s in row {row}, not at its start"
+        else f"{name} begins at {_when(trajectory, row)} in row {row}, not at its start"
     )
     raise TrajectoryError(f"the policy's memory is not recorded, and cannot be computed: {reason}", _HINT)
+
+
+def _when(trajectory: Trajectory, row: int) -> str:
+    """Return at which time, and step where it was recorded, a row stands."""
+    seconds = f"{trajectory.time[row]:g} s"
+    return seconds if trajectory.steps is None else f"{seconds} (step {trajectory.steps[row]})"

@@ -230,6 +230,17 @@ def _check_steps(trajectory: Trajectory) -> None:
             f"trajectory array 'steps' holds {steps[row]} in row {row}, expected whole numbers of at least 0",
             "count the control intervals since the beginning of the episode, or leave the array out",
         )
+    if not trajectory.connected:
+        return
+    order = np.argsort(trajectory.episode, kind="stable")
+    later = (np.diff(trajectory.time[order]) > 0) & (np.diff(trajectory.episode[order]) == 0)
+    stands = np.flatnonzero(later & (np.diff(steps[order].astype(np.int64)) < 1))
+    if len(stands):
+        row = int(order[1 + stands[0]])
+        raise TrajectoryError(
+            f"trajectory array 'steps' holds {steps[row]} in row {row}, no more than in the row before of its episode",
+            "count the control intervals since the beginning of the episode, or leave the array out",
+        )
 
 
 def _check_episodes(trajectory: Trajectory) -> None:
