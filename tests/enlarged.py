@@ -37,6 +37,7 @@ def enlarged(result: Result, states: int, entries: int | None = None) -> Result:
             outcomes=np.tile(trajectory.outcomes, copies),
             costs=np.tile(trajectory.costs, copies),
             scenarios=trajectory.scenarios * copies,
+            steps=None,
         ),
         reachable=_picked(result.reachable, rows),
         contested=_picked(result.contested, rows),
