@@ -270,7 +270,14 @@ CARRYING = [
     Mutant(strayed(network, *box, with_symbols), f"deviation._Carried.{method}", old, new)
     for network, box, with_symbols, method, old, new in (
         (SUMS, (1.0, 1.0), False, "_through_affine", "rest + spare @ absolute.T", "rest"),
-        (SUMS, (1.0, 1.0), True, "_through_affine", "form.mapped(weight)", "form.mapped(0 * weight)"),
+        (
+            SUMS,
+            (1.0, 1.0),
+            True,
+            "_through_affine",
+            "form.mapped(weight, absolute)",
+            "form.mapped(0 * weight, 0 * absolute)",
+        ),
         (SUMS, (1.0, 1.0), True, "_with_own", "(rest + own) * SLIGHTLY_MORE", "rest * 1.0"),
         (STEEP, (0.5, 0.5), False, "_through_activation", "np.abs(middle) * rest + varied", "0 * middle"),
         (TURNED, (0.5, 0.5), True, "_through_activation", "form.scaled(middle)", "form.scaled(0 * middle)"),

@@ -17,7 +17,7 @@ from viatool.policy.network import Network
 from viatool.rounding import ENGINE_ROUNDOFF, SLIGHTLY_MORE
 from viatool.taylor.deviation import enclose_program, runtime_deviation
 from viatool.taylor.elsewhere import FewSymbols, few_hull
-from viatool.taylor.forms import Dense
+from viatool.taylor.forms import Dense, Diagonal, Stacked
 from viatool.taylor.head import hulls_through, split_head
 from viatool.taylor.model import TaylorModel
 from viatool.taylor.propagation import Box, Enclosure, propagate
@@ -151,12 +151,10 @@ def input_model(centre: Floats, shared: Floats, own: Floats) -> Enclosure:
     **Sound:** yes; the norms are rounded up.
     """
     size = centre.shape[1]
-    each = np.zeros((*centre.shape, size))
-    diagonal = np.arange(size)
-    each[:, diagonal, diagonal] = own
+    each = Diagonal(np.broadcast_to(np.arange(size), centre.shape), own, size)
     radius = (np.abs(shared).sum(axis=1) + own) * SLIGHTLY_MORE
     remainder = 8 * ENGINE_ROUNDOFF * (np.abs(centre) + radius)
-    model = TaylorModel(centre, Dense(np.concatenate([shared, each], axis=1)), None, {}, remainder, radius)
+    model = TaylorModel(centre, Stacked(Dense(shared), each), None, {}, remainder, radius)
     return Enclosure(model, *model.hull())
 
 

@@ -256,7 +256,7 @@ class _Carried:
             kept, spare = fold_symbols(self._deviations[source].symbols, self._deviations[source].rest)
             rest = rest + spare @ absolute.T
             for key, form in kept.items():
-                symbols[key] = join_forms(symbols.get(key), form.mapped(weight))
+                symbols[key] = join_forms(symbols.get(key), form.mapped(weight, absolute))
             if kept:
                 carried = carried + self._deviations[source].bound @ absolute.T
         terms = 2 + sum(weight.shape[1] for weight in node.weights)

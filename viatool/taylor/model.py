@@ -102,9 +102,9 @@ def affine_image(models: Sequence[TaylorModel], node: Affine) -> TaylorModel:
         constant = constant + model.constant @ weight.T
         size = size + model.magnitude @ merged.T
         remainder = remainder + spare @ absolute.T
-        linear = join_forms(linear, model.linear.mapped(weight))
+        linear = join_forms(linear, model.linear.mapped(weight, absolute))
         for key, form in kept.items():
-            symbols[key] = join_forms(symbols.get(key), form.mapped(weight))
+            symbols[key] = join_forms(symbols.get(key), form.mapped(weight, absolute))
         if model.higher is not None:
             mapped = Dense(model.higher).mapped(weight).coefficients
             higher = mapped if higher is None else higher + mapped
