@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import partialmethod
 
 import numpy as np
 import pytest
@@ -229,6 +230,32 @@ def test_a_start_is_cut_where_one_form_does_not_suffice_and_no_part_is_lost(
     monkeypatch.setattr(carried._Starts, "halved", first_halves)
     halved = some.prove(LOWER, UPPER).tube
     assert lost(halved.lower[halved.step == k], halved.upper[halved.step == k]) > 0
+
+
+def test_parts_are_scouted_and_every_one_is_proved_with_the_rounding_of_the_program(
+    policy, tmp_path, monkeypatch
+):
+    """A scout that finds nothing wrong, or everything, changes how a start is cut, and never what is proved."""
+    tight = written(
+        tmp_path, **{"[-0.4, -0.4, null, -0.5]": "[0.06, 0.06, null, -0.5]", "[0.4, 0.4": "[0.26, 0.26"}
+    )
+    some, seen, right = follower(policy, tight, parts=12), [], CarriedFollower._carry
+
+    def carry(self, starts, *, lie=None):
+        found = right(self, starts)
+        if self.loop.arithmetic == "real" and lie is not None:
+            found.failed[:] = lie
+        seen.append((self.loop.arithmetic, len(starts), int((found.failed == 0).sum())))
+        return found
+
+    for lie in (0, 1):
+        seen.clear()
+        monkeypatch.setattr(CarriedFollower, "_carry", partialmethod(carry, lie=lie))
+        proof = some.prove(LOWER, UPPER)
+        kept = sum(whole for arithmetic, _, whole in seen if arithmetic == "float32")
+        assert ("real", 2) in {(arithmetic, count) for arithmetic, count, _ in seen}
+        assert proof.proved
+        assert proof.start_parts == kept <= 12
 
 
 def test_what_cannot_be_proved_says_where(policy, tmp_path):

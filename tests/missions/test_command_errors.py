@@ -79,6 +79,7 @@ def test_runs_under_errors_of_commands_stay_in_the_forms_of_their_starts(
     assert beyond(policy, world, driven) > 100 * SLACK
 
 
+@pytest.mark.slow
 def test_a_mission_under_errors_of_commands_holds_all_runs(policy, tmp_path, driven):
     found = mission(policy, written(tmp_path), eps=0.0, errors=ERRORS)
     one, (_, states) = found.missions[0], driven

@@ -12,11 +12,14 @@ proved.
 
 *Refinement.* A part that could not be followed to its end is halved across the side of the start that its form answers
 to most, and both halves are begun anew. What was found of its other parts is kept: each start lies in one of the parts.
+How finely to cut is *scouted* with the network of the file in real arithmetic, which costs a fraction of the bounds of
+every program that may run; nothing that a scout finds is part of the proof, for which each part is followed again.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -52,7 +55,7 @@ class CarriedFollower(MissionFollower):
         -----
         Sound: yes, see the module. Cost: one step of the closed loop for each part and interval.
         """
-        starts, count = _Starts(lower[None], upper[None]), 1
+        starts, kept = _Starts(lower[None], upper[None]), 0
         trace, arrived = Trace(1), 0
         while True:
             found = self._carry(starts)
@@ -60,19 +63,39 @@ class CarriedFollower(MissionFollower):
             arrived, trace.earliest = max(arrived, found.last), trace.earliest or found.earliest
             if found.earliest:
                 trace.earliest = min(trace.earliest, found.earliest)
-            count += len(open_)
-            given_up = count > self.limits.parts or found.begins_near
-            given_up |= bool((starts.widths(open_, found.answers[open_]) == 0.0).any())
-            if not len(open_) or given_up:
+            kept += len(starts) - len(open_)
+            if not len(open_) or found.begins_near or not self._may_halve(starts, found, kept):
                 break
             trace.take(found.kept, found.nearest(found.failed == 0))
-            starts = starts.halved(open_, found.answers[open_])
+            starts = self._scouted(starts.halved(open_, found.answers[open_]), kept)
         trace.take(found.tubes, found.nearest(np.ones(len(found.failed), dtype=bool)))
-        trace.start_parts = trace.most = count if not len(open_) else count - len(open_)
+        trace.start_parts = trace.most = kept + len(open_)
         if not len(open_):
             return trace.arrived(arrived)
         first = int(open_[found.failed[open_].argmin()])
         return trace.ended(0 if found.begins_near else int(found.failed[first]), found.reasons[first])
+
+    def _scouted(self, starts: _Starts, kept: int) -> _Starts:
+        """Return finer parts of the start, so that in real arithmetic all can be followed if there may be as many.
+
+        Nothing is proved with it.
+        """
+        scout, fine = replace(self, loop=replace(self.loop, arithmetic="real")), []
+        while True:
+            found = scout._carry(starts)
+            open_ = np.flatnonzero(found.failed > 0)
+            fine.append(starts.select(np.flatnonzero(found.failed == 0)))
+            kept += len(fine[-1])
+            if not len(open_) or not self._may_halve(starts, found, kept):
+                break
+            starts = starts.halved(open_, found.answers[open_])
+        return _Starts.join([*fine, starts.select(open_)])
+
+    def _may_halve(self, starts: _Starts, found: _Round, kept: int) -> bool:
+        """Tell whether the parts that could not be followed can be halved, and may be, beside others that are kept."""
+        open_ = np.flatnonzero(found.failed > 0)
+        wide = starts.widths(open_, found.answers[open_]) > 0.0
+        return kept + 2 * len(open_) <= self.limits.parts and bool(wide.all())
 
     def _carry(self, starts: _Starts) -> _Round:
         """Follow every run from parts of the start until it arrives, or cannot be followed further."""
@@ -133,6 +156,19 @@ class _Starts:
         centre = 0.5 * (self.lower + self.upper)
         radius = np.maximum(self.upper - centre, centre - self.lower)
         return Forms(centre, radius[:, :, None] * np.eye(radius.shape[1]), np.zeros_like(centre))
+
+    def __len__(self) -> int:
+        """Return P."""
+        return len(self.lower)
+
+    def select(self, rows: Indices) -> _Starts:
+        """Return some parts."""
+        return _Starts(self.lower[rows], self.upper[rows])
+
+    @classmethod
+    def join(cls, parts: Sequence[_Starts]) -> _Starts:
+        """Return the parts of all."""
+        return cls(*(np.concatenate([getattr(part, end) for part in parts]) for end in ("lower", "upper")))
 
     def widths(self, rows: Indices, axis: Indices) -> Floats:
         """Return how wide some parts are along one of their sides each."""

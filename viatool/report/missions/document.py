@@ -136,7 +136,7 @@ class MissionsDocument(Verified, Cased, Annotated, Located, Tabled):
     @property
     def _motion(self) -> str:
         """Return how the robot carries commands out."""
-        beside = any(premise.name.startswith("actuation.") for premise in self.record.premises)
+        beside = self.stated("actuation")
         return "exact, without slip; commands act at once" + (
             ", with the errors that are stated" if beside else ""
         )
