@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from viatool.errors import TrajectoryError
+from viatool.policy import PolicySpecification
 from viatool.trajectory import Trajectory, load_trajectory, whole_file, write_trajectory
 
 
@@ -178,3 +179,49 @@ def test_a_failed_write_leaves_the_old_file_alone(tmp_path):
         fail_halfway()
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(
+    ("frames", "own", "names"),
+    [
+        (
+            {"count": 2, "stride": 2, "order": "oldest_first"},
+            None,
+            ["scan_0_before_2", "scan_1_before_2", "x_before_2", "scan_0", "scan_1", "observed_x"],
+        ),
+        (
+            None,
+            {"count": 2, "order": "newest_first"},
+            ["scan_0", "scan_1", "scan_0_before_1", "scan_1_before_1", "observed_x"],
+        ),
+    ],
+)
+def test_a_table_of_frames_names_every_number_and_reads_back(tmp_path, frames, own, names):
+    """Also where a channel has the name of a column that every table has."""
+    specification = PolicySpecification.model_validate(
+        {
+            "schema_version": 2,
+            "observation": [
+                {
+                    "name": "scan",
+                    "kind": "lidar",
+                    "size": 2,
+                    "frames": own,
+                    "lidar": {"angles": [0.0, 1.0], "rays": 2, "maximum_range": 3.0},
+                },
+                {"name": "x", "kind": "goal_x"},
+            ],
+            "frames": frames,
+            "action": [
+                {"name": "y", "kind": "linear", "lower": 0.0, "upper": 1.0},
+                {"name": "omega", "kind": "angular", "lower": -1.0, "upper": 1.0},
+            ],
+        }
+    )
+    observations = np.random.default_rng(3).uniform(0.1, 3.0, (5, len(names)))
+    trajectory = small_trajectory(observations=observations)
+    write_trajectory(tmp_path / "run.csv", trajectory, specification)
+    header = (tmp_path / "run.csv").read_text(encoding="utf-8").splitlines()[0].split(",")
+    assert header[5 : 5 + len(names)] == names
+    assert header[5 + len(names) :][:2] == ["command_y", "omega"]
+    assert_same(load_trajectory(tmp_path / "run.csv", specification), trajectory)

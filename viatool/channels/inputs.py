@@ -13,6 +13,11 @@ from viatool.arrays import Floats, Indices
 from viatool.channels.channel import NOW, Channel, Frames
 
 
+def numbered(name: str, size: int) -> list[str]:
+    """Return `name` itself for one number, and name_0, name_1, ... for more."""
+    return [name] if size == 1 else [f"{name}_{index}" for index in range(size)]
+
+
 @dataclass(frozen=True, eq=False)
 class Inputs:
     """Where the readings of the channels stand in an observation.
@@ -70,6 +75,19 @@ class Inputs:
     def channel(self) -> Indices:
         """Return the number of each input's channel, (n,)."""
         return self._table[2]
+
+    @property
+    def names(self) -> list[str]:
+        """Return a name for each input, (n,): its channel, numbered where that has several, and how long ago it was.
+
+        ``lidar_0``, ``lidar_1``, ..., ``goal_distance``; of earlier frames ``lidar_0_before_1``, one control interval
+        before, and so on.
+        """
+        names = [name for channel in self.channels for name in numbered(channel.name, channel.size)]
+        return [
+            f"{names[reading]}_before_{age}" if age else names[reading]
+            for reading, age in zip(self.reading.tolist(), self.age.tolist(), strict=True)
+        ]
 
     @property
     def memory(self) -> int:

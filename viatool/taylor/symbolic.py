@@ -134,14 +134,10 @@ def _difference(model: TaylorModel, other: TaylorModel) -> Floats:
 
 
 def entry_names(policy: HasNetwork) -> list[str]:
-    """Return a name for every entry of the observation: its channel, numbered where the channel has several."""
+    """Return a name for every entry of the observation, see `Inputs.names`."""
     if policy.spec is None:
         return [f"x{i}" for i in range(policy.network.input_size)]
-    return [
-        channel.name if channel.size == 1 else f"{channel.name}_{i}"
-        for channel in policy.spec.observation
-        for i in range(channel.size)
-    ]
+    return policy.spec.inputs.names
 
 
 def _action_names(policy: HasNetwork) -> list[tuple[str, str]]:

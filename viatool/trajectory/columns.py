@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from viatool.channels.inputs import numbered
+
 if TYPE_CHECKING:
     from viatool.policy import PolicySpecification
 
@@ -13,24 +15,28 @@ MOTION = "motion_"
 """Before the names of what a robot has besides its pose."""
 
 
-def numbered(name: str, size: int) -> list[str]:
-    """Return `name` itself for one column, and name_0, name_1, ... for more."""
-    return [name] if size == 1 else [f"{name}_{index}" for index in range(size)]
+RESERVED = frozenset(("episode", "time", "x", "y", "theta", "outcome", "cost", "scenario"))
+"""Columns that a table has of its own."""
 
 
 def observation_columns(specification: PolicySpecification) -> list[str]:
-    """Return one column name for each observation entry: lidar_0, lidar_1, ..., goal_distance, ..."""
-    return _flat(numbered(channel.name, channel.size) for channel in specification.observation)
+    """Return one column name for each observation entry: lidar_0, lidar_1, ..., goal_distance, ...
+
+    Those of earlier frames end in ``_before_1``, ..., the control intervals before; ``observed_`` stands before a name
+    that a table has of its own, such as x.
+    """
+    return [f"observed_{name}" if name in RESERVED else name for name in specification.inputs.names]
 
 
 def memory_columns(specification: PolicySpecification) -> list[str]:
     """Return the last of the observation's columns, those that hold the policy's memory; none for one without."""
-    return _flat(numbered(channel.name, channel.size) for channel in specification.remembered)
+    size = sum(channel.size for channel in specification.remembered)
+    return observation_columns(specification)[specification.observation_size - size :]
 
 
 def action_columns(specification: PolicySpecification) -> list[str]:
-    """Return one column name for each number that the policy gives; `command_` before it if an observation has it."""
-    taken = set(observation_columns(specification))
+    """Return one column name for each number that the policy gives; `command_` before it if that is taken."""
+    taken = {*observation_columns(specification), *RESERVED}
     names = _flat(numbered(channel.name, channel.outputs) for channel in specification.action)
     return [f"command_{name}" if name in taken else name for name in names]
 

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from viatool.channels.inputs import numbered
 from viatool.errors import TrajectoryError
 from viatool.trajectory.columns import (
     MOTION,
     action_columns,
     memory_columns,
-    numbered,
     observation_columns,
 )
 from viatool.trajectory.rows import Rows
