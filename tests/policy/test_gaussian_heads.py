@@ -123,7 +123,7 @@ def run(path: Path, row: Any) -> Any:
         (", entry: 0", "", "action 'turn' has no `entry`, but 'v' has one"),
         ("entry: 0", "entry: 1", "actions 'v' and 'turn' take the same entry, 1"),
         ("entry: 0", "entry: 4", r"takes entry 4 of the output 'y', which has 4 \(0 to 3\)"),
-        ("entry: 0", "entry: -1", "greater than or equal to 0"),
+        ("entry: 0", "entry: -1", "expected at least 0, not -1"),
         ("schema_version: 2", "schema_version: 1", "needs `schema_version: 2`"),
     ],
 )

@@ -94,7 +94,12 @@ def test_yaml_and_json_give_the_specification_back(tmp_path: Path) -> None:
         ("schema_version: 1", "schema_version: 3", "schema_version", "1"),
         ("name: omega", "name: v", "name: v", "'v' is given twice"),
         ("value: 3.5", "value: .nan", "value: .nan", "finite"),
-        ("control_interval: 0.1", "control_interval: 0", "control_interval: 0", "greater than 0"),
+        (
+            "control_interval: 0.1",
+            "control_interval: 0",
+            "control_interval: 0",
+            "expected more than 0, not 0",
+        ),
     ],
 )
 def test_a_mistake_is_named_with_its_line(
@@ -185,3 +190,35 @@ def test_the_published_schema_is_the_model() -> None:
 
     written = json.loads(published.read_text(encoding="utf-8"))
     assert written["properties"].keys() == json.loads(schema_json())["properties"].keys()
+
+
+@pytest.mark.parametrize(
+    ("line", "meaning"),
+    [
+        ("no_return: zero", "no_return: expected 'maximum' or a number, not 'zero'"),
+        ("maximum_ranges: 3", "there is no key 'maximum_ranges', nearest is 'maximum_range'"),
+    ],
+)
+def test_a_field_of_several_types_is_named_once_in_words_of_the_file(tmp_path, line, meaning):
+    path = tmp_path / "robot.yaml"
+    path.write_text(
+        "schema_version: 2\nobservation:\n  - name: scan\n    kind: lidar\n    lidar:\n"
+        f"      field_of_view: 3.0\n      rays: 4\n      maximum_range: 3.0\n      {line}\n"
+        "action: [{name: v, kind: linear, lower: 0, upper: 1}, {name: w, kind: angular, lower: -1, upper: 1}]\n",
+        encoding="utf-8",
+    )
+    with pytest.raises(PolicyError) as refusal:
+        load_specification(path)
+    assert meaning in refusal.value.message
+    assert len(refusal.value.message.splitlines()) == 1
+
+
+def test_a_choice_without_its_commands_is_told_so(tmp_path):
+    path = tmp_path / "robot.yaml"
+    path.write_text(
+        "schema_version: 2\nobservation: [{name: d, kind: goal_distance}]\n"
+        "action: [{name: move, kind: choice, axes: [linear, angular]}]\n",
+        encoding="utf-8",
+    )
+    with pytest.raises(PolicyError, match="needs `axes` and at least two `commands`"):
+        load_specification(path)

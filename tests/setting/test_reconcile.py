@@ -8,6 +8,7 @@ import pytest
 from tests.hall import write_policy
 from viatool import load_map, load_policy
 from viatool.errors import ConfigurationError, PolicyError
+from viatool.policy.action_channels import Bound, Override
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
 
@@ -191,3 +192,13 @@ def test_a_premise_names_both_files_where_they_agree(policy):
     source = value_of(Setting.of(policy, LAB, 0.01), "control interval").source
     assert str(policy.path) in source
     assert str(LAB.path) in source
+
+
+def test_the_command_of_a_rule_is_a_command_too(policy):
+    """Clipped in silence, a rule that drives at 5 m/s would be judged as if it drove at 0.5 m/s."""
+    rule = Override(when={"goal_distance": Bound(below=0.5)}, command=(5.0, 0.0))
+    ruled = said(policy, schema_version=2, overrides=[rule])
+    with pytest.raises(ConfigurationError, match="the policy or a rule around it commands v 0 to 5 m/s"):
+        Setting.of(ruled, LAB, 0.01)
+    setting = Setting.of(ruled, LAB, 0.01, Wishes(prefer={"limits": "policy"}))
+    assert setting.robot.max_linear == 5.0

@@ -62,9 +62,11 @@ class ActionChannel(Strict):
     @classmethod
     def _numbered(cls, given: Any) -> Any:
         """Give a choice the range of its numbers."""
-        if isinstance(given, dict) and given.get("kind") == "choice" and given.get("commands"):
-            return {"lower": 0.0, "upper": len(given["commands"]) - 1.0, **given}
-        return given
+        if not isinstance(given, dict) or given.get("kind") != "choice":
+            return given
+        commands = given.get("commands")
+        last = len(commands) - 1.0 if isinstance(commands, list | tuple) and commands else 0.0
+        return {"lower": 0.0, "upper": last, **given}
 
     @model_validator(mode="after")
     def _consistent(self) -> ActionChannel:

@@ -328,4 +328,5 @@ def _remedy(what: str, found: int, expected: int) -> str:
             "if the output holds a mean and a deviation for each action, as a Gaussian head gives, say which numbers "
             "are the actions (`entry: 0`, `entry: 1`, ...); else correct the actions of the specification"
         )
-    return "correct the channels of the specification, or give the policy that belongs to it"
+    described = "channels" if what == "observations" else "actions"
+    return f"correct the {described} of the specification, or give the policy that belongs to it"

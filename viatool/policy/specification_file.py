@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -18,11 +19,38 @@ from viatool.channels import Frames, LidarSpecification
 from viatool.errors import PolicyError
 from viatool.policy.action_channels import ActionChannel, ActionMap, Bound, Override
 from viatool.policy.specification import ObservationChannel, PolicySpecification
+from viatool.world.complaints import shortened
 from viatool.world.fields import place_of
 
 _SPEC_HINT = (
     "see docs/specification.md for the layout, or write a template with `viatool inspect --write-spec`"
 )
+
+_TYPE = re.compile(
+    r"float|int|str|bool|[a-z-]+\[.*\]"
+)  # what pydantic puts behind a place, of a field of several types
+_TYPES = {
+    "float": "a number",
+    "int": "a whole number",
+    "string": "text",
+    "bool": "true or false",
+    "list": "a list",
+    "tuple": "a list",
+    "dict": "a mapping",
+    "model": "a mapping",
+    "model_attributes": "a mapping",
+}
+_TAKEN = {
+    "finite_number": "a finite number",
+    "int_from_float": "a whole number",
+    "greater_than": "more than {gt}",
+    "greater_than_equal": "at least {ge}",
+    "less_than": "less than {lt}",
+    "less_than_equal": "at most {le}",
+    "too_short": "at least {min_length} in the list",
+    "too_long": "at most {max_length} in the list",
+    "string_too_short": "text",
+}
 
 
 def specification_from_json(text: str, where: str) -> PolicySpecification:
@@ -70,24 +98,52 @@ def load_specification(path: str | os.PathLike[str]) -> PolicySpecification:
 
 
 def _findings(error: ValidationError, path: Path | None = None, root: Any = None) -> str:
-    lines = []
+    found: dict[tuple[str | int, ...], list[ErrorDetails]] = {}
     for finding in error.errors():
-        where = place_of(finding)
+        found.setdefault(_field_of(finding), []).append(finding)
+    lines = []
+    for where, findings in found.items():
         field = ".".join(map(str, where)) or "the document"
         place = f"{path}:{_line(root, where)}: " if path is not None else ""
-        lines.append(f"{place}{field}: {_said(finding)}")
+        lines.append(f"{place}{field}: {_said(findings)}")
     return "\n".join(lines)
 
 
-def _said(finding: ErrorDetails) -> str:
-    """Return what is wrong; of a key that does not exist, the nearest that does."""
-    if finding["type"] in ("value_error", "missing"):
+def _field_of(finding: ErrorDetails) -> tuple[str | int, ...]:
+    """Return where a finding stands, without the name of a type at the end, of several that a field may have."""
+    where = place_of(finding)
+    while where and _TYPE.fullmatch(str(where[-1])) and isinstance(where[-1], str):
+        where = where[:-1]
+    return where
+
+
+def _said(findings: list[ErrorDetails]) -> str:
+    """Return what is wrong with one field; of a key that does not exist, the nearest that does."""
+    finding = findings[0]
+    kind = finding["type"]
+    if kind == "value_error":
         return finding["msg"].removeprefix("Value error, ")
-    if finding["type"] != "extra_forbidden":
-        return f"{finding['msg']}, not {finding['input']!r}"
+    if kind == "missing":
+        of_list = isinstance(finding["loc"][-1], int)
+        return "a number is missing" if of_list else f"the key '{finding['loc'][-1]}' is missing"
+    if kind != "extra_forbidden":
+        expected = " or ".join(dict.fromkeys(map(_expected, findings)))
+        return f"expected {expected}, not {shortened(finding['input'])}"
     key, keys = str(finding["loc"][-1]), list(_model_at(finding["loc"]).model_fields)
     nearest = get_close_matches(key, keys, n=1, cutoff=0.0)[0]
     return f"there is no key '{key}', nearest is '{nearest}'; known here: {', '.join(keys)}"
+
+
+def _expected(finding: ErrorDetails) -> str:
+    """Return what a field takes, in words of the file."""
+    context = finding.get("ctx", {}).items()
+    told = {name: f"{value:g}" if isinstance(value, float) else value for name, value in context}
+    kind = finding["type"]
+    if kind in _TAKEN:
+        return _TAKEN[kind].format(**told)
+    if kind.endswith(("_type", "_parsing")) and kind.rsplit("_", 1)[0] in _TYPES:
+        return _TYPES[kind.rsplit("_", 1)[0]]
+    return finding["msg"].removeprefix("Input should be ")
 
 
 def _model_at(location: tuple[int | str, ...]) -> type[BaseModel]:

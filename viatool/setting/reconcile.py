@@ -167,7 +167,7 @@ def _limits(parties: Parties, robot: Robot, source: str) -> tuple[Robot, tuple[P
     kinematics = motion_of(robot)
     if parties.spec.command_kinds not in map(frozenset, kinematics.takes):
         return robot, ()  # refused where the command is put together
-    own = _with_limits(robot, asked)
+    own = _with_limits(robot, _with_rules(parties.spec))
     robot = _accelerating(robot, own)
     if not parties.map_speaks and parties.wishes.robot is None:
         _check_symmetric(parties, asked)
@@ -177,7 +177,7 @@ def _limits(parties: Parties, robot: Robot, source: str) -> tuple[Robot, tuple[P
         if party is None:
             raise parties.contradiction(
                 "limits",
-                f"the policy commands {_range_of(own)}",
+                f"the policy{' or a rule around it' if parties.spec.overrides else ''} commands {_range_of(own)}",
                 f"its robot '{robot.name}' carries out {_range_of(robot)}",
                 "--robot NAME, ",
             )
@@ -189,6 +189,16 @@ def _limits(parties: Parties, robot: Robot, source: str) -> tuple[Robot, tuple[P
     state = motion_of(robot).state_words
     speeds = (Premise("state of the motion", state, f"robot '{robot.name}'"),) if state else ()
     return robot, (Premise("commands", _range_of(robot), source), *speeds)
+
+
+def _with_rules(spec: PolicySpecification) -> dict[str, ActionChannel]:
+    """Return what is commanded by kind, with limits that hold the commands of all rules around the policy as well."""
+    asked: dict[str, ActionChannel] = {}
+    for number, channel in enumerate(spec.axes):
+        sent = [rule.command[number] for rule in spec.overrides]
+        ends = {"lower": min(channel.lower, *sent), "upper": max(channel.upper, *sent)} if sent else {}
+        asked[channel.kind] = channel.model_copy(update=ends)
+    return asked
 
 
 def _accelerating(robot: Robot, own: Robot) -> Robot:

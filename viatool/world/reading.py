@@ -258,7 +258,10 @@ def _robot(content: str | file.RobotFile) -> Robot:
     """Return a known robot, with the file's changes."""
     given = file.RobotFile(name=content) if isinstance(content, str) else content
     if given.name not in ROBOTS:
-        raise MapError(f"robot '{given.name}' is unknown", f"use one of {', '.join(ROBOTS)}")
+        raise MapError(
+            f"robot '{given.name}' is unknown",
+            f"leave `name` out to describe a robot of your own, or use one of {', '.join(ROBOTS)}",
+        )
     robot = ROBOTS[given.name]
     plain = given.model_dump(exclude_none=True, exclude={"name", "footprint", "lidar"})
     if given.lidar is not None:
