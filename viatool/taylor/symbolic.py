@@ -137,7 +137,8 @@ def entry_names(policy: HasNetwork) -> list[str]:
     """Return a name for every entry of the observation, see `Inputs.names`."""
     if policy.spec is None:
         return [f"x{i}" for i in range(policy.network.input_size)]
-    return policy.spec.inputs.names
+    names: list[str] = policy.spec.inputs.names
+    return names
 
 
 def _action_names(policy: HasNetwork) -> list[tuple[str, str]]:
