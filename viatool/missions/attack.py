@@ -89,6 +89,9 @@ def attack(follower: MissionFollower, lower: Floats, upper: Floats, *, seed: int
     tubes = TubeFollower(loop, follower.goal_radius, Horizon(min(steps, _MOST)), follower.destination)
     runs = drive(tubes, starts[:, :3], starts[:, 3:], errors, told=follower.told(count))
     arrived = _arrivals(follower, runs)
+    if _far(runs, loop.rules.clearance.collision):
+        none = Crashes.none(runs.poses.shape[1], len(radii), runs.actions.shape[2], runs.motions.shape[2])
+        return MissionRuns(runs, arrived, none)
     extents = 0.5 * (upper - lower)[:3]
     wider = Horizon(min(steps, _MOST), float(extents[:2].min()), float(extents[2]))
     searching = TubeFollower(loop, follower.goal_radius, wider, follower.destination)
@@ -104,6 +107,14 @@ def attack(follower: MissionFollower, lower: Floats, upper: Floats, *, seed: int
 
 
 _MOST = 1000
+_SPREADS = 4.0
+"""By how many times as much as they differ runs keep their distance where none that collides is searched for."""
+
+
+def _far(runs: Runs, limit: float) -> bool:
+    """Tell whether runs stay so far from everything that to search for one that collides would be in vain."""
+    left = runs.clearance.min(axis=1)
+    return bool(left.min() - limit > _SPREADS * (left.max() - left.min() + limit))
 
 
 def _starts(lower: Floats, upper: Floats, count: int, generator: np.random.Generator) -> Floats:
