@@ -15,13 +15,17 @@ import pytest
 import viatool
 from tests.sight.ray_oracle import outlines, ranges
 from viatool.errors import ConfigurationError
+from viatool.loop import certifying
+from viatool.loop.certifying import prove_cells
 from viatool.loop.closed_loop import ClosedLoop
 from viatool.places import Resolution, SearchBudget, certify
+from viatool.sets import observations as over
 from viatool.sets.forms import PoseBoxes
 from viatool.sets.states import StateBoxes
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
 from viatool.simulate.places import Places, observe_places
+from viatool.taylor import elsewhere
 from viatool.uncertainty import ErrorModel
 from viatool.verification import verify
 from viatool.verification.witness_file import witness_document
@@ -168,6 +172,61 @@ def test_verdicts_of_cells_fall_with_every_term(term, sizes):
     assert widths[0] < widths[1] < widths[2]
     assert not (held[1] & ~held[0]).any()
     assert not (held[2] & ~held[1]).any()
+
+
+def near(loop, count, side=0.005):
+    """Cells near something, where what is commanded decides."""
+    cells = cells_at(loop, count, side)
+    cells = cells.select(np.flatnonzero(~loop.holds(cells, *loop.any_commands(len(cells)))))
+    return cells.select(np.flatnonzero(loop.all_hold(cells, loop.commands(cells, complete=False).pieces)))
+
+
+def wrongly_proved(terms, count=8000, tries=30):
+    """In how many cells that hold commands of onnxruntime with lost rays do not; and how many hold, of how many."""
+    loop = loop_of(terms)
+    cells, generator = near(loop, count), np.random.default_rng(0)
+    holds = prove_cells(loop, cells).holds
+    some = cells.select(np.flatnonzero(holds))
+    lower, upper = np.full((len(some), 2), np.inf), np.full((len(some), 2), -np.inf)
+    for _ in range(tries if len(some) else 0):
+        poses = some.poses.centre + unit(generator, len(some), 3) * some.poses.radius
+        seen = loop.sensors.read(poses, some.previous_lower)
+        seen[:, :20] = read(generator, poses, {"absolute": terms["absolute"]})
+        for row in range(len(some)):  # of a bin whose nearest ray is lost nothing is known of the others
+            lost = generator.choice(20, size=terms["missing"], replace=False)
+            share = generator.choice([1.0, generator.random()])
+            seen[row, lost] += share * np.maximum(LIDAR.maximum_range - seen[row, lost], 0.0)
+        actions = loop.rules.clip(POLICY.run(seen.astype(np.float32).astype(float)))
+        lower, upper = np.minimum(lower, actions), np.maximum(upper, actions)
+    wrong = ~loop.holds(some, lower, upper) if len(some) else np.zeros(0, dtype=bool)
+    return int(wrong.sum()), int(holds.sum()), len(cells)
+
+
+@pytest.mark.parametrize("missing", [1, 2])
+def test_cells_hold_whatever_rays_are_lost(missing):
+    wrong, held, count = wrongly_proved({"absolute": 0.01, "missing": missing})
+    assert wrong == 0
+    assert held < count
+    assert missing > 1 or held > 10
+
+
+def forget_choices(monkeypatch):
+    right = over.ObservationSets.choices
+    monkeypatch.setattr(over.ObservationSets, "choices", lambda self, *how: list(right(self, *how))[:1])
+
+
+def forget_the_largest(monkeypatch):
+    right = elsewhere.FewSymbols.most
+    monkeypatch.setattr(
+        elsewhere.FewSymbols, "most", lambda self, slope: right(replace(self, elsewhere=self.usual), slope)
+    )
+
+
+@pytest.mark.parametrize(("mutate", "missing"), [(forget_choices, 1), (forget_the_largest, 3)])
+def test_onnxruntime_catches_cells_that_hold_for_some_choices_alone(monkeypatch, mutate, missing):
+    monkeypatch.setattr(certifying, "_may_hold", lambda loop, cells, *_: np.ones(len(cells), dtype=bool))
+    mutate(monkeypatch)
+    assert wrongly_proved({"absolute": 0.01, "missing": missing})[0] > 0
 
 
 @pytest.fixture(scope="module")

@@ -48,6 +48,23 @@ class Sightings:
         """Return what is observed as sets, (R, n)."""
         return ObservationSets(self.forms, self.forms.lower, self.forms.upper, self.few)
 
+    def parts_of(self, which: Indices, count: int) -> Indices:
+        """Return the parts of some of C sets, (k,) ascending."""
+        among = np.zeros(count, dtype=bool)
+        among[which] = True
+        return np.flatnonzero(among[self.cell])
+
+    def of_sets(self, which: Indices, count: int) -> Sightings:
+        """Return what is observed in some of C sets, (k,) ascending."""
+        parts, number = self.parts_of(which, count), np.zeros(count, dtype=np.int64)
+        number[which] = np.arange(len(which))
+        forms = self.forms
+        return Sightings(
+            Forms(forms.centre[parts], forms.slope[parts], forms.rest[parts]),
+            number[self.cell[parts]],
+            tuple(few.select(parts) for few in self.few),
+        )
+
     @property
     def wide(self) -> Forms:
         """Return forms (R, n) that hold every entry, wherever it may be."""

@@ -28,6 +28,7 @@ from viatool.safety.proof import ProofEffort, prove_clearance
 from viatool.schedule import check_time
 from viatool.sets.bounds import require_ordered
 from viatool.sets.forms import PoseBoxes
+from viatool.sets.observations import ObservationSets
 from viatool.sets.states import StateBoxes
 from viatool.setting.driven import DrivenPolicy
 from viatool.setting.rules import Rules
@@ -137,7 +138,7 @@ class ClosedLoop:
 
     def settled(self, boxes: PoseBoxes) -> Booleans:
         """Tell in which boxes no admissible commands, before and next, endanger a free pose, (C,). **Sound:** yes."""
-        lower, upper = self._any_commands(len(boxes))
+        lower, upper = self.any_commands(len(boxes))
         before = lower, upper
         if self.rules.kinematics.state:
             least, most = self.rules.kinematics.state_range
@@ -162,7 +163,7 @@ class ClosedLoop:
         kept = np.ones(count, dtype=bool)
         for index, manoeuvre in enumerate(rules.waiting, start=1):
             newest = index == rules.dead_time.commands
-            held = (cells.previous_lower, cells.previous_upper) if newest else self._any_commands(count)
+            held = (cells.previous_lower, cells.previous_upper) if newest else self.any_commands(count)
             some = np.flatnonzero(kept)
             kept[some] = self._keep_clear(boxes.select(some), manoeuvre, held[0][some], held[1][some])
             boxes = after_waiting(boxes, manoeuvre, *held)
@@ -225,7 +226,7 @@ class ClosedLoop:
             _EFFORT,
         ).proved
 
-    def _any_commands(self, count: int) -> tuple[Floats, Floats]:
+    def any_commands(self, count: int) -> tuple[Floats, Floats]:
         """Return the ends (C, A) of all commands that the robot carries out."""
         lower, upper = (
             np.broadcast_to(end, (count, len(end))) for end in (self.rules.lower, self.rules.upper)
@@ -267,13 +268,16 @@ class ClosedLoop:
         Else all rays return; choices of those that do not cost as many passes.
         """
         cells.checked()
-        size = len(self.setting.radii)
-        most = int(np.clip(_CHUNK_NUMBERS // (size * size), 1, _CHUNK))
-        found = [self._commands(cells.select(some), complete) for some in self._chunks(len(cells), most)]
+        found = [self._commands(cells.select(some), complete) for some in self.chunks(len(cells))]
         return CommandBounds(
             CommandPieces.join([part.pieces for part in found]),
             np.concatenate([part.influence for part in found]),
         )
+
+    def chunks(self, count: int) -> list[slice]:
+        """Cut cells so that what the network's inputs need stays small."""
+        size = len(self.setting.radii)
+        return self._chunks(count, int(np.clip(_CHUNK_NUMBERS // (size * size), 1, _CHUNK)))
 
     def watch(self, observations: Floats, reached: CorrelatedReach | LinearReach) -> None:
         """Run the deployed program on an observation (C, n) of each set.
@@ -291,59 +295,25 @@ class ClosedLoop:
         step = int(np.clip(_CHUNK_PAIRS // len(self.sensors.shapes), min(8, most), most))
         return [slice(start, min(start + step, count)) for start in range(0, count, step)]
 
-    def certifies(self, cells: StateBoxes) -> tuple[Booleans, CommandBounds]:
-        """Tell in which cells the policy's commands keep every free pose clear, (C,), and bound them. **Sound:** yes.
-
-        Where rays may return nothing, that counts only in cells that hold without: the bounds of others are of scans
-        in which every ray returns.
-        """
-        commands = self.commands(cells, complete=not self.loses_rays)
-        holds = self.all_hold(cells, commands.pieces)
-        if not (self.loses_rays and holds.any()):
-            return holds, commands
-        rows = np.flatnonzero(holds)
-        rows = rows[self._may_lose(cells.select(rows), commands.select(rows))]
-        every = self.commands(cells.select(rows))
-        holds[:] = False
-        holds[rows] = self.all_hold(cells.select(rows), every.pieces)
-        return holds, commands.replaced(rows, every)
-
-    def _may_lose(self, cells: StateBoxes, commands: CommandBounds) -> Booleans:
-        """Tell in which cells commands hold still at the middle if one bin reads nothing, (C,). That proves nothing."""
-        if not self.driven.is_plain:  # a hull of what is chosen says little
-            return np.ones(len(cells), dtype=bool)
-        lower, upper = (end.copy() for end in commands.ends)
-        for some in self._chunks(len(cells), _CHUNK):
-            sightings = self.sensors.enclose(cells.select(some))
-            count = len(lower[some])
-            middle = sightings.forms.centre[:count]
-            for few in sightings.few:
-                for number, column in enumerate(few.columns.tolist()):
-                    for end in (few.lower, few.upper):
-                        seen = middle.copy()
-                        seen[:, column] = end[:count, number]
-                        sent = self.rules.clip(self.driven(seen))
-                        lower[some], upper[some] = (
-                            np.minimum(lower[some], sent),
-                            np.maximum(upper[some], sent),
-                        )
-        return self.holds(cells, lower, upper)
-
     def _commands(self, cells: StateBoxes, complete: bool) -> CommandBounds:
         check_time()
         sightings = self.sensors.enclose(cells)
         if not complete:
             sightings = replace(sightings, few=())
-        reached = CorrelatedReach.hull(
-            [
-                reach_sets(network, sightings.sets, MOST_CHOICES, arithmetic=self.arithmetic)
-                for network in self._networks()
-            ]
+        return self.bounds_of(sightings, self.reached(sightings.sets, MOST_CHOICES), len(cells))
+
+    def reached(self, sets: ObservationSets, choices: int) -> CorrelatedReach:
+        """Bound what the network gives over sets (R, n) of observations, so many choices of lost rays one by one."""
+        return CorrelatedReach.hull(
+            [reach_sets(network, sets, choices, arithmetic=self.arithmetic) for network in self._networks()]
         )
+
+    def bounds_of(self, sightings: Sightings, reached: CorrelatedReach, count: int) -> CommandBounds:
+        """Return what may be sent in C cells, of bounds (R, ...) of what the network gives. **Sound:** yes."""
         if self.driven.choice is None:
             self.watch(sightings.forms.centre, reached)
-        pieces = self._sent(sightings, reached.lower, reached.upper, len(cells))
-        influence = reached.influence[: len(cells)].copy()
+        pieces = self._sent(sightings, reached.lower, reached.upper, count)
+        influence = reached.influence[:count].copy()
         np.maximum.at(influence, sightings.cell, reached.influence)
         moved = influence / np.maximum(influence.sum(axis=1, keepdims=True), 1e-12)
         moved = moved.max(axis=2)  # (C, 3 + A + n)

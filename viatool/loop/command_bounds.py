@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from viatool.arrays import Floats, Indices
@@ -48,13 +47,6 @@ class CommandBounds:
     def select(self, which: NDArray[Any]) -> CommandBounds:
         """Return those of some cells."""
         return CommandBounds(self.pieces.select(which), self.influence[which])
-
-    def replaced(self, rows: Indices, other: CommandBounds) -> CommandBounds:
-        """Return these with others in the place of those of some cells (D,), each once."""
-        kept = np.setdiff1d(np.arange(len(self.influence)), rows)
-        order = np.argsort(np.concatenate([kept, rows]))
-        pieces = CommandPieces.join([self.pieces.select(kept), other.pieces]).select(order)
-        return CommandBounds(pieces, np.concatenate([self.influence[kept], other.influence])[order])
 
 
 @dataclass(frozen=True, eq=False)

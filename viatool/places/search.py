@@ -7,6 +7,7 @@ from collections import defaultdict
 import numpy as np
 
 from viatool.arrays import Floats, Indices
+from viatool.loop.certifying import prove_cells
 from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.command_bounds import CommandBounds
 from viatool.loop.refuting import refute
@@ -100,14 +101,15 @@ def _geometry(
 def _judge(loop: ClosedLoop, lattice: Lattice, nodes: Nodes, frontier: Frontier, seed: int) -> CellFindings:
     """Return the nodes that are certified, refuted or smallest; the others are halved."""
     cells = lattice.cells(nodes)
-    certified, commands = loop.certifies(cells)
+    proofs = prove_cells(loop, cells)
+    certified, commands = proofs.holds, proofs.commands
     smallest = (nodes.level >= lattice.deepest).all(axis=1)
     open_ = np.flatnonzero(~certified & ~smallest)
     if len(open_):
         axis = _loosest_axis(loop, lattice, nodes.select(open_), commands.select(open_))
         frontier.add(nodes.select(open_).halved(axis))
     status = np.where(certified, CERTIFIED, UNKNOWN)
-    last = np.flatnonzero(~certified & smallest)
+    last = np.flatnonzero(~proofs.without_losses & smallest)  # counterexamples are scans of all rays
     found = refute(loop, cells.select(last), commands.select(last), seed=seed) if len(last) else None
     if found is not None:
         status[last[found.witnesses.state]] = REFUTED

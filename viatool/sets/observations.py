@@ -128,13 +128,15 @@ class ObservationSets:
                 upper[:, few.columns] = np.maximum(upper[:, few.columns], few.upper)
         return lower, upper
 
-    def choices(self, most: int) -> Iterator[ObservationSets]:
+    def choices(self, most: int, weight: Floats | None = None) -> Iterator[ObservationSets]:
         """Cut the sets by which entries are elsewhere.
 
         Parameters
         ----------
         most : int
             So many sets may take the place of one.
+        weight : ndarray, optional
+            (n,) how much each entry counts: those that count more come first, after that in which none is elsewhere.
 
         Returns
         -------
@@ -143,35 +145,50 @@ class ObservationSets:
             each: no entry of it may be elsewhere, those that are have their own bounds. Else one for each choice of
             blocks of entries, among which up to `count` may be.
         """
-        if prod(few.subsets for few in self.few) <= most:
-            every = [
-                [
-                    chosen
-                    for size in range(few.count + 1)
-                    for chosen in combinations(range(len(few.columns)), size)
-                ]
-                for few in self.few
+        alone = prod(few.subsets for few in self.few) <= most
+        share = max(2, int(most ** (1.0 / max(len(self.few), 1))))
+        every = list(product(*(_each(few) if alone else _blocks(few, share) for few in self.few)))
+        if weight is not None:
+            counts = [
+                sum(_largest(weight[some], few.count) for some, few in zip(chosen, self.few, strict=True))
+                if any(map(len, chosen))
+                else np.inf
+                for chosen in every
             ]
-            for chosen in product(*every):
+            every = [every[number] for number in np.argsort(-np.array(counts), kind="stable")]
+        for chosen in every:
+            if alone:
                 yield self._moved(chosen)
-        else:
-            share = max(2, int(most ** (1.0 / len(self.few))))
-            for blocks in product(*(_blocks(few, share) for few in self.few)):
-                some = tuple(few.among(block) for few, block in zip(self.few, blocks, strict=True))
-                yield replace(self, few=some)
+            else:
+                few = tuple(few.among(some) for few, some in zip(self.few, chosen, strict=True))
+                yield replace(self, few=few)
 
-    def _moved(self, chosen: tuple[tuple[int, ...], ...]) -> ObservationSets:
-        """Return the sets in which certain entries of each `Few` are elsewhere, and no other."""
+    def _moved(self, chosen: Sequence[Indices]) -> ObservationSets:
+        """Return the sets in which certain columns of each `Few` are elsewhere, and no other."""
         centre, slope, rest = (getattr(self.forms, name).copy() for name in ("centre", "slope", "rest"))
         lower, upper = self.lower.copy(), self.upper.copy()
-        for few, entries in zip(self.few, chosen, strict=True):
-            columns, which = few.columns[list(entries)], list(entries)
+        for few, some in zip(self.few, chosen, strict=True):
+            which = np.flatnonzero(np.isin(few.columns, some))
+            columns = few.columns[which]
             lower[:, columns], upper[:, columns] = few.lower[:, which], few.upper[:, which]
             middle = 0.5 * (few.lower[:, which] + few.upper[:, which])
             centre[:, columns], slope[:, :, columns] = middle, 0.0
             half = np.maximum(few.upper[:, which] - middle, middle - few.lower[:, which])
             rest[:, columns] = np.nextafter(half, np.inf)
         return ObservationSets(Forms(centre, slope, rest), lower, upper)
+
+
+def _each(few: Few) -> list[Indices]:
+    """Return the columns of every choice of entries, that of none first."""
+    sizes = range(few.count + 1)
+    return [
+        few.columns[list(chosen)] for size in sizes for chosen in combinations(range(len(few.columns)), size)
+    ]
+
+
+def _largest(weight: Floats, count: int) -> float:
+    """Return the sum of the largest numbers."""
+    return float(np.sort(weight)[::-1][:count].sum())
 
 
 def _blocks(few: Few, most: int) -> list[Indices]:

@@ -41,6 +41,10 @@ class CorrelatedReach:
     upper: Floats
     influence: Floats
 
+    def select(self, which: Indices) -> CorrelatedReach:
+        """Return what is known over some of the sets."""
+        return CorrelatedReach(self.lower[which], self.upper[which], self.influence[which])
+
     @classmethod
     def hull(cls, sets: Sequence[CorrelatedReach]) -> CorrelatedReach:
         """Return what holds for every one of several programs over the same B sets of inputs."""
@@ -193,7 +197,9 @@ def reach_correlated(
     trunk, head = split_head(network)
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         box = Box(inputs.lower, inputs.upper)
-        passes = propagate(trunk, box, inputs=inputs)
+        passes = propagate(
+            trunk, box, inputs=inputs, range_of=(lambda model: few_hull(model, few)) if few else None
+        )
         hulls = [enclosure.hull for enclosure in passes]
         influence = np.abs(passes[-1].model.linear.dense())
         if thorough:

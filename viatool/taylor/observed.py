@@ -87,7 +87,7 @@ def reach_sets(
     sets : ObservationSets
         B of them, whose bounds are those of their forms.
     most : int
-        So many choices of entries that are elsewhere are bounded one by one.
+        So many choices of entries that are elsewhere are bounded one by one; 1 for all of them in one pass.
     arithmetic : str
         As in `viatool.reach`.
 
@@ -100,7 +100,8 @@ def reach_sets(
     -----
     **Sound:** yes. Cost: a pass of order 1, and one for each choice.
     """
-    chosen = sets.choices(most) if any(few.count for few in sets.few) else (replace(sets, few=()),)
+    one = most == 1 or not any(few.count for few in sets.few)
+    chosen = (sets,) if one else sets.choices(most)
     found: list[CorrelatedReach] = []
     for some in chosen:
         inputs, few = model_of(some)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -101,6 +101,7 @@ def propagate(
     limits: Mapping[int, Hull] | None = None,
     inputs: Enclosure | None = None,
     known: Sequence[Hull] | None = None,
+    range_of: Callable[[TaylorModel], Hull] | None = None,
 ) -> list[Enclosure]:
     """Enclose every node of a network over input boxes.
 
@@ -121,6 +122,8 @@ def propagate(
     known : sequence of (lower, upper), optional
         Bounds of every node over the boxes, from a pass of another order: each hull is met with them, so that none
         comes out wider, and every activation is approximated where both passes allow its argument.
+    range_of : callable, optional
+        Another bound of the range of a model, over the inputs that count; the hull of every affine node is met with it.
 
     Returns
     -------
@@ -151,6 +154,8 @@ def propagate(
             raise EnclosureError(f"{network.label(index)}: {error.message}", error.hint) from error
         if known is not None:
             enclosures[-1] = enclosures[-1].met(known[index])
+        if range_of is not None and isinstance(node, Affine):
+            enclosures[-1] = enclosures[-1].met(range_of(enclosures[-1].model))
     if order > 1:
         last = enclosures[-1]
         enclosures[-1] = last.met(model_range(last.model, thorough=True))
