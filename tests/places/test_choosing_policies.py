@@ -93,7 +93,7 @@ def test_a_command_that_is_not_followed_lets_cells_last_too_long(policy, robot, 
     def first_of_each(loop, states):
         after = follow(loop, states)
         rows = np.unique(after.origin, return_index=True)[1]
-        names = ("origin", "lower", "upper", "least", "most")
+        names = ("origin", "lower", "upper", "least", "most", "before_lower", "before_upper")
         return type(after)(
             start=after.start.select(rows), states=passages.select(after.states, rows),
             **{name: getattr(after, name)[rows] for name in names},
