@@ -31,7 +31,7 @@ COMMANDS = {
 }
 """Each command with its options; all others are as they are by default."""
 
-SHARES = {"metadrive": 0.1, "navrep": 0.2}
+SHARES = {"metadrive": 0.1, "navrep": 0.2, "ros_jackal": 0.1}
 """By how much less of a map certify examines: of an arena many times the room's, and where one cell takes long."""
 
 
