@@ -10,18 +10,19 @@ import numpy as np
 import pytest
 
 from tests.missions.parking import LOWER, MAP, UPPER, drive, write_parking_policy
+from tests.motion.changing_mutants import heading_that_is_frozen, velocity_that_is_not_carried
 from viatool import load_map, load_policy, verify
 from viatool.cli import main
 from viatool.errors import ConfigurationError, InputError
 from viatool.loop import successor
 from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.destination import NearPlace, StatesReached
+from viatool.loop.observation import Sensors
 from viatool.loop.successor import fold_apart, hull, name_rests, step
 from viatool.missions import MissionLimits, carried, mission
 from viatool.missions.carried import CarriedFollower, _Starts
 from viatool.missions.work import MissionExamination
 from viatool.motion import straight
-from viatool.motion.signals import IntegratedSignal
 from viatool.setting.setting import Setting
 from viatool.simulate import roll_out
 
@@ -122,11 +123,12 @@ def test_every_run_of_a_proved_mission_stays_in_its_tube_keeps_its_clearance_and
     assert one.to_json()["task"].endswith("at 6 s")
 
 
-def no_errors(loop, patch):
-    object.__setattr__(loop.sensors, "radii", None)
+def no_errors(patch):
+    right = Sensors.enclose
+    patch.setattr(Sensors, "enclose", lambda self, *given: right(replace(self, radii=None), *given))
 
 
-def half_a_remainder(loop, patch):
+def half_a_remainder(patch):
     right = straight.left_out
 
     def wrong(*given):
@@ -136,23 +138,7 @@ def half_a_remainder(loop, patch):
     patch.setattr(straight, "left_out", wrong)
 
 
-def velocity_that_is_not_carried(loop, patch):
-    right = IntegratedSignal.form
-    patch.setattr(IntegratedSignal, "form", lambda self, held, ends, time: right(self, held, ends, 0.0))
-
-
-def heading_that_is_frozen(loop, patch):
-    right = straight._Centre.gradient
-
-    def wrong(self, *given):
-        found = right(self, *given)
-        found[:, 0] = 0.0
-        return found
-
-    patch.setattr(straight._Centre, "gradient", wrong)
-
-
-def symbols_that_are_dropped(loop, patch):
+def symbols_that_are_dropped(patch):
     right = successor.fold
     patch.setattr(successor, "fold", lambda forms, most: replace(right(forms, 1), rest=0.0 * forms.rest))
 
@@ -163,7 +149,7 @@ def symbols_that_are_dropped(loop, patch):
 )
 def test_runs_catch_forms_that_leave_something_out(mutate, policy, world, driven, monkeypatch):
     loop = closed_loop(policy, world)
-    mutate(loop, monkeypatch)
+    mutate(monkeypatch)
     assert beyond(loop, driven) > 100 * SLACK
 
 
@@ -187,7 +173,7 @@ def test_runs_without_errors_catch_half_a_remainder(policy, world, monkeypatch):
         return float((np.abs(ends - middle) - own)[:, :2].max())
 
     honest = over()
-    half_a_remainder(loop, monkeypatch)
+    half_a_remainder(monkeypatch)
     assert honest < SLACK
     assert over() > honest
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.motion import changing_plant as plant
+from tests.motion.changing_mutants import heading_that_is_frozen, velocity_that_is_not_carried
 from viatool.motion import changing, signals, straight
 from viatool.motion.kinematics import motion_of
 from viatool.motion.signals import ApproachingSignal, IntegratedSignal
@@ -149,26 +150,6 @@ def limits_where_all_begin_within(patch):
         return replace(found, radius=0.0 * found.radius)
 
     patch.setattr(IntegratedSignal, "_between", wrong)
-
-
-def velocity_that_is_not_carried(patch):
-    right = IntegratedSignal.form
-
-    def wrong(self, held, ends, time):
-        return right(self, held, ends, 0.0)
-
-    patch.setattr(IntegratedSignal, "form", wrong)
-
-
-def heading_that_is_frozen(patch):
-    right = straight._Centre.gradient
-
-    def wrong(self, *given):
-        found = right(self, *given)
-        found[:, 0] = 0.0
-        return found
-
-    patch.setattr(straight._Centre, "gradient", wrong)
 
 
 def turn_that_is_held(patch):

@@ -8,10 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from viatool.arrays import Booleans, Floats
-from viatool.channels import Quantities, Sightings
-from viatool.channels.velocities import MeasuredVelocity
-from viatool.errors import PolicyError
+from viatool.channels import Sightings
 from viatool.loop.command_bounds import CommandBounds, SentReach
+from viatool.loop.knowable import require_known_over_poses
 from viatool.loop.observation import Sensors
 from viatool.loop.retreat import keep_away
 from viatool.loop.told import Recollection
@@ -385,41 +384,3 @@ class ClosedLoop:
         for quantity, place in zip(quantities, quantities.columns, strict=True):
             told += (first + place.start + quantity.told_of(axis, made)).tolist()
         return told
-
-
-def require_known_over_poses(setting: Setting) -> Quantities:
-    """Return what a policy observes, refusing by name what is not known over a set of poses.
-
-    Raises
-    ------
-    PolicyError
-        Names the channel.
-    """
-    spec = setting.spec
-    observed = Quantities.of(spec.observation, setting.robot, spec.frames).require("measure", "enclose")
-    _check_velocities(observed, setting.rules)
-    return observed
-
-
-def _check_velocities(observed: Quantities, rules: Rules) -> None:
-    """Refuse a measured velocity where motors take time or commands act late: it is not that of the command before."""
-    measured = [quantity for quantity in observed if isinstance(quantity, MeasuredVelocity)]
-    if rules.command_errors is not None:
-        for quantity in measured:
-            if not quantity.held and quantity.limits != (0.0, 0.0):
-                raise PolicyError(
-                    f"{quantity.channel} is not known over a set of poses when what acts differs from the command",
-                    "leave out the section actuation",
-                )
-    late = [quantity.channel for quantity in measured]
-    if not late or (rules.delay == 0.0 and rules.machine is None):
-        return
-    if rules.machine is None:
-        raise PolicyError(
-            f"{late[0]} is not known over a set of poses when commands act {rules.delay:g} s late",
-            "leave out --delay, or verify recorded states alone",
-        )
-    raise PolicyError(
-        f"{late[0]} is not known over a set of poses when motors and timing are those of an error model",
-        "leave out the sections actuation and timing, or verify recorded states alone",
-    )

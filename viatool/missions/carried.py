@@ -33,7 +33,7 @@ from viatool.missions.follow import (
     Trace,
     place_words,
 )
-from viatool.rounding import SPARE
+from viatool.rounding import SLIGHTLY_MORE, SPARE
 from viatool.schedule import check_time
 from viatool.sets.bounds import require_ordered
 from viatool.sets.forms import Forms
@@ -154,7 +154,7 @@ class _Starts:
     def forms(self) -> Forms:
         """Return them as forms, one symbol for each side."""
         centre = 0.5 * (self.lower + self.upper)
-        radius = np.maximum(self.upper - centre, centre - self.lower)
+        radius = np.maximum(self.upper - centre, centre - self.lower) * SLIGHTLY_MORE
         return Forms(centre, radius[:, :, None] * np.eye(radius.shape[1]), np.zeros_like(centre))
 
     def __len__(self) -> int:

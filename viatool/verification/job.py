@@ -10,8 +10,8 @@ from typing import Any, Literal
 
 from viatool.arrays import Booleans, Indices
 from viatool.errors import ConfigurationError
-from viatool.loop.closed_loop import require_known_over_poses
 from viatool.loop.horizon import Horizon
+from viatool.loop.knowable import require_known_over_poses
 from viatool.policy import Policy, PolicySpecification, load_policy
 from viatool.schedule import Campaign, Progress, Scheduler, ignore, open_scheduler
 from viatool.setting.begun import states_begun
