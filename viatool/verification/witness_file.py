@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +15,6 @@ from viatool.arrays import Booleans, Floats
 from viatool.channels.erring import ScanErrors
 from viatool.errors import ConfigurationError, InputError
 from viatool.loop.horizon import Crashes
-from viatool.motion.actuation import IDEAL_MOTORS, Actuation, Response
-from viatool.motion.kinematics import DIFFERENTIAL, motion_with
-from viatool.motion.law import Kinematics
-from viatool.motion.timing import Timing
 from viatool.policy import Policy
 from viatool.policy.command_map import CommandMap
 from viatool.safety.judged_states import JudgedStates
@@ -27,19 +22,18 @@ from viatool.safety.nearest import describe_nearest
 from viatool.safety.scene_poses import Movers, ScenePoses
 from viatool.safety.witness import Witnesses
 from viatool.setting.admissible import explain
-from viatool.setting.criteria import criterion_of
 from viatool.setting.rules import Rules
 from viatool.setting.scanned import changed_scans
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
 from viatool.trajectory import read_scenario, write_scenario
 from viatool.verification.result import Result
-from viatool.world import Capsules, Clearance, Footprint, Scenario, Scenes, WorldMap
+from viatool.verification.rules_document import read_rules, rules_document
+from viatool.world import Capsules, Scenario, Scenes, WorldMap
 from viatool.world.capsules import NOWHERE
 
 SCHEMA_VERSION = 1
 
-_PARTS = ("linear", "lateral", "angular")
 _USUAL_KINDS = ("linear", "angular")
 """What files name that do not say it."""
 
@@ -228,7 +222,7 @@ def compose_witnesses(
         "map": {"path": str(world_map.path), "sha256": world_map.sha256},
         "columns": list(command_map.columns),
         "kinds": list(command_map.kinds),
-        "rules": _rules_document(rules),
+        "rules": rules_document(rules),
         "witnesses": list(entries),
     }
 
@@ -316,98 +310,12 @@ def _wishes(rules: Rules) -> Wishes:
     )
 
 
-def _rules_document(rules: Rules) -> dict[str, Any]:
-    footprint = rules.footprint
-    return {
-        "criterion": rules.criterion,
-        "collision": rules.clearance.collision,
-        "danger": rules.clearance.danger,
-        "interval": rules.interval,
-        "deceleration": rules.deceleration,
-        "delay": rules.delay,
-        "kinematics": rules.kinematics.name,
-        **_motion_document(rules.kinematics),
-        "lower": rules.lower.tolist(),
-        "upper": rules.upper.tolist(),
-        **({} if rules.actuation.is_ideal else {"motors": _motors_document(rules.actuation)}),
-        **({} if rules.timing is None else {"timing": asdict(rules.timing)}),
-        "footprint": {
-            "kind": footprint.kind,
-            "radius": footprint.radius,
-            "polygon": footprint.polygon.tolist(),
-        },
-    }
-
-
-def _motion_document(kinematics: Kinematics) -> dict[str, Any]:
-    """Return what a kinematics knows of its robot, limits that are none left out."""
-    known = {name: value for name, value in kinematics.parameters.items() if math.isfinite(value)}
-    return {"motion": known} if known else {}
-
-
-def _read_rules(document: Mapping[str, Any]) -> Rules:
-    outline = document["footprint"]
-    return Rules(
-        criterion=criterion_of(document["criterion"]).name,
-        clearance=Clearance(float(document["collision"]), float(document["danger"])),
-        footprint=Footprint(
-            outline["kind"],
-            float(outline["radius"]),
-            np.array(outline["polygon"], dtype=float).reshape(-1, 2),
-        ),
-        lower=np.array(document["lower"], dtype=np.float64),
-        upper=np.array(document["upper"], dtype=np.float64),
-        interval=float(document["interval"]),
-        deceleration=float(document["deceleration"]),
-        delay=float(document["delay"]),
-        kinematics=motion_with(
-            str(document.get("kinematics", DIFFERENTIAL.name)), document.get("motion", {})
-        ),
-        actuation=_read_motors(document.get("motors")),
-        timing=_read_timing(document.get("timing")),
-    )
-
-
-def _motors_document(motors: Actuation) -> dict[str, Any]:
-    """Return motors as plain data; what is endless is null."""
-    parts = asdict(motors)
-    for name in _PARTS:
-        parts[name] = {
-            term: [None if end == math.inf else end for end in value] if isinstance(value, tuple) else value
-            for term, value in parts[name].items()
-        }
-    return parts
-
-
-def _read_motors(document: Mapping[str, Any] | None) -> Actuation:
-    if document is None:
-        return IDEAL_MOTORS
-    responses = {name: Response(**_read_response(document[name])) for name in _PARTS}
-    return Actuation(**responses, slip=float(document["slip"]))
-
-
-def _read_response(document: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        term: tuple(math.inf if end is None else float(end) for end in value)
-        if isinstance(value, list)
-        else float(value)
-        for term, value in document.items()
-    }
-
-
-def _read_timing(document: Mapping[str, Any] | None) -> Timing | None:
-    if document is None:
-        return None
-    interval, delay = (tuple(map(float, document[name])) for name in ("interval", "delay"))
-    return Timing((interval[0], interval[1]), (delay[0], delay[1]), float(document["age"]))
-
-
 def _read(document: Mapping[str, Any]) -> WitnessFile:
     entries = tuple(document["witnesses"])
     scenarios = tuple(
         read_scenario("" if e["scenario"] is None else json.dumps(e["scenario"])) for e in entries
     )
-    rules = _read_rules(document["rules"])
+    rules = read_rules(document["rules"])
     return WitnessFile(
         policy={name: str(document["policy"][name]) for name in ("path", "sha256")},
         world_map={name: str(document["map"][name]) for name in ("path", "sha256")},
