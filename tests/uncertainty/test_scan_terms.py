@@ -346,6 +346,7 @@ def test_what_each_term_costs_is_told(trajectory):
     result = verified(trajectory, terms, only_contested=True, explain_errors=True)
     told = {one.term for one in result.error_costs.terms}
     assert {"sensor.lidar.angle", "sensor.lidar.thin"} <= told
+    assert "changed by as much as that of the map" in result.assumptions()["sensor_error"]
 
 
 def test_certify_takes_the_terms_and_says_so():

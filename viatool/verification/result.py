@@ -361,6 +361,14 @@ class Result(Asked):
         passive = f", and counts until the robot stands{slow}" if self.rules.manoeuvre.passive else ""
         return f"what {' and '.join(places)} tell of may move, in any direction{passive}"
 
+    @property
+    def _sensor_words(self) -> str:
+        """Return in words what sensors may err, and what a recorded scan says of one that errs as a whole."""
+        errors = self.setting.reading_errors
+        if not errors.scans:
+            return errors.words
+        return f"{errors.words}; a scan that errs as a whole is the recorded one, changed by as much as that of the map"
+
     def assumptions(self) -> dict[str, Any]:
         """Return what the verdicts rest on, by name."""
         rules = self.rules
@@ -386,6 +394,6 @@ class Result(Asked):
             else rules.timing.words,
             "braking": "not asked" if stop is None else f"{stop:g} m/s^2",
             "obstacles": f"{self._moving}; whatever lies outside the arena is an obstacle{unknown}",
-            "sensor_error": self.setting.reading_errors.words,
+            "sensor_error": self._sensor_words,
             **({"memory": self.setting.memory_words} if self.setting.spec.memory else {}),
         }
