@@ -213,7 +213,8 @@ def test_certify_takes_what_moves_and_says_so():
     run = PlacesRun(found)
     assert (
         run.assumptions["map"]
-        == "correct; obstacles.speed 0.5 m/s may move as that says, and nothing else does"
+        == "correct; obstacles.speed 0.5 m/s may move as that says, unless it roams from where the map shows it when "
+        "the policy observes, and nothing else does"
     )
     witnesses = json.loads(json.dumps(run.witness_file()))["witnesses"]
     moved = [one for one in witnesses if "moved" in one["closest"]]

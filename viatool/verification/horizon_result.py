@@ -43,8 +43,8 @@ class HorizonResult:
     def meaning(self) -> str:
         """Return in words what is assumed of the runs."""
         return (
-            f"Over the horizon: {self.horizon.steps} commands, each from what perfect sensors read at the robot's own "
-            "pose, within eps, until the goal is reached"
+            f"Over the horizon: {self.horizon.steps} commands, each from what sensors read where the robot is, within "
+            "the errors that are stated, anew in each interval, until the goal is reached"
         )
 
     def state_table(self, rows: slice) -> dict[str, NDArray[Any]]:

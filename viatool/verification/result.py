@@ -359,7 +359,9 @@ class Result(Asked):
         machine = self.rules.machine
         slow = f" (is no faster than {STANDING:g} m/s)" if machine is not None and machine.lag else ""
         passive = f", and counts until the robot stands{slow}" if self.rules.manoeuvre.passive else ""
-        return f"what {' and '.join(places)} tell of may move, in any direction{passive}"
+        return (
+            f"what {' and '.join(places)} tell of may move, in any direction from where it is shown{passive}"
+        )
 
     @property
     def _sensor_words(self) -> str:

@@ -174,7 +174,8 @@ class PlacesDocument(Verified, Annotated):
         ideal = f"exact arcs{slip}" if record.state is None else f"exact,{slip}"
         late = f"commands act after {record.delay:g} s, until then the one before goes on"
         return {
-            "map": f"correct; {moving} may move as that says, and nothing else does"
+            "map": f"correct; {moving} may move as that says, unless it roams from where the map shows it when the "
+            "policy observes, and nothing else does"
             if moving
             else "correct, and nothing on it moves",
             "sensors": f"read what is there, each number within eps {describe_eps(record.eps)}"
