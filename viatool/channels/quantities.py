@@ -65,6 +65,20 @@ class Sightings:
             tuple(few.select(parts) for few in self.few),
         )
 
+    def choices(self, most: int) -> Iterator[Forms]:
+        """Yield forms (R, n) that together hold what is observed: one for each choice of what lies elsewhere.
+
+        Parameters
+        ----------
+        most : int
+            So many choices are told apart; where there are more, a form holds blocks of them.
+        """
+        if not self.few:
+            yield self.forms
+            return
+        for chosen in self.sets.choices(most):
+            yield Sightings(chosen.forms, self.cell, chosen.few).wide
+
     @property
     def wide(self) -> Forms:
         """Return forms (R, n) that hold every entry, wherever it may be."""

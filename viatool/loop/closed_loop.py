@@ -354,24 +354,25 @@ class ClosedLoop:
 
         Each command that a policy may choose, or a rule may send, is a piece of its own, which does not vary.
         """
-        seen = sightings.wide
-        inputs = input_model(seen.centre, seen.slope, seen.rest)
-        found = LinearReach.hull(
-            [
+        found: list[LinearReach] = []
+        for seen in sightings.choices(MOST_CHOICES):
+            inputs = input_model(seen.centre, seen.slope, seen.rest)
+            each = (
                 reach_linear(network, inputs, common, arithmetic=self.arithmetic)
                 for network in self._networks()
-            ]
-        )
+            )
+            found = [LinearReach.hull([*found, *each])]
+        linear = found[0]
         if self.driven.choice is None:
-            self.watch(seen.centre, found)
+            self.watch(sightings.forms.centre, linear)
         if self.driven.is_plain:
-            return SentReach(np.arange(count), found.joined(sightings.cell, count))
-        pieces = self._sent(sightings, found.lower, found.upper, count)
+            return SentReach(np.arange(count), linear.joined(sightings.cell, count))
+        pieces = self._sent(sightings, linear.lower, linear.upper, count)
         constant = LinearReach.constant(pieces.lower, pieces.upper, common)
         if self.driven.choice is not None:
             return SentReach(pieces.state, constant)
         varies = np.asarray((pieces.lower < pieces.upper).any(axis=1))
-        of_policy = found.joined(sightings.cell, count).select(pieces.state)
+        of_policy = linear.joined(sightings.cell, count).select(pieces.state)
         return SentReach(pieces.state, LinearReach.choose(varies, of_policy, constant))
 
     def _told_of(self, axis: int, symbols: int) -> list[int]:

@@ -29,7 +29,7 @@ _SHOWN = frozenset({"obstacles.speed", "obstacles.named", "obstacles.roams"})
 """Moving things that the map shows."""
 _MOVING = _SHOWN | frozenset(f"obstacles.{term}" for term in ("returns", "people", "hidden", "behind"))
 
-_OVER_SETS = frozenset({"sensor.absolute", "sensor.relative", "sensor.bias"}) | _POSE
+_OVER_SETS = _SENSOR | _POSE
 """What is enclosed wherever the closed loop is followed from sets of states."""
 
 SUPPORTED: dict[str, frozenset[str]] = {
