@@ -30,7 +30,7 @@ def result() -> Result:
 
 def test_each_error_costs_what_a_verification_without_it_saves(result: Result) -> None:
     lost = result.verdict != "safe"
-    costs = {one.term: one.states for one in result.error_costs.terms}
+    costs = {one.term: one.saved for one in result.error_costs.terms}
     assert result.error_costs.not_proved == lost.sum() > 5
     for term, without in (
         ("eps of lidar", {"eps": {**EPS, "lidar": 0.0}}),
@@ -42,7 +42,7 @@ def test_each_error_costs_what_a_verification_without_it_saves(result: Result) -
         named = np.array([term in told.split(",") for told in result.state_table()["fails_by"]])
         assert (named == saved).all()
     assert costs["eps of lidar"] > 0
-    assert [one.states for one in result.error_costs.terms] == sorted(costs.values(), reverse=True)
+    assert [one.saved for one in result.error_costs.terms] == sorted(costs.values(), reverse=True)
     assert result.error_costs.together >= max(costs.values())
 
 
@@ -66,13 +66,14 @@ def test_the_report_ranks_them(tmp_path: Path) -> None:
     asked = [
         "verify", "via", "--map", "lab", "--eps", "lidar=0.3", "--eps", "0.1", "--poses", "random:400", "--seed", "3",
         "--criterion", "braking", "--refine", "none", "--only-contested", "--explain-errors", "-o", f"json:{target}",
-        "-o", f"markdown:{tmp_path / 'report.md'}",
+        "-o", f"markdown:{tmp_path / 'report.md'}", "-o", f"html:{tmp_path / 'report.html'}",
     ]  # fmt: skip
     run = CliRunner().invoke(main, asked)
     assert run.exit_code == 0, run.output
     assert "What the errors cost" in run.output
     assert "all of them together" in run.output
-    assert "What the errors cost" in (tmp_path / "report.md").read_text()
+    for name in ("report.md", "report.html"):
+        assert "What the errors cost" in (tmp_path / name).read_text()
     assert '"error_costs"' in target.read_text()
     shown = CliRunner().invoke(main, ["report", str(target)])
     assert "What the errors cost" in shown.output

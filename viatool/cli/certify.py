@@ -121,6 +121,7 @@ if TYPE_CHECKING:
     help="With --steps or --forever: within this distance the goal is reached and the run is over; by default as in "
     "simulation.",
 )
+@options.explain_errors_option
 @options.seed_option
 @click.option(
     "--output",
@@ -191,6 +192,7 @@ _PASSED_ON = (
     "prefer",
     "footprint",
     "arithmetic",
+    "explain_errors",
     "seed",
 )
 

@@ -207,6 +207,12 @@ errors_option = click.option(
     help="Error model (YAML): what is bounded about sensors, pose, motors, time and moving things, see docs/errors.md; "
     "or the name of a robot whose data sheet is known, such as husky.",
 )
+explain_errors_option = click.option(
+    "--explain-errors",
+    is_flag=True,
+    help="Judge what is not proved again without each error in turn, and rank the errors by the verdicts that they "
+    "cost.",
+)
 pose_error_option = click.option(
     "--pose-error",
     type=PoseErrorType(),

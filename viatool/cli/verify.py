@@ -78,12 +78,7 @@ _PASSED_ON = (
     is_flag=True,
     help="Bound the actions only where some command could endanger the robot: the same verdicts, faster.",
 )
-@click.option(
-    "--explain-errors",
-    is_flag=True,
-    help="Judge the states that are not proved again without each error in turn, and rank the errors by the verdicts "
-    "that they cost.",
-)
+@options.explain_errors_option
 @click.option(
     "--output",
     "-o",

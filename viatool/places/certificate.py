@@ -19,6 +19,7 @@ from viatool.places.tree import AXES, Lattice, Nodes
 from viatool.policy import Policy
 from viatool.safety import JudgedStates, Witnesses
 from viatool.setting.asked import Asked
+from viatool.setting.error_costs import ErrorCosts
 from viatool.setting.setting import Setting
 from viatool.world import Scenario
 
@@ -58,6 +59,8 @@ class Certificate(Asked):
         Time by stage, and what a repetition would need.
     lasting : LastingCells, optional
         What holds beyond the next action, if it was asked.
+    error_costs : ErrorCosts, optional
+        What each error costs, in leaves, if it was asked.
     """
 
     policy: Policy
@@ -71,6 +74,7 @@ class Certificate(Asked):
     seconds: Mapping[str, float]
     versions: Mapping[str, str]
     lasting: LastingCells | None = None
+    error_costs: ErrorCosts | None = None
 
     @cached_property
     def units(self) -> dict[str, int]:
@@ -180,6 +184,7 @@ class Certificate(Asked):
             "decided_rate": _rate(decided, contested),
             "over_time": None if self.lasting is None else self.lasting.to_json(),
             "worst": [self._witness(int(row)) for row in self.worst()],
+            **({} if self.error_costs is None else {"error_costs": self._costs(self.error_costs)}),
             "seconds": dict(self.seconds),
             "versions": dict(self.versions),
             "premises": [premise.to_json() for premise in self.premises],
@@ -207,6 +212,14 @@ class Certificate(Asked):
             }
         }
 
+    def _costs(self, costs: ErrorCosts) -> dict[str, Any]:
+        """Return what errors cost, with the share of the contested volume: what is not certified is of one size."""
+        told = costs.to_json("cells")
+        whole = len(costs.rows) * self.contested[1]
+        for one in told["terms"]:
+            one["share"] = one["cells"] * costs.not_proved / whole if whole else 0.0
+        return told
+
     def _witness(self, row: int) -> dict[str, Any]:
         found = self.findings
         return {
@@ -223,8 +236,10 @@ class Certificate(Asked):
         lower, upper = self.lattice.bounds(self.findings.nodes.select(keep))
         names = np.array(STATUSES)
         later = {} if self.lasting is None else self.lasting.cell_table()
+        costs = self.error_costs
         return {
             **later,
+            **({} if costs is None else {"fails_by": costs.column(len(keep))[keep]}),
             "lower": lower,
             "upper": upper,
             "status": names[self.findings.status[keep]],

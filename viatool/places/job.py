@@ -17,11 +17,13 @@ from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.told import told_of_time
 from viatool.places.campaign import RootExamination, RootWork, SearchBudget, describe
 from viatool.places.certificate import Certificate
+from viatool.places.explaining import cost_of_cells
 from viatool.places.over_time import Lookahead, check_lookahead, look_ahead
 from viatool.places.tree import Lattice
 from viatool.policy import Policy, PolicySpecification, load_policy
 from viatool.schedule import Campaign, Deadline, Progress, ignore
 from viatool.setting.criteria import PROVING
+from viatool.setting.error_costs import drop_each
 from viatool.setting.rules import Rules
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
@@ -33,8 +35,8 @@ from viatool.world import Footprint, Scenario, WorldMap, load_map
 
 StrPath = str | os.PathLike[str]
 
-_FOLLOWING = 0.2
-"""Of a budget in seconds, that is left for following cells after the search where that is asked."""
+_AFTERWARDS = 0.2
+"""Of a budget in seconds, that is left after the search for judging cells again and following them where asked."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,7 @@ def certify(
     resolution: Resolution | None = None,
     budget: SearchBudget | None = None,
     lookahead: Lookahead | None = None,
+    explain_errors: bool = False,
     seed: int = 0,
     campaign: Campaign | None = None,
     tell: Progress = ignore,
@@ -117,6 +120,8 @@ def certify(
         When to stop.
     lookahead : Lookahead, optional
         What is asked beyond the next action.
+    explain_errors : bool
+        Also find out what each error costs: judge the cells that are not certified again without it.
     seed : int
         Of the order of the roots, and of the search for counterexamples.
     campaign : Campaign, optional
@@ -177,7 +182,7 @@ def certify(
     examination = RootExamination(loop, lattice, seed)
     work = RootWork(examination, budget.share, describe(examination, scenario))
     campaign = campaign or Campaign()
-    search_until = budget.until.moved(-_FOLLOWING) if lookahead.asked else budget.until
+    search_until = budget.until.moved(-_AFTERWARDS) if lookahead.asked or explain_errors else budget.until
     left = search_until.left
     found = campaign.carry_out(
         work, tell, until=search_until, enough=lambda parts: sum(map(len, parts)) >= budget.cells
@@ -187,7 +192,22 @@ def certify(
     if not (found.part.status > 0).any():
         raise EmptyEvaluationError("no free place was examined", "lower the clearance or raise the budget")
     seconds = {"search": time.perf_counter() - start}
-    lasting = None
+    costs, lasting = None, None
+    if explain_errors:
+
+        def ask(wished: Wishes, radii: Mapping[str, float]) -> Setting:
+            return Setting.of(policy, world_map, radii, wished, [scenario], job="certify")
+
+        def loop_of(other: Setting) -> ClosedLoop:
+            return ClosedLoop.of(policy, other, scenario, arithmetic, episode=episode)
+
+        start = time.perf_counter()
+        explain_until = budget.until.moved(-0.5 * _AFTERWARDS) if lookahead.asked else budget.until
+        costs = cost_of_cells(
+            found.part, lattice, drop_each(setting, wishes, ask), loop_of, campaign, tell, seed=seed,
+            until=explain_until,
+        )  # fmt: skip
+        seconds["explain"] = time.perf_counter() - start
     if lookahead.asked:
         start = time.perf_counter()
         lasting = look_ahead(
@@ -196,7 +216,7 @@ def certify(
         seconds["over_time"] = time.perf_counter() - start
     return Certificate(
         policy, setting, scenario, arithmetic, lattice, found.part, found.units,
-        int(np.prod(lattice.count)), seconds, result_versions(), lasting,
+        int(np.prod(lattice.count)), seconds, result_versions(), lasting, costs,
     )  # fmt: skip
 
 

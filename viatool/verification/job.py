@@ -15,6 +15,7 @@ from viatool.loop.knowable import require_known_over_poses
 from viatool.policy import Policy, PolicySpecification, load_policy
 from viatool.schedule import Campaign, Progress, Scheduler, ignore, open_scheduler
 from viatool.setting.begun import states_begun
+from viatool.setting.error_costs import cost_of_errors
 from viatool.setting.received import as_received, commands_observed, commands_under_way, velocities_measured
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
@@ -25,7 +26,6 @@ from viatool.trajectory import BagSettings, Trajectory
 from viatool.uncertainty import ErrorModel, as_error_model
 from viatool.verification.campaign import StateWork
 from viatool.verification.clock import Clock
-from viatool.verification.error_costs import cost_of_errors
 from viatool.verification.examination import StateExamination
 from viatool.verification.horizon import HorizonExamination
 from viatool.verification.result import Result

@@ -17,11 +17,11 @@ from viatool.policy import Maps, ObservationChannel
 from viatool.safety.judgement import Contested, Judgement
 from viatool.safety.witness import Witnesses
 from viatool.setting.asked import Asked
+from viatool.setting.error_costs import ErrorCosts
 from viatool.setting.setting import ActionName, Setting
 from viatool.simulate import Agreement
 from viatool.taylor import ReachableSet
 from viatool.trajectory import Trajectory
-from viatool.verification.error_costs import ErrorCosts
 from viatool.verification.horizon_result import HorizonResult
 from viatool.verification.notebook import table_of
 from viatool.verification.rates import RateByOutcome
@@ -268,7 +268,7 @@ class Result(Asked):
             "unsafe_states": self.unsafe_states(),
             **({} if self.horizon is None else {"horizon": self.horizon.to_json()}),
             **({"recording": [found.to_json() for found in self.recording]} if self.recording else {}),
-            **({} if self.error_costs is None else {"error_costs": self.error_costs.to_json()}),
+            **({} if self.error_costs is None else {"error_costs": self.error_costs.to_json("states")}),
         }
 
     def unsafe_states(self) -> list[dict[str, Any]]:

@@ -114,6 +114,7 @@ def _tables(document: StatesDocument) -> dict[str, Any]:
             for title, rates in document.rate_rows.items()
         ],
         "horizon": _horizon(document.horizon),
+        "error_costs": document.error_costs,
         "task": document.task,
         "widths": document.widths.rows,
     }

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 from viatool.report.document import Annotated
+from viatool.report.error_costs import cells_table
 from viatool.report.numbers import count, counted, percentage, significant
 from viatool.report.places.record import PlacesRecord
 from viatool.report.sections import (
@@ -81,8 +82,9 @@ class PlacesDocument(Verified, Annotated):
 
     @property
     def sections(self) -> Sequence[Section]:
-        """Return volumes by status, shares, what holds beyond the next action, and the worst places."""
-        return [self.volumes, *(table for table in (self.shares, self.lasting, self.worst) if table.rows)]
+        """Return volumes by status, shares, what holds beyond the next action, what errors cost, and worst places."""
+        tables = (self.shares, self.lasting, self.error_costs, self.worst)
+        return [self.volumes, *(table for table in tables if table is not None and table.rows)]
 
     @property
     def volumes(self) -> Breakdown:
@@ -124,6 +126,12 @@ class PlacesDocument(Verified, Annotated):
             shares.append(("for ever, or until the goal is reached", later.forever.share))
         rows = ((name, significant(share.part * unit), share.percentage()) for name, share in shares)
         return Table(head, tuple(rows))
+
+    @property
+    def error_costs(self) -> Table | None:
+        """Return what each error costs in cells, if that was asked."""
+        costs, contested = self.record.error_costs, self.record.contested_rate.total
+        return None if costs is None else cells_table(costs, contested)
 
     @property
     def worst(self) -> Table:

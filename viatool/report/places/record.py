@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from viatool.report.error_costs import CellErrorCostsRecord
 from viatool.report.records import Amount, Count, CountedRecord, Fraction, ReportPart, VerifiedRecord
 
 
@@ -127,3 +128,4 @@ class PlacesRecord(VerifiedRecord):
     decided_rate: ShareRecord
     over_time: OverTime | None = None
     worst: list[WorstPlace]
+    error_costs: CellErrorCostsRecord | None = None

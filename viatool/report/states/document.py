@@ -9,6 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from viatool.report.error_costs import states_table
 from viatool.report.numbers import MISSING, count, counted, percent_of, percentage, significant
 from viatool.report.palette import MEANING, VERDICTS
 from viatool.report.sections import (
@@ -25,7 +26,6 @@ from viatool.report.sections import (
     Tally,
 )
 from viatool.report.states.record import (
-    ErrorCostsRecord,
     HorizonRecord,
     RateByOutcomeRecord,
     RecordingRecord,
@@ -121,7 +121,7 @@ class StatesDocument(Verified):
     @property
     def error_costs(self) -> Table | None:
         """Return what each error costs in verdicts, if that was asked."""
-        return None if self.record.error_costs is None else _costs_table(self.record.error_costs)
+        return None if self.record.error_costs is None else states_table(self.record.error_costs)
 
     @property
     def task(self) -> str:
@@ -237,27 +237,6 @@ def _horizon_table(horizon: HorizonRecord) -> Table:
         rows.append((str(k + 1), horizon.safety_rate[k].share.percentage(), *texts))
     verdicts = ", ".join(f"{count(int(getattr(horizon.verdicts, name)))} {name}" for name in VERDICTS)
     return Table(HORIZON_COLUMNS, tuple(rows), "Horizon", f"{verdicts} over {_describe_horizon(horizon)}")
-
-
-def _costs_table(costs: ErrorCostsRecord) -> Table:
-    """Return the errors by the verdicts that they cost."""
-    judged = costs.judged
-    rows = [
-        (one.term, count(one.states), Share(one.states, judged).percentage(), one.value)
-        for one in costs.terms
-    ]
-    rows.append(
-        ("all of them together", count(costs.together), Share(costs.together, judged).percentage(), "")
-    )
-    some = "" if judged == costs.not_proved else f"{count(judged)}, evenly spread, of "
-    told = (
-        f"{some}{counted(costs.not_proved, 'state')} not proved, judged again without each error in turn; several may "
-        "save the same state"
-    )
-    left = "".join(f"; not dropped alone: {one}" for one in costs.left_out)
-    rows = rows if judged else []
-    head = ("error", "proved without it", "share", "value")
-    return Table(head, tuple(rows), "What the errors cost", told + left, texts=1)
 
 
 def _describe_horizon(horizon: HorizonRecord) -> str:

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 from pydantic import Field, model_validator
 from typing_extensions import Self
 
+from viatool.report.error_costs import ErrorCostsRecord
 from viatool.report.records import Count, CountedRecord, Fraction, ReportPart, VerifiedRecord
 
 
@@ -126,27 +127,6 @@ class RecordingRecord(ReportPart):
     median_difference: float
     doubtful: bool
     cause: str
-
-
-class TermCostRecord(ReportPart):
-    """An error, and how many states would be proved without it."""
-
-    term: str
-    value: str
-    states: Count
-
-
-class ErrorCostsRecord(ReportPart):
-    """What errors cost: of the states that are not proved, how many would be without each error, the costliest first.
-
-    `judged` of the states that are `not_proved` were judged again; `together` of them are proved without any error.
-    """
-
-    not_proved: Count
-    judged: Count
-    terms: list[TermCostRecord]
-    together: Count
-    left_out: list[str]
 
 
 class StatesRecord(VerifiedRecord):

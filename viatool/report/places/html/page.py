@@ -41,6 +41,7 @@ def render_page(document: PlacesRun, checks: Sequence[Check]) -> str:
         volumes=_volumes(document),
         rates=document.shares.rows,
         lasting=document.lasting,
+        error_costs=document.error_costs,
         worst=document.worst.rows,
         slices=_slices(certificate),
         slices_head=("heading", *(f"{name}, m² rad" for name in CLASSES), "certified of contested"),
