@@ -10,6 +10,7 @@ import pytest
 
 import viatool
 from viatool.errors import ConfigurationError, TrajectoryError
+from viatool.safety.moving import movers_around
 from viatool.setting.moving import check_moving
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
@@ -136,14 +137,68 @@ def test_what_means_nothing_is_refused_by_name(policy, office, terms, said):
         Setting.of(policy, office, 0.01, Wishes("braking", errors=model(**terms)), job="verify")
 
 
-def test_terms_that_contradict_one_another_are_refused(policy, office):
-    for part, said in (
-        ({"sensor": {"lidar": {"missing": 1}}}, r"lidar\.missing together"),
-        ({"pose": {"x": 0.1}}, "errors of the pose"),
-    ):
-        errors = ErrorModel.model_validate({"obstacles": {"returns": 1.0}, **part})
-        with pytest.raises(ConfigurationError, match=said):
-            check_moving(errors, policy.spec, office)
+@pytest.mark.parametrize("term", [{"missing": 1}, {"thin": 0.1}])
+def test_terms_that_hide_what_was_seen_are_refused(policy, office, term):
+    errors = ErrorModel.model_validate({"obstacles": {"returns": 1.0}, "sensor": {"lidar": term}})
+    with pytest.raises(ConfigurationError, match=rf"lidar\.{next(iter(term))} together"):
+        check_moving(errors, policy.spec, office)
+
+
+SEEN = {
+    "relative": {"sensor": {"lidar": {"relative": 0.1}}},
+    "bias": {"sensor": {"lidar": {"bias": 0.05}}},
+    "angle": {"sensor": {"lidar": {"angle": 0.1}}},
+    "pose": {"pose": {"x": 0.05, "y": 0.05, "theta": 0.02}},
+}
+
+
+@pytest.mark.parametrize("name", SEEN)
+def test_what_was_seen_is_where_its_readings_err_to(policy, office, states, name, tmp_path):
+    """Beside every other error things that were seen cost more, and counterexamples are driven again."""
+    some = states.select(np.arange(0, len(states), 2))
+
+    def found(**errors):
+        return viatool.verify(
+            policy, office, eps=0.01, errors=ErrorModel.model_validate(errors), trajectory=some,
+            criterion="braking", only_contested=True, refine="none",
+        )  # fmt: skip
+
+    moving = {"obstacles": {"returns": 1.0}}
+    both, alone, still = found(**SEEN[name], **moving), found(**moving), found(**SEEN[name])
+    for less in (alone, still):
+        assert (both.judgement.safe <= less.judgement.safe).all()
+        assert (both.contested.collision >= less.contested.collision).all()
+    assert both.judgement.safe.sum() < still.judgement.safe.sum()
+    path = tmp_path / "witnesses.json"
+    path.write_text(json.dumps(witness_document(both)), encoding="utf-8")
+    assert len(both.witnesses)
+    assert replay(policy, office, load_witnesses(path)).violates.all()
+
+
+MADE_OF = {"relative": 0.1, "bias": 0.05, "absolute": 0.06, "angle": 0.08}
+
+
+def nearer_than_said(office, policy, stated):
+    """Scans of which the nearest thing, by arithmetic of its own, was nearer than the movers say."""
+    errors = ErrorModel.model_validate({"obstacles": {"returns": 1.0}, "sensor": {"lidar": stated}})
+    setting = Setting.of(policy, office, 0.0, Wishes(errors=errors), job="verify")
+    lidar, generator, count = office.robot.lidar, np.random.default_rng(0), 200
+    share, each, common = generator.choice([-1.0, 1.0], (3, count, 1))
+    true = generator.uniform(0.5, 3.0, (count, lidar.rays))
+    read = true * (1.0 + 0.1 * share) + 0.06 * each + 0.05 * common
+    observations = np.zeros((count, policy.input_size))
+    observations[:, : lidar.bins] = read.reshape(count, lidar.bins, -1).min(axis=2)
+    poses, nobody = np.zeros((count, 3)), np.zeros((count, 0, 5))
+    (seen,) = movers_around(setting, [None], poses, np.zeros(count, int), observations, nobody)
+    away = seen.capsules.clearance(np.zeros(count, complex), seen.index, np.zeros(count))[0]
+    return int((true.min(axis=1) < away - 1e-9).sum())
+
+
+@pytest.mark.parametrize("term", ["relative", "bias", "absolute"])
+def test_a_scan_is_made_of_things_that_are_no_nearer_than_said(policy, office, term):
+    assert nearer_than_said(office, policy, MADE_OF) == 0
+    less = {name: value for name, value in MADE_OF.items() if name != term}
+    assert nearer_than_said(office, policy, less) > 0
 
 
 def test_people_need_the_term_and_the_term_needs_people(policy, office, states):

@@ -48,20 +48,14 @@ def ring(low, high, right, left):
     return shapely.Polygon(np.column_stack([ends.real, ends.imag]))
 
 
-@pytest.mark.parametrize("name", LIDARS)
-@pytest.mark.parametrize("hidden", [None, 1.0])
-def test_nothing_that_was_seen_or_hidden_is_nearer_than_the_capsules_say(name, hidden):
-    lidar = LIDARS[name]
+def solids(lidar, least, most, hidden, behind, turned=0.0):
+    """Where something may be around a LiDAR at the origin that is turned, (B,) shapes drawn by hand."""
     each = 1 if lidar.reduce == "first" else lidar.each
-    least, most = readings(lidar, seed=3)
-    pose = np.array([[0.3, -0.2, 0.7]]).repeat(len(least), axis=0)
-    behind = None if hidden is None else 0.8
-    capsules = things_around(lidar, least, most, pose, Unseen(1.0, hidden, behind))
-    generator = np.random.default_rng(1)
     beyond = hidden is not None or each > 1
-    for row in range(len(least)):
+    found = []
+    for low, high in zip(least, most, strict=True):
         parts = [
-            ring(least[row, b], 9.0 if beyond else most[row, b], right, left)
+            ring(low[b], 9.0 if beyond else high[b], right, left)
             for right, left, b in sectors(lidar, lambda k: k // each)
         ]
         if hidden is not None:
@@ -71,10 +65,29 @@ def test_nothing_that_was_seen_or_hidden_is_nearer_than_the_capsules_say(name, h
                 shapely.Point(0, 0).buffer(behind, quad_segs=720)
             )
             parts.append(blind)
-        solid = shapely.union_all(parts)
-        inside = generator.uniform(-0.45, 0.45, (200, 2))
+        whole = shapely.union_all(parts)
+        found.append(shapely.affinity.rotate(whole, turned, origin=(0.0, 0.0), use_radians=True))
+    return found
+
+
+def places_around(generator, side=0.45):
+    """Points (200, 2) around the sensor, and where these are on the map."""
+    inside = generator.uniform(-side, side, (200, 2))
+    return inside, (inside[:, 0] + 1j * inside[:, 1]) * np.exp(0.7j) + (0.3 - 0.2j)
+
+
+@pytest.mark.parametrize("name", LIDARS)
+@pytest.mark.parametrize("hidden", [None, 1.0])
+def test_nothing_that_was_seen_or_hidden_is_nearer_than_the_capsules_say(name, hidden):
+    lidar = LIDARS[name]
+    least, most = readings(lidar, seed=3)
+    pose = np.array([[0.3, -0.2, 0.7]]).repeat(len(least), axis=0)
+    behind = None if hidden is None else 0.8
+    capsules = things_around(lidar, least, most, pose, Unseen(1.0, hidden, behind))
+    generator = np.random.default_rng(1)
+    for row, solid in enumerate(solids(lidar, least, most, hidden, behind)):
+        inside, places = places_around(generator)
         away = shapely.distance(shapely.points(inside), solid)
-        places = (inside[:, 0] + 1j * inside[:, 1]) * np.exp(0.7j) + (0.3 - 0.2j)
         index = np.full(200, row)
         for seconds in (0.0, 0.25):
             found = capsules.clearance(places, index, np.full(200, seconds))[0]
@@ -83,6 +96,41 @@ def test_nothing_that_was_seen_or_hidden_is_nearer_than_the_capsules_say(name, h
         free = away > 1e-3
         assert free.mean() > 0.2
         assert (found >= 0.95 * away - 0.02)[free].all()
+
+
+def farther(lidar, hidden, turn, turned, seed=5):
+    """By how much the capsules of a scan that may turn are farther at most than what stands around a turned one.
+
+    From places that are seen to be free.
+    """
+    least, most = readings(lidar, seed)
+    pose = np.array([[0.3, -0.2, 0.7]]).repeat(len(least), axis=0)
+    behind = None if hidden is None else 0.8
+    capsules = things_around(lidar, least, most, pose, Unseen(1.0, hidden, behind), turn)
+    generator, worst = np.random.default_rng(2), -np.inf
+    for row, solid in enumerate(solids(lidar, least, most, hidden, behind, turned)):
+        inside, places = places_around(generator, 0.3)
+        away = shapely.distance(shapely.points(inside), solid)
+        found = capsules.clearance(places, np.full(200, row), np.zeros(200))[0]
+        worst = max(worst, float((found - away)[away > 0.0].max()))
+    return worst
+
+
+@pytest.mark.parametrize("name", LIDARS)
+@pytest.mark.parametrize("hidden", [None, 1.0])
+@pytest.mark.parametrize("turn", [0.02, 0.3])
+def test_a_scan_that_turns_shows_things_wherever_it_may_look(name, hidden, turn):
+    lidar = LIDARS[name]
+    for turned in turn * np.array([-1.0, -0.4, 0.7, 1.0]):
+        assert farther(lidar, hidden, turn, turned) <= 1e-5
+    assert max(farther(lidar, hidden, 0.0, turned) for turned in (-turn, turn)) > 1e-3
+
+
+def test_a_scan_that_may_turn_all_around_is_as_near_as_its_nearest_reading():
+    least, most = readings(SINGLE, seed=3)
+    whole = things_around(SINGLE, least, most, np.zeros((3, 3)), Unseen(None, 1.0, 9.0), 3.1)
+    away = whole.clearance(np.zeros(3, complex), np.arange(3), np.zeros(3))[0]
+    np.testing.assert_allclose(away, least.min(axis=1), rtol=0.01)
 
 
 def test_what_stands_too_near_to_be_measured_is_at_the_robot():

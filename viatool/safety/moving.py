@@ -7,10 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from viatool.arrays import Floats, Indices
+from viatool.channels import LidarReadings
 from viatool.safety.scene_poses import Movers
 from viatool.setting.moving import scanners
 from viatool.setting.setting import Setting
-from viatool.uncertainty.error_model import ObstacleTerms
+from viatool.uncertainty.error_model import ObstacleTerms, SensorTerms
 from viatool.world import Capsules, Obstacles, Scenario, WorldMap
 from viatool.world.capsules import NOWHERE
 from viatool.world.seen import Unseen, things_around
@@ -41,7 +42,8 @@ def movers_around(
 
     Notes
     -----
-    Sound: as far as the error model says what may move.
+    Sound: as far as the error model says what may move. What was seen stood around the robot wherever that was: who
+    keeps away from it from everywhere within the error of the pose keeps away from it from the recorded pose, too.
     """
     terms, every = setting.uncertainty.obstacles, np.arange(len(poses))
     found = [Movers(moving_obstacles(setting.world_map, scenarios, terms), scene)]
@@ -49,14 +51,25 @@ def movers_around(
         found.append(Movers(people_as_capsules(people, terms.people), every))
     if terms.returns is not None or terms.hidden is not None:
         unseen = Unseen(terms.returns, terms.hidden, terms.behind)
-        least, most = setting.spec.inputs.readings(observations)
-        least, most = least - setting.radii, most + setting.radii
         for scanner in scanners(setting.spec, setting.robot):
-            lidar, columns = scanner.fan.lidar, setting.spec.inputs.newest(scanner.channel.name)
-            low, high = (np.minimum(end[:, columns], lidar.maximum_range) for end in (least, most))
-            low = np.where(low > lidar.minimum_range, low, 0.0)  # else it may be anything nearer
-            found.append(Movers(things_around(lidar, low, high, poses, unseen), every))
+            low, high = _true_ranges(setting, scanner, observations)
+            turn = setting.uncertainty.sensor.get(scanner.channel.name, SensorTerms()).angle or 0.0
+            found.append(Movers(things_around(scanner.fan.lidar, low, high, poses, unseen, turn), every))
     return [some for some in found if len(some.capsules)]
+
+
+def _true_ranges(setting: Setting, scanner: LidarReadings, observations: Floats) -> tuple[Floats, Floats]:
+    """Return the ends (B, bins) of the true ranges of which readings were made.
+
+    A range t reads ``t (1 + s) + e + c``, with s, e and c within the sensor's relative, absolute and common error.
+    """
+    lidar, columns = scanner.fan.lidar, setting.spec.inputs.newest(scanner.channel.name)
+    stated = setting.uncertainty.sensor.get(scanner.channel.name, SensorTerms())
+    error, share = setting.radii[columns] + (stated.bias or 0.0), stated.relative or 0.0
+    least, most = (end[:, columns] for end in setting.spec.inputs.readings(observations))
+    low, high = (least - error) / (1.0 + share), (most + error) / (1.0 - share)
+    low, high = (np.minimum(end, lidar.maximum_range) for end in (low, high))
+    return np.where(low > lidar.minimum_range, low, 0.0), high  # else it may be anything nearer
 
 
 def moving_obstacles(

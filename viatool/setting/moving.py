@@ -52,12 +52,6 @@ def check_moving(model: ErrorModel, spec: PolicySpecification, world_map: WorldM
         )
     if terms.returns is None and terms.hidden is None:
         return
-    if any((model.pose.x, model.pose.y, model.pose.theta)):
-        raise ConfigurationError(
-            f"{source}: errors of the pose and obstacles.returns or obstacles.hidden together are not taken into "
-            "account",
-            "leave one of them out; obstacles.speed and obstacles.people go with errors of the pose",
-        )
     what = "obstacles.returns" if terms.returns is not None else "obstacles.hidden"
     seeing = scanners(spec, world_map.robot)
     if not seeing:
@@ -82,9 +76,9 @@ def check_moving(model: ErrorModel, spec: PolicySpecification, world_map: WorldM
                 "state obstacles.behind: the metres within which nothing is where it does not look",
             )
         bent = model.sensor.get(name)
-        for field in ("relative", "bias", "angle", "missing", "thin"):
+        for field in ("missing", "thin"):
             if bent is not None and getattr(bent, field):
                 raise ConfigurationError(
                     f"{source}: {what} and sensor.{name}.{field} together are not taken into account",
-                    "leave one of them out; sensor.*.absolute is counted",
+                    "leave one of them out; all other errors of sensors are counted",
                 )

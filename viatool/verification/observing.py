@@ -15,6 +15,7 @@ from viatool.channels.reading_errors import ReadingErrors
 from viatool.policy import Policy
 from viatool.policy.repeated import repeating
 from viatool.safety import JudgedStates, ScenePoses, Witnesses, search_witnesses
+from viatool.safety.moving import movers_around
 from viatool.setting.admissible import AdmissibleSets, explain
 from viatool.setting.driven import DrivenPolicy
 from viatool.setting.scanned import changed_scans
@@ -212,9 +213,9 @@ class BlockSensors:
         sets = AdmissibleSets(self.errors, self.observations[rows], drifted)
         seen = sets.nearest(sets.recorded_inputs).astype(np.float32).astype(np.float64)
         some = judged.select(rows)
-        here = replace(some.observing, poses=true, radii=None)
+        some = replace(some, observing=self._really(some.observing, rows, true))
         found = search_witnesses(
-            policy, replace(some, observing=here), np.arange(len(rows)), seen, sets,
+            policy, some, np.arange(len(rows)), seen, sets,
             commands[0][rows], commands[1][rows], seed=seed,
             shared=None if self.shared is None else self.shared[rows],
         )  # fmt: skip
@@ -226,6 +227,23 @@ class BlockSensors:
         best = np.lexsort([found.clearance, found.state])
         found = found.select(best)
         return found.select(np.unique(found.state, return_index=True)[1])
+
+    def _really(self, observing: ScenePoses, rows: Indices, true: Floats) -> ScenePoses:
+        """Return states (P,) at the poses (P, 3) where they really are, with what the LiDAR saw around those."""
+        here = replace(observing, poses=true, radii=None)
+        terms = self.setting.uncertainty.obstacles
+        if terms.returns is None and terms.hidden is None:
+            return here
+        states = self.states
+        movers = movers_around(
+            self.setting,
+            states.scenarios,
+            true,
+            states.episode[rows],
+            states.observations[rows],
+            states.people[rows],
+        )
+        return replace(here, movers=()).among(movers)
 
     def _worst_corners(self, judged: JudgedStates, commands: tuple[Floats, Floats], rows: Indices) -> Floats:
         """Return from which corner of its box the middle command of each state comes nearest, (D, 3) signs."""

@@ -13,6 +13,10 @@ A wedge that reads r holds
    chords, then has nothing in it. Its rim are the chords, and the *jumps* between the readings of neighbours.
 
 Chords lie on the sensor's side of their arcs, so that the free region is smaller than what was seen to be free.
+
+Where the whole scan may be *turned* by up to a, a ray looks anywhere within a of where it is said to look. Then what
+one ray saw is in a wedge that is wider by a on both sides, and a direction is free only as far as every wedge reads
+that begins within a of it.
 """
 
 from __future__ import annotations
@@ -92,6 +96,25 @@ class Wedges:
         """Return (B, K) of what belongs to bins (B, bins), and a number for blind wedges."""
         return np.where(self.blind, otherwise, readings[:, np.maximum(self.bin, 0)])
 
+    def of_half(self, half: Floats) -> Wedges:
+        """Return wedges around the same directions, to (K,) radians on either side of them."""
+        middle = 0.5 * (self.right + self.left)
+        return Wedges(middle - half, middle + half, self.bin)
+
+    def least_around(self, ranges: Floats, turn: float) -> Floats:
+        """Return the least of what wedges that come within `turn` radians of each read, (B, K) as their ranges."""
+        least, width = ranges, self.left - self.right
+        between = np.zeros(len(width))  # radians from each wedge to the next one that is looked at
+        for shift in range(1, len(width)):
+            met = between < turn
+            if not met.any():
+                break
+            left = np.where(met, np.roll(ranges, -shift, axis=1), np.inf)
+            right = np.where(np.roll(met, shift), np.roll(ranges, shift, axis=1), np.inf)
+            least = np.minimum(least, np.minimum(left, right))
+            between = between + np.roll(width, -shift)
+        return least
+
 
 @dataclass(frozen=True)
 class Unseen:
@@ -110,7 +133,9 @@ class Unseen:
     behind: float | None
 
 
-def things_around(lidar: Lidar, least: Floats, most: Floats, poses: Floats, unseen: Unseen) -> Capsules:
+def things_around(
+    lidar: Lidar, least: Floats, most: Floats, poses: Floats, unseen: Unseen, turn: float = 0.0
+) -> Capsules:
     """Return what may come from where a LiDAR looked.
 
     Parameters
@@ -123,6 +148,8 @@ def things_around(lidar: Lidar, least: Floats, most: Floats, poses: Floats, unse
         (B, 3) where it stood.
     unseen : Unseen
         What is asked.
+    turn : float
+        Radians by which the whole scan may be turned, either way.
 
     Returns
     -------
@@ -142,10 +169,11 @@ def things_around(lidar: Lidar, least: Floats, most: Floats, poses: Floats, unse
         low, high = wedges.of_bins(least, 0.0), wedges.of_bins(most, 0.0)
         seen = np.broadcast_to(~wedges.blind, low.shape)
         middle = 0.5 * (low + high)
-        bulge = middle * (1.0 - np.cos(0.5 * (wedges.left - wedges.right)))
-        chords = _chords(wedges, middle, origin, ahead, seen)
+        half = np.minimum(0.5 * (wedges.left - wedges.right) + turn, np.pi)
+        bulge = middle * (1.0 - np.cos(half))
+        chords = _chords(wedges.of_half(half), middle, origin, ahead, seen)
         return _capsules(chords, 0.5 * (high - low) + bulge, unseen.returns or 0.0, RETURN)
-    low = wedges.of_bins(least, absent)
+    low = wedges.least_around(wedges.of_bins(least, absent), turn)
     fastest = max(unseen.returns or 0.0, unseen.hidden or 0.0)
     chords = _chords(wedges, np.where(np.isfinite(low), low, 0.0), origin, ahead, np.isfinite(low))
     rim = _capsules(chords, np.zeros(low.shape), fastest, HIDDEN if unseen.returns is None else RETURN)
