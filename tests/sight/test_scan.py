@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.sight.ray_oracle import outlines, scan
+from tests.sight.ray_oracle import outlines, ranges, scan
 from tests.world.random_worlds import ARENAS, random_world
 from viatool.sets.forms import PoseBoxes
 from viatool.sight import circles as circle_sight
 from viatool.sight import edges as edge_sight
 from viatool.sight import glimpses
 from viatool.sight import scan as sight
-from viatool.sight.scan import enclose_scan
+from viatool.sight.scan import enclose_losing, enclose_scan
 from viatool.sight.shapes import Shapes
 from viatool.world import Lidar, Obstacles, OccupancyGrid, Scenes, WorldMap, load_map
 
@@ -55,6 +55,59 @@ def test_readings_lie_within_their_forms(arena, name):
         world, scenarios = random_world(generator, ARENAS[arena], 2)
         boxes = boxes_in(world, scenarios[0], generator, 120)
         assert excess(world, scenarios[0], boxes, LIDARS[name], generator) <= ROUNDING
+
+
+NUMBERED = Lidar(math.pi, 36, 6, 0.2, 5.0, no_return=0.0)
+OTHERS = {"half turn": LIDAR, "whole turn": WHOLE_TURN, "a number": NUMBERED}
+
+
+def beyond(world, scenario, boxes, lidar, lost, generator, samples=40):
+    """By how much sampled bins exceed their bounds when their nearest rays are lost, (C, samples, bins)."""
+    most = enclose_losing(boxes, Shapes.of(world, scenario), lidar, lost)[1]
+    z = generator.uniform(-1, 1, (len(boxes), samples, 3))
+    z[:, : samples // 3] = np.sign(z[:, : samples // 3])
+    poses = (boxes.centre[:, None] + z * boxes.radius[:, None]).reshape(-1, 3)
+    rays = ranges(poses, lidar.angles(), outlines(world, scenario), lidar.maximum_range)
+    rays = np.maximum(rays, lidar.minimum_range)
+    if lidar.no_return is not None:
+        rays = np.where(rays < lidar.maximum_range, rays, lidar.no_return)
+    rays = np.sort(rays.reshape(len(boxes), samples, lidar.bins, -1), axis=3)
+    left = rays[..., lost] if lost < lidar.each else np.full(rays.shape[:3], lidar.maximum_range)
+    return left - most[:, None]
+
+
+@pytest.mark.parametrize("lost", [1, 2, 5, 6])
+@pytest.mark.parametrize("name", OTHERS)
+def test_bins_whose_rays_return_nothing_read_no_more_than_their_bounds(name, lost):
+    lidar = OTHERS[name]
+    for seed in range(2):
+        generator = np.random.default_rng(seed)
+        world, scenarios = random_world(generator, ARENAS["box"], 2)
+        boxes = boxes_in(world, scenarios[0], generator, 120)
+        assert beyond(world, scenarios[0], boxes, lidar, lost, generator).max() <= ROUNDING
+        forms, _ = enclose_losing(boxes, Shapes.of(world, scenarios[0]), lidar, lost)
+        plain = enclose_scan(boxes, Shapes.of(world, scenarios[0]), lidar)
+        for part in ("centre", "slope", "rest"):
+            np.testing.assert_array_equal(getattr(forms, part), getattr(plain, part))
+
+
+def test_at_a_single_pose_the_bounds_without_rays_are_what_the_others_read():
+    lab = load_map(Path("maps/lab.yaml"))
+    generator = np.random.default_rng(3)
+    centre = boxes_in(lab, lab.scenarios[0], generator, 200).centre
+    left = beyond(lab, lab.scenarios[0], PoseBoxes(centre, 0.0 * centre), lab.robot.lidar, 2, generator, 1)
+    assert (np.abs(left) < 1e-7).mean() > 0.99
+
+
+def test_a_mutant_that_loses_a_ray_less_is_caught(monkeypatch):
+    right = sight._most_without
+    monkeypatch.setattr(
+        sight, "_most_without", lambda rays, lidar, lost, slack: right(rays, lidar, lost - 1, slack)
+    )
+    generator = np.random.default_rng(0)
+    world, scenarios = random_world(generator, ARENAS["box"], 2)
+    boxes = boxes_in(world, scenarios[0], generator, 120)
+    assert beyond(world, scenarios[0], boxes, LIDAR, 2, generator).max() > 0.1
 
 
 def test_readings_of_occupied_cells_lie_within_their_forms():

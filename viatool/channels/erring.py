@@ -126,28 +126,32 @@ class Erring:
         size = np.maximum(np.abs(seen.lower), np.abs(seen.upper)) * SLIGHTLY_MORE
         return np.asarray(own + self.relative[place] * size * SLIGHTLY_MORE)
 
-    def lost(self, seen: Forms, place: slice) -> list[Few]:
+    def losing(self, place: slice) -> int:
+        """Return how many rays may return nothing of the scan whose readings stand in a place."""
+        return max((scan.count for scan in self._missing_in(place)), default=0)
+
+    def lost(self, seen: Forms, place: slice, most: Floats) -> list[Few]:
         """Return what readings (C, k), with their errors, may be of which a ray returns nothing.
+
+        Without errors they are `most` (C, k) then at most.
 
         Notes
         -----
         Sound: yes. The rays that are left may read beyond the limits by as much as they err.
         """
         found = []
-        for scan in self.missing:
-            if not place.start <= int(scan.columns[0]) < place.stop:
-                continue
-            beyond = self.absolute[scan.columns] + self.relative[scan.columns] * scan.lidar.maximum_range
-            beyond = (beyond + np.abs(self.common[:, scan.columns]).sum(axis=0)) * SLIGHTLY_MORE
-            among = scan.columns - place.start
-            found.append(
-                Few(
-                    scan.count,
-                    scan.columns,
-                    *scan.bounds(seen.lower[:, among], seen.upper[:, among], beyond),
-                )
-            )
+        for scan in self._missing_in(place):
+            columns, among = scan.columns, scan.columns - place.start
+            common = np.abs(self.common[:, columns]).sum(axis=0)
+            relative, other = self.relative[columns], self.absolute[columns] + common
+            beyond = (other + relative * scan.lidar.maximum_range) * SLIGHTLY_MORE
+            others = most[:, among] + (other + relative * most[:, among]) * SLIGHTLY_MORE
+            ends = scan.bounds(seen.lower[:, among], seen.upper[:, among], beyond, others * SLIGHTLY_MORE)
+            found.append(Few(scan.count, columns, *ends))
         return found
+
+    def _missing_in(self, place: slice) -> list[Missing]:
+        return [scan for scan in self.missing if place.start <= int(scan.columns[0]) < place.stop]
 
 
 def _widened(view: BoxView, more: Floats, first: int) -> BoxView:

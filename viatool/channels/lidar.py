@@ -13,7 +13,7 @@ from viatool.channels.quantity import Part, Quantity, observes
 from viatool.channels.views import BoxView, Extent, RecordedInstants, View
 from viatool.errors import PolicyError
 from viatool.sets.forms import Forms
-from viatool.sight.scan import enclose_scan
+from viatool.sight.scan import enclose_losing
 from viatool.world import Lidar
 
 
@@ -76,12 +76,16 @@ class LidarReadings(Quantity):
 
     def enclose(self, view: BoxView) -> Forms:
         """Enclose the bins; where the sensor may stand in an obstacle or off the map, by all that it can read."""
-        lidar = self.fan.lidar
-        seen = enclose_scan(view.start.poses, view.shapes, lidar)
+        return self.enclose_losing(view, 0)[0]
+
+    def enclose_losing(self, view: BoxView, lost: int) -> tuple[Forms, Floats]:
+        """Enclose the bins, and bound what they read at most, (C, bins), when so many rays return nothing."""
+        seen, most = enclose_losing(view.start.poses, view.shapes, self.fan.lidar, lost)
         if view.submerged.any():
             ends = (np.full_like(seen.centre, end) for end in self._ends)
             seen = Forms.choose(view.submerged, Forms.between(*ends), seen)
-        return view.over_states(seen)
+            most = np.where(view.submerged[:, None], self._ends[1], most)
+        return view.over_states(seen), most
 
     def bounds(self, extent: Extent) -> tuple[float, float]:
         """Return the limits of the LiDAR, and what it reads where nothing returns."""

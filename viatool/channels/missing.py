@@ -39,15 +39,19 @@ class Missing:
         """Tell whether a bin is one ray, so that its reading is known when the ray returns nothing."""
         return self.lidar.each == 1 or self.lidar.reduce == "first"
 
-    def bounds(self, lower: Floats, upper: Floats, beyond: Floats | float = 0.0) -> Hull:
+    def bounds(
+        self, lower: Floats, upper: Floats, beyond: Floats | float = 0.0, others: Floats | None = None
+    ) -> Hull:
         """Bound what bins (B, E) read of which a ray returns nothing, of bounds of what they read else.
 
-        Rays that return something may read beyond the limits of the LiDAR by (E,) m.
+        Rays that return something may read beyond the limits of the LiDAR by (E,) m. `others` (B, E) bounds what is
+        read at most of the rays that are left, where that is known.
 
         Notes
         -----
-        Sound: yes. Of the least of several rays nothing is known of the others: they may read anything up to the
-        maximum. A mean changes by what a ray reads then instead of anything within the limits, once for each.
+        Sound: yes. Of the least of several rays that were recorded nothing is known of the others: they may read
+        anything up to the maximum. A mean changes by what a ray reads then instead of anything within the limits, once
+        for each.
         """
         lidar, reading = self.lidar, self.reading
         if self.is_one:
@@ -55,7 +59,8 @@ class Missing:
         least, most = lidar.minimum_range - beyond, lidar.maximum_range + beyond
         ends = np.minimum(least, reading), np.maximum(most, reading)
         if lidar.reduce == "minimum":
-            return np.minimum(lower, reading), np.maximum(upper, ends[1])
+            known = ends[1] if others is None else np.minimum(others, ends[1])
+            return np.minimum(lower, reading), np.maximum(upper, known)
         share = min(self.count, lidar.each) / lidar.each
         down = share * np.minimum(reading - most, 0.0)
         up = share * np.maximum(reading - least, 0.0)

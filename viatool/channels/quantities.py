@@ -239,10 +239,13 @@ class Quantities:
             lost: list[Few] = []
             if erring is None:
                 seen = quantity.enclose(view)
-            else:
-                seen = quantity.enclose(believed if quantity.knows_its_pose else erring.looking(view, place))
+            elif isinstance(quantity, LidarReadings):
+                seen, most = quantity.enclose_losing(erring.looking(view, place), erring.losing(place))
                 seen = erring.added(seen, place, symbols)
-                lost = erring.lost(seen, place)
+                lost = erring.lost(seen, place, most)
+            else:
+                seen = quantity.enclose(believed if quantity.knows_its_pose else view)
+                seen = erring.added(seen, place, symbols)
             with quantity.channel.named_in_errors():
                 parts.append(quantity.channel.encoding.forms(seen))
                 few += [_encoded(some, quantity.channel) for some in lost]

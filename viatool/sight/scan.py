@@ -29,12 +29,17 @@ with ``|rest| <= E = |q| tau^2 / 2 + rho tau``.
 
 A shape that hides another needs no rule: the least range counts.
 
-4. *What may be elsewhere* is somewhere within a region. A range is at least what it would be if the whole region were
+5. *Rays that return nothing.* Whichever k rays of a bin are lost, one of those k + 1 is left whose upper bounds are the
+   least: the bin then reads at most the (k + 1)-th least upper bound of its rays, and at least what it reads else.
+
+6. *What may be elsewhere* is somewhere within a region. A range is at least what it would be if the whole region were
    solid, and at most what it would be without the thing: the lower form of the one and the upper form of the other
    hold it. Bins, whatever they make of their rays, do not fall when ranges grow.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -71,8 +76,36 @@ def enclose_scan(boxes: PoseBoxes, shapes: Shapes, lidar: Lidar) -> Forms:
     Sound: yes, by the derivation of the module; rounding is counted. Cost: O(C (K + M)) and O(1) for each ray and shape
     that may meet.
     """
-    seen = _enclose(boxes.checked(), shapes, lidar)
-    return seen if shapes.without is None else _spanning(seen, _enclose(boxes, shapes.without, lidar))
+    return enclose_losing(boxes, shapes, lidar, 0)[0]
+
+
+def enclose_losing(boxes: PoseBoxes, shapes: Shapes, lidar: Lidar, lost: int) -> tuple[Forms, Floats]:
+    """Enclose the bins of a perfect LiDAR, and bound what they read when rays return nothing.
+
+    Parameters
+    ----------
+    boxes, shapes, lidar
+        As in `enclose_scan`.
+    lost : int
+        How many rays return nothing, whichever they are.
+
+    Returns
+    -------
+    Forms
+        (C, bins), of bins of which every ray returns.
+    ndarray
+        (C, bins) metres: a bin that is the least of its rays reads at most so much when the others return; of other
+        bins the maximum range.
+
+    Notes
+    -----
+    Sound: yes; of what may be elsewhere, rays are bounded without it.
+    """
+    seen, most = _enclose(boxes.checked(), shapes, lidar, lost)
+    if shapes.without is None:
+        return seen, most
+    far, most = _enclose(boxes, shapes.without, lidar, lost)
+    return _spanning(seen, far), most
 
 
 def _spanning(near: Forms, far: Forms) -> Forms:
@@ -94,27 +127,64 @@ def _spanning(near: Forms, far: Forms) -> Forms:
     )
 
 
-def _enclose(boxes: PoseBoxes, shapes: Shapes, lidar: Lidar) -> Forms:
-    """Enclose the bins where all shapes are there."""
+def _enclose(boxes: PoseBoxes, shapes: Shapes, lidar: Lidar, lost: int) -> tuple[Forms, Floats]:
+    """Enclose the bins where all shapes are there, and bound them without some rays."""
     slack = SIGHT_ROUNDING * (
         shapes.scale + lidar.maximum_range + float(np.abs(boxes.centre).max(initial=0.0))
     )
     if lidar.reduce == "minimum" and lidar.no_return is None:
-        return _read(boxes, shapes, lidar, slack)[0]
-    rays, met = _read(boxes, shapes, lidar.unreduced, slack)
+        if not lost:
+            parts = _glimpses(boxes, shapes, lidar, slack)
+            return _bins(parts, len(boxes), lidar, slack), _no_limit(len(boxes), lidar, slack)
+        parts = _glimpses(boxes, shapes, lidar.unreduced, slack)
+        each = _most_of_rays(parts, len(boxes), lidar, slack)
+        binned = [replace(part, row=part.row // lidar.each) for part in parts]
+        return _bins(binned, len(boxes), lidar, slack), _most_without(each, lidar, lost, slack)
+    parts = _glimpses(boxes, shapes, lidar.unreduced, slack)
+    rays = _bins(parts, len(boxes), lidar.unreduced, slack)
     if lidar.no_return is not None:
+        met = _met(parts, len(boxes), lidar.unreduced)
         rays = _without_return(rays, met, lidar.maximum_range - 4.0 * slack, lidar.no_return)
-    return {"minimum": _least, "mean": _mean, "first": _each}[lidar.reduce](rays, lidar.bins)
+    seen = {"minimum": _least, "mean": _mean, "first": _each}[lidar.reduce](rays, lidar.bins)
+    if lidar.reduce != "minimum":
+        return seen, _no_limit(len(boxes), lidar, slack)
+    return seen, _most_without(rays.upper, lidar, lost, slack)
 
 
-def _read(boxes: PoseBoxes, shapes: Shapes, lidar: Lidar, slack: float) -> tuple[Forms, Booleans]:
-    """Return the least range of every bin, (C, bins), and whether anything may be met in it."""
-    parts = [see_circles(boxes, shapes, lidar, slack), see_edges(boxes, shapes, lidar, slack)]
-    met = np.zeros(len(boxes) * lidar.bins, dtype=bool)
+def _glimpses(boxes: PoseBoxes, shapes: Shapes, lidar: Lidar, slack: float) -> list[Glimpses]:
+    """Return what rays may meet."""
+    return [see_circles(boxes, shapes, lidar, slack), see_edges(boxes, shapes, lidar, slack)]
+
+
+def _met(parts: list[Glimpses], count: int, lidar: Lidar) -> Booleans:
+    """Tell in which bins anything may be met, (C, bins)."""
+    met = np.zeros(count * lidar.bins, dtype=bool)
     for part in parts:
         missed = np.isposinf(part.lower) & np.isposinf(part.least)  # NaN is none
         met[part.row[~missed]] = True
-    return _bins(parts, len(boxes), lidar, slack), met.reshape(len(boxes), lidar.bins)
+    return met.reshape(count, lidar.bins)
+
+
+def _most_of_rays(parts: list[Glimpses], count: int, lidar: Lidar, slack: float) -> Floats:
+    """Bound from above what each ray reads, (C, rays), of what each ray may meet."""
+    most = _no_limit(count, lidar.unreduced, slack).ravel()
+    for part in parts:
+        ends = np.minimum(part.upper + np.abs(part.slope).sum(axis=0), part.most)
+        np.fmin.at(most, part.row, ends + 2.0 * slack)
+    return np.maximum(most, lidar.minimum_range).reshape(count, lidar.rays)
+
+
+def _most_without(rays: Floats, lidar: Lidar, lost: int, slack: float) -> Floats:
+    """Bound from above what bins (C, bins) read without so many rays, of bounds of all of them (C, rays)."""
+    each = rays.reshape(len(rays), lidar.bins, -1)
+    if lost >= each.shape[2]:
+        return _no_limit(len(rays), lidar, slack)
+    return np.asarray(np.partition(each, lost, axis=2)[:, :, lost])
+
+
+def _no_limit(count: int, lidar: Lidar, slack: float) -> Floats:
+    """Return what bins (C, bins) read at most, whatever is around."""
+    return np.full((count, lidar.bins), lidar.maximum_range + 2.0 * slack)
 
 
 def _without_return(rays: Forms, met: Booleans, limit: float, reading: float) -> Forms:
