@@ -13,6 +13,7 @@ from viatool.errors import ConfigurationError
 from viatool.loop.horizon import Horizon
 from viatool.policy import load_policy
 from viatool.simulate import roll_out
+from viatool.uncertainty import ErrorModel
 from viatool.verification import verify
 from viatool.world import Scenes, load_map
 
@@ -104,8 +105,6 @@ def test_states_out_of_reach_need_no_tube(result, driven):
 
 def test_what_a_horizon_cannot_be_asked_for_is_refused(driven):
     few = driven.select(np.arange(len(driven)) < 3)
-    with pytest.raises(ConfigurationError, match="delay"):
-        verify(POLICY, LAB, trajectory=few, eps=EPS, horizon=2, delay=0.05)
     without = replace(few, scenarios=(None,) * few.episodes)
     with pytest.raises(ConfigurationError, match="goal"):
         verify(POLICY, LAB, trajectory=without, eps=EPS, horizon=2)
@@ -114,6 +113,17 @@ def test_what_a_horizon_cannot_be_asked_for_is_refused(driven):
             Horizon(steps)
     with pytest.raises(ConfigurationError, match="heading"):
         Horizon(3, 0.0, -0.1)
+
+
+def test_a_horizon_takes_a_delay_as_an_error_model_states_it(driven):
+    few = driven.select(np.arange(len(driven)) < 20)
+    stated = ErrorModel.model_validate({"timing": {"delay": [0.05, 0.05]}})
+    given, model, ideal = (
+        verify(POLICY, LAB, trajectory=few, eps=EPS, horizon=2, **delayed).horizon.tubes
+        for delayed in ({"delay": 0.05}, {"errors": stated}, {})
+    )
+    np.testing.assert_array_equal(given.lower, model.lower)
+    assert np.abs(given.lower - ideal.lower).max() > 1e-3
 
 
 def test_a_report_without_a_horizon_has_none(driven):

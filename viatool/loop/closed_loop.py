@@ -124,6 +124,10 @@ class ClosedLoop:
         """Return boxes of poses as states of the scenario, among what stands."""
         return self.geometry.throughout(boxes.centre, boxes.radius)
 
+    def among_all(self, boxes: PoseBoxes) -> ScenePoses:
+        """Return boxes of poses as states of the scenario, among what stands and what moves."""
+        return self.around.everything.throughout(boxes.centre, boxes.radius)
+
     def blocked(self, boxes: PoseBoxes) -> Booleans:
         """Tell which boxes hold no pose that keeps the collision distance, (C,)."""
         distance = self.geometry.still.footprint_clearance(
@@ -185,23 +189,28 @@ class ClosedLoop:
     def _holds_for(self, machine: Machine, cells: StateBoxes, lower: Floats, upper: Floats) -> Booleans:
         """Tell in which cells a robot with motors and timing of its own keeps every pose clear, (C,). **Sound:** yes.
 
-        Of its velocity is known what the command before tells, and what the robot can have. Cells of which a part is
-        not free are not settled.
+        Of its velocity is known what the command before tells, and what the robot can have.
         """
         rules, count = self.rules, len(cells)
         before = np.full((2, count, rules.commands_before, len(rules.lower)), np.nan)
         if rules.commands_before:
             before[0, :, -1], before[1, :, -1] = cells.previous_lower, cells.previous_upper
-        kept = np.zeros(count, dtype=bool)
-        for some in self._chunks(count, 16 * _CHUNK):
+        return self.keeps(ActuatedMotion(machine, (before[0], before[1])), cells.poses, lower, upper)
+
+    def keeps(self, motion: ActuatedMotion, boxes: PoseBoxes, lower: Floats, upper: Floats) -> Booleans:
+        """Tell in which boxes robots that move so keep every pose clear, (C,). **Sound:** yes.
+
+        Boxes of which a part is not free are not settled.
+        """
+        kept, rules = np.zeros(len(boxes), dtype=bool), self.rules
+        for some in self._chunks(len(boxes), 16 * _CHUNK):
             check_time()
-            boxes = cells.poses.select(some)
             kept[some] = prove_clearance(
-                self.around.everything.throughout(boxes.centre, boxes.radius),
+                self.among_all(boxes.select(some)),
                 lower[some],
                 upper[some],
                 rules.clearance.collision,
-                ActuatedMotion(machine, (before[0, some], before[1, some])),
+                motion.select(np.arange(len(boxes))[some]),
                 rules.footprint,
                 _EFFORT,
             ).proved
@@ -217,7 +226,7 @@ class ClosedLoop:
         assert strayed is not None
         nearer = strayed.nearer(rules.footprint.reach).max(initial=0.0)
         return prove_clearance(
-            self.around.everything.throughout(cells.poses.centre, cells.poses.radius),
+            self.among_all(cells.poses),
             *held,
             rules.clearance.collision + float(nearer),
             rules.manoeuvre,

@@ -8,7 +8,8 @@ of the network are in the rest of the command, which becomes A symbols of its ow
 as the previous command in the next step, or changes the state.
 
 Where a command leads is the kinematics' to say: as forms (`Kinematics.successor`), and, beside them, as plain bounds
-(`Kinematics.displacement`), which know what forms do not: that a robot without speed stays exactly where it is.
+(`Kinematics.displacement`), which know what forms do not: that a robot without speed stays exactly where it is. Of a
+robot with motors and timing of its own sets hold more, and `viatool.motion.actuated_sets` says where that leads.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import numpy as np
 from viatool.arrays import Booleans, Floats, Hull, Indices
 from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.told import NOTHING, Told
+from viatool.motion.actuated_sets import enclose_next
 from viatool.rounding import SIGHT_ROUNDING, SLIGHTLY_MORE, SPARE
 from viatool.sets.bounds import require_ordered
 from viatool.sets.forms import Forms, PoseBoxes
@@ -102,7 +104,8 @@ def step(loop: ClosedLoop, states: Forms, told: Told = NOTHING) -> LoopStep:
     Sound: yes. For every z, every state of that z, and every observation within eps of what perfect sensors read
     there, the command and the next state lie within the rest of the forms of one of the pieces for z and some errors
     of the command.
-    Rounding of the proof and, as the arithmetic asks, of the program is counted. A robot without delay is meant.
+    Rounding of the proof and, as the arithmetic asks, of the program is counted. With motors and timing of an error
+    model the interval is that until the next observation, whenever that is.
     """
     states = name_rests(states.checked())
     count, symbols = states.slope.shape[:2]
@@ -172,6 +175,9 @@ def _step(loop: ClosedLoop, states: Forms, told: Told) -> LoopStep:
     )
     slack = SIGHT_ROUNDING * (loop.sensors.shapes.scale + np.abs(states.centre).sum(axis=1))
     lower, upper = rules.clip(bounds[0]), rules.clip(bounds[1])
+    if rules.over_time is not None:
+        found = enclose_next(rules.over_time, states, command, start, (lower, upper), slack)
+        return LoopStep(sent.cell, start, lower, upper, *found.added, *found.before, found.states)
     held = loop.given_in(start, lower, upper)
     after = _after(rules, states, command, held, slack)
     added = rules.kinematics.displacement(start.poses, *held, rules.interval)

@@ -94,6 +94,8 @@ class OutputsBefore:
         (K,) what makes that number of it.
     least, most : ndarray
         (K,) where that number is clipped.
+    axes : int
+        A, the entries of a command.
     """
 
     lower: Floats
@@ -103,6 +105,7 @@ class OutputsBefore:
     offset: Floats
     least: Floats
     most: Floats
+    axes: int
 
     @classmethod
     def of(cls, policy: Policy, setting: Setting) -> OutputsBefore:
@@ -122,7 +125,8 @@ class OutputsBefore:
             told = entry >= 0
             least = np.where(told, np.maximum(least, rules.lower[entry]), least)
             most = np.where(told, np.minimum(most, rules.upper[entry]), most)
-        return cls(lower, upper, np.where(scale == 0.0, -1, entry), scale, offset, least, most)
+        entry = np.where(scale == 0.0, -1, entry)
+        return cls(lower, upper, entry, scale, offset, least, most, len(rules.lower))
 
     def enclose(self, cells: StateBoxes, states: Forms) -> Forms:
         """Enclose the outputs before the states of C sets within boxes, (C, K); infinite where nothing is known.
@@ -141,7 +145,7 @@ class OutputsBefore:
         ends = [self._output(below) - self._slack(below), self._output(above) + self._slack(above)]
         lower, upper = np.where(known[0], ends[0], -np.inf), np.where(known[1], ends[1], np.inf)
         standing = (cells.previous_lower <= 0.0) & (cells.previous_upper >= 0.0)
-        still = standing.all(axis=1, keepdims=True) | (self.entry < 0)
+        still = standing[:, : self.axes].all(axis=1, keepdims=True) | (self.entry < 0)
         lower, upper = np.clip(lower, self.lower, self.upper), np.clip(upper, self.lower, self.upper)
         lower = np.where(still, np.minimum(lower, 0.0), lower)
         upper = np.where(still, np.maximum(upper, 0.0), upper)

@@ -24,12 +24,11 @@ from viatool.arrays import Booleans, Floats, Indices
 from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.destination import Destination, NearPlace
 from viatool.loop.horizon import Horizon, Tubes
+from viatool.loop.keeping import begins_clear, clearance_kept
 from viatool.loop.sectors import TubeParts, cut_by_heading
 from viatool.loop.successor import LoopStep, states_of, step
 from viatool.loop.told import NOTHING, Told
 from viatool.rounding import SPARE
-from viatool.safety.enclosure import MotionBoxes, enclose
-from viatool.safety.proof import prove_clearance
 from viatool.sets.forms import Forms
 
 
@@ -135,24 +134,12 @@ class TubeFollower:
 
     def _all_clear(self, parts: TubeParts, count: int) -> Booleans:
         """Tell of which tubes (B,) every pose keeps the collision distance at the beginning."""
-        rules, boxes = self.loop.rules, parts.cells.poses
-        still = rules.standing(len(parts))
-        here = self.loop.at(boxes)
-        clear = prove_clearance(
-            here, still, still, rules.clearance.collision, rules.manoeuvre, rules.footprint
-        )
-        return _all_of(parts, clear.proved, count)
+        return _all_of(parts, begins_clear(self.loop, parts.cells.poses), count)
 
     def _clearance(self, parts: TubeParts, after: LoopStep, count: int) -> tuple[Floats, Booleans]:
         """Return what runs keep during an interval in metres, (B,), and whether the collision distance is proved."""
-        parts, rules = parts.select(after.origin), self.loop.rules
-        boxes = parts.cells.poses
-        held = self.loop.given_in(after.start, after.lower, after.upper)
-        cells = MotionBoxes.whole(*held, boxes.radius)
-        least = enclose(cells, self.loop.at(boxes), rules.manoeuvre, rules.footprint).least
-        proved = least > rules.clearance.collision
-        rest = np.flatnonzero(~proved)
-        proved[rest] = self.loop.holds(parts.select(rest).cells, after.lower[rest], after.upper[rest])
+        parts = parts.select(after.origin)
+        least, proved = clearance_kept(self.loop, parts.cells, after)
         clearance = np.full(count, np.inf)
         np.minimum.at(clearance, parts.tube, least)
         return clearance, _all_of(parts, proved, count)

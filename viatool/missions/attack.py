@@ -2,7 +2,8 @@
 
 The program is run by onnxruntime from corners of the box of starts; what its sensors read is off by corners of their
 errors: held for the whole run, drawn anew in each interval, or, greedily, the ones of a few whose command brings the
-robot nearest to an obstacle.
+robot nearest to an obstacle. Motors and timing of an error model are drawn at corners as well; what they do is not
+kept, so such runs show where and when robots arrive, and refute nothing.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from itertools import product
 import numpy as np
 
 from viatool.arrays import Floats, Indices
+from viatool.loop.flawed_runs import drive_flawed
 from viatool.loop.horizon import Crashes, Horizon
 from viatool.loop.runs import Runs, drive, search_crashes
 from viatool.loop.tube import TubeFollower
@@ -37,16 +39,30 @@ class MissionRuns:
         (R,) intervals after which each run arrives; K + 1 if it does not.
     crashes : Crashes
         At most one run that collides.
+    seconds : ndarray
+        (R, K) since the start, at the ends of intervals.
+    refutes : bool
+        Whether a run refutes that does not arrive; one of motors and timing that are drawn could not be driven again.
     """
 
     runs: Runs
     arrived: Indices
     crashes: Crashes
+    seconds: Floats
+    refutes: bool = True
+
+    @property
+    def driven_arrival(self) -> tuple[float, float] | None:
+        """Return the seconds after which the first and the last run arrives of those that do; None if none does."""
+        rows = np.flatnonzero(self.arrived <= self.seconds.shape[1])
+        after = self.seconds[rows, self.arrived[rows] - 1]
+        return (float(after.min()), float(after.max())) if len(rows) else None
 
     @property
     def late(self) -> Indices:
-        """Return the runs that are still on their way after all K intervals."""
-        return np.flatnonzero(self.arrived > self.runs.poses.shape[1])
+        """Return the runs that are still on their way after all K intervals, if they refute."""
+        late = self.arrived > self.runs.poses.shape[1]
+        return np.flatnonzero(late & self.refutes)
 
 
 def attack(follower: MissionFollower, lower: Floats, upper: Floats, *, seed: int) -> MissionRuns:
@@ -87,11 +103,18 @@ def attack(follower: MissionFollower, lower: Floats, upper: Floats, *, seed: int
     errors = signs * np.maximum(radii - AS_RECEIVED * (1.0 + size), 0.0)
     centre = 0.5 * (lower + upper)
     tubes = TubeFollower(loop, follower.goal_radius, Horizon(min(steps, _MOST)), follower.destination)
-    runs = drive(tubes, starts[:, :3], starts[:, 3:], errors, told=follower.told(count))
+    ideal = loop.rules.over_time is None
+    if ideal:
+        runs = drive(tubes, starts[:, :3], starts[:, 3:], errors, told=follower.told(count))
+        seconds = np.broadcast_to(loop.rules.interval * np.arange(1, shape[1] + 1), shape[:2])
+    else:
+        runs, seconds = drive_flawed(
+            tubes, starts[:, :3], starts[:, 3:], errors, follower.told(count), seed=seed
+        )
     arrived = _arrivals(follower, runs)
-    if _far(runs, loop.rules.clearance.collision):
+    if not ideal or _far(runs, loop.rules.clearance.collision):
         none = Crashes.none(runs.poses.shape[1], len(radii), runs.actions.shape[2], runs.motions.shape[2])
-        return MissionRuns(runs, arrived, none)
+        return MissionRuns(runs, arrived, none, seconds, ideal)
     extents = 0.5 * (upper - lower)[:3]
     wider = Horizon(min(steps, _MOST), float(extents[:2].min()), float(extents[2]))
     searching = TubeFollower(loop, follower.goal_radius, wider, follower.destination)
@@ -103,7 +126,7 @@ def attack(follower: MissionFollower, lower: Floats, upper: Floats, *, seed: int
         told=follower.told(1),
         seed=(seed, 1),
     )
-    return MissionRuns(runs, arrived, crashes)
+    return MissionRuns(runs, arrived, crashes, seconds)
 
 
 _MOST = 1000

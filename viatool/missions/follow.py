@@ -25,12 +25,11 @@ import numpy as np
 from viatool.arrays import Booleans, Floats, Indices
 from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.destination import Destination, NearPlace
+from viatool.loop.keeping import begins_clear, clearance_kept
 from viatool.loop.sectors import TubeParts
 from viatool.loop.successor import LoopStep, states_of, step
 from viatool.loop.told import Told
 from viatool.missions.cells import CellSides
-from viatool.safety.enclosure import MotionBoxes, enclose
-from viatool.safety.proof import prove_clearance
 from viatool.schedule import check_time
 
 
@@ -153,10 +152,10 @@ class MissionFollower:
         pose = np.array([limits.position, limits.position, limits.heading])
         for halvings in range(limits.finer + 1):
             share = 0.5**halvings
-            command = np.full(len(rules.lower), np.inf)
+            behind = np.full(len(rules.carried), np.inf)
             if halvings and self._answers_to_commands:
-                command = (rules.upper - rules.lower) * _COMMAND_SHARE
-            yield CellSides(np.concatenate([pose * share, command]))
+                behind[: len(rules.lower)] = (rules.upper - rules.lower) * _COMMAND_SHARE
+            yield CellSides(np.concatenate([pose * share, behind]))
 
     @property
     def _answers_to_commands(self) -> bool:
@@ -202,26 +201,12 @@ class MissionFollower:
 
     def _begins_clear(self, parts: TubeParts) -> Booleans:
         """Tell in which parts every pose keeps the collision distance, (P,)."""
-        rules, boxes = self.loop.rules, parts.cells.poses
-        still = rules.standing(len(parts))
-        return prove_clearance(
-            self.loop.at(boxes), still, still, rules.clearance.collision, rules.manoeuvre, rules.footprint
-        ).proved
+        return begins_clear(self.loop, parts.cells.poses)
 
     def _clearance_of_each(self, parts: TubeParts, after: LoopStep) -> tuple[Floats, Booleans]:
         """Return what the runs of pieces keep during an interval, in metres, and of which that suffices, (P,)."""
-        parts, rules = parts.select(after.origin), self.loop.rules
-        boxes = parts.cells.poses
-        held = self.loop.given_in(after.start, after.lower, after.upper)
-        cells = MotionBoxes.whole(*held, boxes.radius)
-        least = enclose(cells, self.loop.at(boxes), rules.manoeuvre, rules.footprint).least
-        strayed = rules.strayed(*held)
-        if strayed is not None:
-            least = least - strayed.nearer(rules.footprint.reach)
-        proved = least > rules.clearance.collision
-        rest = np.flatnonzero(~proved)
-        proved[rest] = self.loop.holds(parts.select(rest).cells, after.lower[rest], after.upper[rest])
-        return np.where(proved, np.maximum(least, rules.clearance.collision), least), proved
+        least, proved = clearance_kept(self.loop, parts.select(after.origin).cells, after)
+        return np.where(proved, np.maximum(least, self.loop.rules.clearance.collision), least), proved
 
 
 TOO_MANY = "too many parts"

@@ -20,6 +20,7 @@ from viatool.missions.work import MissionExamination, MissionWork
 from viatool.policy import Policy, PolicySpecification, load_policy
 from viatool.schedule import NEVER, Campaign, Deadline, Progress, ignore
 from viatool.setting.criteria import PROVING
+from viatool.setting.rules import Rules
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
 from viatool.simulate import NavigationTask
@@ -138,7 +139,7 @@ def mission(
     radius = task.goal_radius if goal_radius is None else goal_radius
     if not 0.0 < radius < math.inf:
         raise ConfigurationError(f"the goal radius is {radius} m", "give a positive distance in metres")
-    limits = _limits(limits or MissionLimits(task.horizon), time_limit, setting.rules.interval, task.horizon)
+    limits = _limits(limits or MissionLimits(task.horizon), time_limit, setting.rules, task.horizon)
     timed = any(one.deadline is not None for one in chosen)
     counted = "to the deadline of each mission" if timed else f"from the {limits.steps} of the mission"
     setting = told_of_time(setting, f"counted down {counted}")
@@ -161,16 +162,17 @@ def mission(
     )
 
 
-def _limits(limits: MissionLimits, time_limit: float | None, interval: float, usual: int) -> MissionLimits:
-    """Return the limits with the time limit in whole intervals."""
+def _limits(limits: MissionLimits, time_limit: float | None, rules: Rules, usual: int) -> MissionLimits:
+    """Return the limits with the time limit in intervals that are surely over by then."""
     if time_limit is None:
         return replace(limits, steps=limits.steps or usual)
+    interval = rules.seconds_after(1)[1]
     if not interval <= time_limit <= 1000 * interval:
         raise ConfigurationError(
             f"the time limit is {time_limit} s, expected one to a thousand control intervals of {interval:g} s",
             "give the seconds of simulated time within which every run has to arrive",
         )
-    return replace(limits, steps=math.floor(time_limit / interval * (1.0 + 1e-9)))
+    return replace(limits, steps=rules.intervals_within(time_limit))
 
 
 def _start_error(given: Sequence[float], model: ErrorModel) -> tuple[float, float, float]:

@@ -48,6 +48,10 @@ class Mission:
         Of processor time.
     task : str
         Where its runs arrive, and when, in words.
+    arrival : tuple of float
+        Seconds after which runs may have arrived, and all of them have if it is proved.
+    driven_arrival : tuple of float or None
+        Seconds after which the first and the last of the driven runs arrives that do; None if none does.
     """
 
     scenario: Scenario
@@ -59,6 +63,8 @@ class Mission:
     late: Crashes
     seconds: float
     task: str = ""
+    arrival: tuple[float, float] = (0.0, 0.0)
+    driven_arrival: tuple[float, float] | None = None
 
     @property
     def verdict(self) -> str:
@@ -96,7 +102,6 @@ class Mission:
     def to_json(self) -> dict[str, Any]:
         """Return the mission as plain data."""
         proof = self.proof
-        arrived = self.arrived[self.arrived <= self.paths.shape[1] - 1]
         return {
             "scenario": self.scenario.name,
             "start": list(self.scenario.start),
@@ -106,14 +111,8 @@ class Mission:
             "deadline": self.scenario.deadline,
             "verdict": self.verdict,
             "steps": self.steps,
-            "arrival": [proof.earliest * self.interval, proof.steps * self.interval]
-            if proof.proved
-            else None,
-            "driven_arrival": (
-                [float(arrived.min()) * self.interval, float(arrived.max()) * self.interval]
-                if len(arrived)
-                else None
-            ),
+            "arrival": list(self.arrival) if proof.proved else None,
+            "driven_arrival": None if self.driven_arrival is None else list(self.driven_arrival),
             "driven": len(self.arrived),
             "seconds": round(self.seconds, 3),
             "clearance": None if np.isinf(self.clearance) else self.clearance,
@@ -134,7 +133,8 @@ class Mission:
             proof.start_parts,
         ]
         return {
-            "numbers": np.array([*numbers, self.interval, self.seconds], dtype=np.float64),
+            "numbers": np.array([*numbers, self.interval, self.seconds, *self.arrival], dtype=np.float64),
+            "driven_arrival": np.array(self.driven_arrival or [], dtype=np.float64),
             "reason": np.array(proof.reason),
             "task": np.array(self.task),
             **{f"tube_{each.name}": getattr(tube, each.name) for each in fields(MissionTube)},
@@ -147,7 +147,8 @@ class Mission:
     @classmethod
     def from_arrays(cls, scenario: Scenario, arrays: Mapping[str, NDArray[Any]]) -> Mission:
         """Return what `to_arrays` was called on."""
-        proved, steps, earliest, clearance, most, start, interval, seconds = arrays["numbers"].tolist()
+        numbers = arrays["numbers"].tolist()
+        proved, steps, earliest, clearance, most, start, interval, seconds, *arrival = numbers
         tube = MissionTube(*(arrays[f"tube_{each.name}"] for each in fields(MissionTube)))
         reason = str(arrays["reason"])
         proof = MissionProof(
@@ -158,14 +159,16 @@ class Mission:
             for kind in ("crash", "late")
         )
         driven, task = (arrays["paths"], arrays["arrived"], crashes, late), str(arrays["task"])
-        return cls(scenario, interval, proof, *driven, seconds, task)
+        times = arrays["driven_arrival"].tolist()
+        ends = (arrival[0], arrival[1]), (times[0], times[1]) if times else None
+        return cls(scenario, interval, proof, *driven, seconds, task, *ends)
 
     @classmethod
     def not_begun(cls, scenario: Scenario, setting: Setting, task: str = "") -> Mission:
         """Return a mission for which there was no time."""
         rules, size = setting.rules, len(setting.radii)
         interval, axes, state = rules.interval, len(rules.lower), len(rules.kinematics.state)
-        none = np.zeros((0, 3 + len(rules.kinematics.before)))
+        none = np.zeros((0, 3 + len(rules.carried)))
         tube = MissionTube(np.zeros(0, np.int64), none, none)
         proof = MissionProof(False, 0, 0, np.inf, 0, 0, _NOT_BEGUN, tube)
         crashes = Crashes.none(1, size, axes, state)
@@ -236,7 +239,7 @@ class Missions(Asked):
             "collision_distance": self.rules.clearance.collision,
             "arithmetic": self.arithmetic,
             "start_error": list(self.start_error),
-            "time_limit": self.limits.steps * self.rules.interval,
+            "time_limit": self.rules.seconds_after(self.limits.steps)[1],
             "goal_radius": self.goal_radius,
             "limits": {
                 "parts": self.limits.parts,
@@ -256,7 +259,7 @@ class Missions(Asked):
     def tube_table(self) -> dict[str, NDArray[Any]]:
         """Return the parts of all tubes: scenario and interval (P,), ends (P, 3 + A)."""
         tubes = [mission.proof.tube for mission in self.missions]
-        axes = 3 + len(self.rules.kinematics.before)
+        axes = 3 + len(self.rules.carried)
         return {
             "scenario": np.concatenate(
                 [

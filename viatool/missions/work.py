@@ -87,6 +87,11 @@ class MissionExamination:
             late_run(driven),
             seconds,
             self.task(scenario),
+            (
+                self.setting.rules.seconds_after(proof.earliest)[0],
+                self.setting.rules.seconds_after(proof.steps)[1],
+            ),
+            driven.driven_arrival,
         )
 
     def follower(self, loop: ClosedLoop, scenario: Scenario) -> MissionFollower:
@@ -99,7 +104,7 @@ class MissionExamination:
         """Return within how many intervals, or after how many, every run has to arrive."""
         if scenario.deadline is None:
             return self.limits.steps
-        return math.floor(scenario.deadline / self.setting.rules.interval * (1.0 + 1e-9))
+        return self.setting.rules.intervals_within(scenario.deadline)
 
     def destination(self, scenario: Scenario) -> Destination:
         """Return where every run has to arrive."""
@@ -110,13 +115,15 @@ class MissionExamination:
 
     @property
     def _names(self) -> tuple[str, ...]:
-        """Return what the numbers of a state are called."""
-        return (*POSE, *(axis.name for axis in self.setting.rules.kinematics.before))
+        """Return what the numbers of a state are called: the same for older commands, and for the velocity."""
+        rules = self.setting.rules
+        names = tuple(axis.name for axis in rules.kinematics.before)
+        return POSE + names * (len(rules.carried) // len(names))
 
     def starts(self, scenario: Scenario) -> tuple[Floats, Floats]:
         """Return the ends of the states at the start, (3 + K,) each: where nothing else is said, the robot stands."""
-        move = self.setting.rules.kinematics
-        least, most = move.state_range if move.state else (np.zeros(len(move.axes)),) * 2
+        move, behind = self.setting.rules.kinematics, len(self.setting.rules.carried)
+        least, most = move.state_range if move.state else (np.zeros(behind),) * 2
         still = np.clip(0.0, least, most)
         if scenario.starts is not None:
             ends = scenario.starts.ends(self._names)
@@ -132,7 +139,7 @@ class MissionExamination:
         place = f"nearer to the goal than {self.goal_radius:g} m"
         if scenario.region is not None:
             place = scenario.region.words()
-        seconds = self.steps(scenario) * self.setting.rules.interval
+        seconds = self.setting.rules.seconds_after(self.steps(scenario))[1]
         return f"{place} at the end of an interval, {scenario.arrive} {seconds:g} s"
 
     def check(self, scenario: Scenario) -> None:
@@ -148,6 +155,8 @@ class MissionExamination:
             asked = [] if box is None else [(name, *box.ends((name,))[:, 0].tolist()) for name in STATE]
             for name, low, high in asked:
                 at_rest = what == "start" and low == high == 0.0
+                if what == "goal" and name in names[3:] and (low, high) != (-math.inf, math.inf):
+                    self._require_as_told(scenario, name)
                 if name in names or (low, high) == (-math.inf, math.inf) or at_rest:
                     continue
                 raise ConfigurationError(
@@ -163,12 +172,28 @@ class MissionExamination:
         if scenario.deadline is None:
             return
         whole = scenario.deadline / interval
+        least, most = self.setting.rules.seconds_after(1)
+        if scenario.arrive == "at" and least < most:
+            raise ConfigurationError(
+                f"scenario '{scenario.name}' is to be arrived at after {scenario.deadline:g} s, and intervals of "
+                f"{least:g} to {most:g} s need not end then",
+                "let it arrive within the deadline, or leave out the section timing",
+            )
         late = scenario.arrive == "at" and abs(whole - round(whole)) > 1e-6
         if late or not 1 <= self.steps(scenario) <= 1000:
             raise ConfigurationError(
                 f"the deadline of scenario '{scenario.name}' is {scenario.deadline:g} s, expected a whole number of "
                 f"control intervals of {interval:g} s, at most a thousand of them",
                 "correct the deadline, or give another --interval",
+            )
+
+    def _require_as_told(self, scenario: Scenario, name: str) -> None:
+        """Refuse goals that limit a speed where robots do not have the one that they are told to have."""
+        if self.setting.rules.over_time is not None:
+            raise ConfigurationError(
+                f"the goal of scenario '{scenario.name}' limits {name}, which is not what was commanded where motors "
+                "and timing are those of an error model",
+                "leave it out, or null, or leave out the sections actuation and timing",
             )
 
 

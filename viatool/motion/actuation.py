@@ -29,7 +29,7 @@ turn; the smaller of both is then taken for the slowest response, and the larger
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -94,6 +94,15 @@ class Response:
         """Tell whether the velocity is its target at every instant, whatever it was before."""
         return self.lag[1] == 0.0 and self.acceleration[0] == self.deceleration[0] == math.inf
 
+    @property
+    def either_way(self) -> Response:
+        """Return the response that allows what this one does, while the velocity grows and while it falls."""
+        both = (
+            min(self.acceleration[0], self.deceleration[0]),
+            max(self.acceleration[1], self.deceleration[1]),
+        )
+        return replace(self, acceleration=both, deceleration=both)
+
 
 IDEAL = Response()
 
@@ -156,6 +165,17 @@ class Actuation:
         relative, absolute = self.of("relative"), self.of("absolute")
         least = lower - (relative * np.abs(lower) + absolute) * SLIGHTLY_MORE
         return least, upper + (relative * np.abs(upper) + absolute) * SLIGHTLY_MORE
+
+    def largest_error(self, lower: Floats, upper: Floats) -> Floats:
+        """Return by how much a target is off at most, (..., 3), of any velocity between two ends; rounded outward."""
+        largest = np.maximum(np.abs(lower), np.abs(upper))
+        return np.asarray((self.of("relative") * largest + self.of("absolute")) * SLIGHTLY_MORE)
+
+    @cached_property
+    def either_way(self) -> Actuation:
+        """Motors that allow what these do whether the velocity grows or falls: for velocities seen from another one."""
+        linear, lateral, angular = (response.either_way for response in self.responses)
+        return Actuation(linear, lateral, angular, self.slip)
 
     def highest(self, begin: Floats, target: Floats, seconds: Floats) -> Floats:
         """Return the largest velocities after some time, (..., 3), from the largest ones and the largest targets.

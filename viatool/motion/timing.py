@@ -107,6 +107,14 @@ class Timing:
         return self.latest + self.interval[1]
 
     @property
+    def observed(self) -> tuple[float, float]:
+        """Return after how many seconds the robot observes next, at the earliest and at the latest.
+
+        The present observation and the next one may each be up to S old when commands are computed from them.
+        """
+        return max(self.interval[0] - self.age, 0.0), self.interval[1] + self.age
+
+    @property
     def commands(self) -> int:
         """Return W, how many of the commands before may still act after the observation."""
         return math.ceil(self.latest / self.interval[0] - _SAME)

@@ -75,8 +75,8 @@ def command_errors_of(errors: ErrorModel, kinematics: Kinematics) -> CommandErro
     return CommandErrors(relative, absolute) if relative.any() or absolute.any() else None
 
 
-def check_motors(varies: bool, beside: CommandErrors | None, errors: ErrorModel, job: str) -> None:
-    """Refuse motors that a job does not follow: missions follow errors of commands, all others robots without a state.
+def check_motors(beside: CommandErrors | None, errors: ErrorModel, job: str) -> None:
+    """Refuse motors that a job does not follow: missions alone follow errors of commands of robots with a state.
 
     Raises
     ------
@@ -87,12 +87,6 @@ def check_motors(varies: bool, beside: CommandErrors | None, errors: ErrorModel,
         raise ConfigurationError(
             f"{errors.source}: errors of the commands of a robot that is told how to accelerate are followed by "
             f"viatool mission alone, not by {job or 'this job'}",
-            "leave the section actuation out",
-        )
-    if varies and job == "mission":
-        raise ConfigurationError(
-            f"{errors.source}: missions take errors of commands into account for robots that are told how to "
-            "accelerate alone, and this one has the speed that it is told to have",
             "leave the section actuation out",
         )
 

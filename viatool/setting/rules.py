@@ -15,10 +15,11 @@ from viatool.arrays import Floats
 from viatool.errors import ConfigurationError
 from viatool.motion.actuated import Machine
 from viatool.motion.actuation import IDEAL_MOTORS, Actuation
+from viatool.motion.carried import carried_axes
 from viatool.motion.command_errors import CommandErrors, Strayed
 from viatool.motion.dead_time import DeadTime
 from viatool.motion.kinematics import DIFFERENTIAL, motion_of
-from viatool.motion.law import Kinematics
+from viatool.motion.law import Axis, Kinematics
 from viatool.motion.manoeuvre import Manoeuvre
 from viatool.motion.second_order import Unicycle
 from viatool.motion.timing import Timing
@@ -28,6 +29,7 @@ from viatool.setting.motors import actuation_of, command_errors_of, timing_of
 from viatool.uncertainty import ErrorModel
 from viatool.world import Clearance, Footprint, WorldMap
 
+_ALIKE = 1e-9
 MOST_COMMANDS = 1000
 """On their way to the motors at once; more is a slip of the keyboard."""
 
@@ -170,6 +172,32 @@ class Rules:
         return Machine(
             self.kinematics, (self.lower, self.upper), self.actuation, timing, path.deceleration, path.rim
         )
+
+    @cached_property
+    def over_time(self) -> Machine | None:
+        """Return the robot as it is followed over time: as `machine`, and as well if its commands act late alone."""
+        if self.machine is not None or self.delay == 0.0 or not isinstance(self.kinematics, HeldTwist):
+            return self.machine
+        exactly = Timing((self.interval, self.interval), (self.delay, self.delay))
+        return replace(self, timing=exactly).machine
+
+    @property
+    def carried(self) -> tuple[Axis, ...]:
+        """Return what sets of states hold behind poses that are followed over time."""
+        return self.kinematics.before if self.over_time is None else carried_axes(self.over_time)
+
+    def seconds_after(self, intervals: int) -> tuple[float, float]:
+        """Return how many seconds have passed since an observation when so many others have followed, at the ends."""
+        timing = self.timing or Timing((self.interval, self.interval))
+        return (
+            max(intervals * timing.interval[0] - timing.age, 0.0),
+            intervals * timing.interval[1] + timing.age,
+        )
+
+    def intervals_within(self, seconds: float) -> int:
+        """Return how many intervals are surely over after some time."""
+        timing = self.timing or Timing((self.interval, self.interval))
+        return math.floor((seconds - timing.age) / timing.interval[1] * (1.0 + _ALIKE))
 
     def strayed(self, lower: Floats, upper: Floats) -> Strayed | None:
         """Return how far errors of commands lead, over boxes of what is held (C, A + S); None where there are none."""

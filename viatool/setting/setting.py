@@ -166,7 +166,7 @@ class Setting:
         spec, robot, premises = reconcile(Parties(spec, name, world_map, wishes))
         world_map = world_map.with_robot(robot)
         rules = Rules.of(world_map, wishes.criterion, delay=wishes.delay, errors=wishes.errors)
-        check_motors(rules.varies, rules.command_errors, wishes.errors, job)
+        check_motors(rules.command_errors, wishes.errors, job)
         commands = command_map(spec, rules.kinematics, robot, name)
         errors = SensorErrors.of(spec, eps, wishes.errors)
         check_moving(wishes.errors, spec, world_map)

@@ -5,13 +5,10 @@ from __future__ import annotations
 MOTION = frozenset(
     f"actuation.{term}" for term in ("acceleration", "deceleration", "lag", "relative", "absolute", "slip")
 ) | frozenset(f"timing.{term}" for term in ("interval", "delay", "sensing"))
-"""Motors and timing."""
+"""Motors and timing; of robots that are told how to accelerate `viatool.setting.motors` says which."""
 
 _SENSOR = frozenset(f"sensor.{term}" for term in ("absolute", "relative", "bias", "angle", "missing", "thin"))
 """All that may be wrong with readings."""
-
-_COMMANDS = frozenset({"actuation.relative", "actuation.absolute"})
-"""What acts beside a command, of robots that are told how to accelerate: `viatool.setting.motors` tells which jobs."""
 
 _DRAWN = frozenset(
     f"{section}.{term}"
@@ -34,9 +31,9 @@ _OVER_SETS = _SENSOR | _POSE
 
 SUPPORTED: dict[str, frozenset[str]] = {
     "verify": _SENSOR | MOTION | _POSE | _MOVING,
-    "verify with a horizon": _OVER_SETS | _START,
+    "verify with a horizon": _OVER_SETS | _START | MOTION,
     "certify": _SENSOR | MOTION | _POSE | _SHOWN,
-    "mission": _OVER_SETS | _START | _COMMANDS,
+    "mission": _OVER_SETS | _START | MOTION,
     "simulate": _DRAWN | MOTION | _SHOWN | _SENSOR | {"obstacles.people"},
     "simulate with bullet": _DRAWN,
 }

@@ -11,6 +11,7 @@ import numpy as np
 from viatool.arrays import Booleans
 from viatool.loop.horizon import Crashes, Tubes
 from viatool.loop.told import Told
+from viatool.motion.carried import recorded_ends
 from viatool.policy import Policy
 from viatool.safety import Contested, JudgedStates, Judgement, ScenePoses, find_contested
 from viatool.safety.moving import movers_around
@@ -136,6 +137,9 @@ class StateExamination:
             return None, None
         assert block.previous is not None
         before = block.begun if block.begun.shape[2] else np.stack([block.previous, block.previous], axis=1)
+        machine = self.setting.rules.over_time
+        if machine is not None:
+            before = np.stack(recorded_ends(machine, block.previous, block.under_way, block.measured), axis=1)
         known = np.isfinite(before).all(axis=(1, 2))
         wanted, only_near = np.ones(len(block), dtype=bool), self.only_contested
         if only_near or not known.all():

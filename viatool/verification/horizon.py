@@ -14,6 +14,7 @@ from viatool.loop.horizon import Crashes, Horizon, Tubes
 from viatool.loop.runs import search_crashes
 from viatool.loop.told import NOTHING, Told
 from viatool.loop.tube import TubeFollower
+from viatool.motion.carried import farthest
 from viatool.policy import Policy
 from viatool.safety import ScenePoses
 from viatool.setting.setting import Setting
@@ -42,13 +43,6 @@ class HorizonExamination:
     setting: Setting
     horizon: Horizon
     arithmetic: Arithmetic = "float32"
-
-    def __post_init__(self) -> None:
-        if self.setting.rules.delay:
-            raise ConfigurationError(
-                f"a horizon with a delay of {self.setting.rules.delay:g} s is not supported",
-                "leave out --delay or --horizon",
-            )
 
     def follower(self, scenario: Scenario | None) -> TubeFollower:
         """Return the closed loop in a scenario."""
@@ -80,9 +74,15 @@ class HorizonExamination:
             ends = np.stack([np.minimum(least, begun[:, 0]), np.maximum(most, begun[:, 1])], axis=1)
             known = np.isfinite(ends).all(axis=(1, 2))
             lower, upper = rules.begun(lower, upper, np.where(known[:, None, None], ends, 0.0))
-        fastest = rules.kinematics.rates(lower, upper, rules.interval)[0]
-        way = (horizon.steps - 1) * rules.interval * fastest + float(np.hypot(*horizon.pose_error[:2]))
-        longest = rules.manoeuvre.longest(lower, upper)
+        fastest: Floats | float
+        longest: Floats | float
+        seconds, start = rules.seconds_after(horizon.steps - 1)[1], float(np.hypot(*horizon.pose_error[:2]))
+        if rules.over_time is not None:
+            fastest, longest = farthest(rules.over_time)
+        else:
+            fastest = rules.kinematics.rates(lower, upper, rules.interval)[0]
+            longest = rules.manoeuvre.longest(lower, upper)
+        way = seconds * fastest + start
         return known & (away > rules.clearance.collision + way + longest + 1e-6 * placed.scale)
 
     def examine(
@@ -143,5 +143,6 @@ class HorizonExamination:
                 rows = rows[np.isfinite(commands[rows]).all(axis=1)]
                 sent = commands[rows]
             where = first + rows, poses[rows], middle[rows], sent, told.select(rows)
-            crashes.append(search_crashes(follower, *where, seed=(seed, first, index)))
+            if rules.over_time is None:  # a run of motors and timing that are drawn could not be driven again
+                crashes.append(search_crashes(follower, *where, seed=(seed, first, index)))
         return tubes, Crashes.join(crashes)
