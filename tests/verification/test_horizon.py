@@ -124,6 +124,8 @@ def test_a_horizon_takes_a_delay_as_an_error_model_states_it(driven):
     )
     np.testing.assert_array_equal(given.lower, model.lower)
     assert np.abs(given.lower - ideal.lower).max() > 1e-3
+    sampled = verify(POLICY, LAB, trajectory=few, eps=EPS, horizon=2, delay=0.05, criterion="sampled")
+    np.testing.assert_array_equal(sampled.horizon.tubes.lower, given.lower)
 
 
 def test_a_report_without_a_horizon_has_none(driven):

@@ -164,8 +164,10 @@ class Rules:
     @cached_property
     def machine(self) -> Machine | None:
         """Return the robot whose velocities vary within bounds; None for one that has those it is told to have."""
-        if not (self.varies and self.asked.proves):
-            return None
+        return self._made() if self.varies and self.asked.proves else None
+
+    def _made(self) -> Machine:
+        """Return the robot with its motors and its timing, whether or not these vary."""
         assert isinstance(self.kinematics, HeldTwist)
         timing = self.timing or Timing((self.interval, self.interval), (self.delay, self.delay))
         path = self.manoeuvre
@@ -176,10 +178,7 @@ class Rules:
     @cached_property
     def over_time(self) -> Machine | None:
         """Return the robot as it is followed over time: as `machine`, and as well if its commands act late alone."""
-        if self.machine is not None or self.delay == 0.0 or not isinstance(self.kinematics, HeldTwist):
-            return self.machine
-        exactly = Timing((self.interval, self.interval), (self.delay, self.delay))
-        return replace(self, timing=exactly).machine
+        return self._made() if self.varies or self.delay > 0.0 else None
 
     @property
     def carried(self) -> tuple[Axis, ...]:
