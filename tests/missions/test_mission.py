@@ -234,6 +234,19 @@ def test_too_few_parts_leave_a_mission_unknown_with_its_place(hall, dodging):
     assert "x -1.4" in found.missions[0].reason
 
 
+def test_too_many_parts_begin_the_mission_again_with_finer_cells(hall, dodging, monkeypatch):
+    tried = []
+    follow = MissionFollower._follow
+    monkeypatch.setattr(
+        MissionFollower,
+        "_follow",
+        lambda self, lower, upper, sides: tried.append(sides.sides[0]) or follow(self, lower, upper, sides),
+    )
+    few = MissionLimits(90, parts=5, finer=2)
+    mission(dodging, hall, eps=EPS, start_error=START, scenarios=hall.scenarios[1:], limits=few)
+    assert tried == [0.03, 0.015, 0.0075]
+
+
 def test_a_clearance_that_no_run_keeps_is_not_proved(hall, dodging):
     found = mission(
         dodging,

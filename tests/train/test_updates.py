@@ -237,8 +237,7 @@ def test_a_penalty_on_the_width_of_reachable_sets_shrinks_them() -> None:
                 torch.zeros(1, 64),
                 torch.zeros(1),
                 learning_rate=1e-2,
-                width=width,
-                width_penalty=penalty,
+                penalties={"action_width": (penalty, width)},
             )
         widths.append(action_width(agent.actor.weights, observation, radius).mean().item())
     assert widths[1] < 0.5 * widths[0]
@@ -257,7 +256,7 @@ def test_actor_and_targets_move_only_at_every_second_update_of_the_critics() -> 
     options = make_configuration(seeds=2, batch_size=8, policy_delay=2, cost_critic_delay=1)
     random = generator()
     method = METHODS["via"](options)
-    agent = make_agent(options, method, observation_size=26, bins=20, generator=random)
+    agent = make_agent(options, method, make_scaling(load_map("maps/lab.yaml").robot, 10.0), generator=random)
     replay = ReplayBuffer(2, 32, 26, 2)
     replay.add(
         Batch(

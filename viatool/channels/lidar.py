@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,8 +19,18 @@ from viatool.world import Lidar
 
 
 @observes("lidar")
+@dataclass(frozen=True, eq=False)
 class LidarReadings(Quantity):
-    """The bins of a LiDAR: the channel's own, or the robot's where it describes none."""
+    """The bins of a LiDAR: the channel's own, or the robot's where it describes none.
+
+    Parameters
+    ----------
+    farthest : float
+        Over sets of states it is enclosed as one of this range in metres, if it has more: what is farther is told apart
+        by nothing.
+    """
+
+    farthest: float = np.inf
 
     believes = False
     needs = frozenset({"scan"})
@@ -80,12 +91,28 @@ class LidarReadings(Quantity):
 
     def enclose_losing(self, view: BoxView, lost: int) -> tuple[Forms, Floats]:
         """Enclose the bins, and bound what they read at most, (C, bins), when so many rays return nothing."""
-        seen, most = enclose_losing(view.start.poses, view.shapes, self.fan.lidar, lost)
+        lidar = self.fan.lidar
+        if self.farthest < lidar.maximum_range:
+            lidar = replace(lidar, maximum_range=self.farthest)
+        seen, most = enclose_losing(view.start.poses, view.shapes, lidar, lost)
         if view.submerged.any():
             ends = (np.full_like(seen.centre, end) for end in self._ends)
             seen = Forms.choose(view.submerged, Forms.between(*ends), seen)
             most = np.where(view.submerged[:, None], self._ends[1], most)
         return view.over_states(seen), most
+
+    def up_to(self, reading: float) -> LidarReadings:
+        """Return these readings for a network to which one that is larger is as good as this one.
+
+        Notes
+        -----
+        Sound: yes, as a ray that is cut off earlier reads less, down to this number; the least and the first ray of a
+        bin are then what they would be, or told apart from it by nothing. Means are not, nor what a ray reads that does
+        not return.
+        """
+        lidar = self.sensor
+        plain = not self.channel.encoding and lidar.no_return is None and lidar.reduce != "mean"
+        return replace(self, farthest=max(reading, lidar.minimum_range)) if plain else self
 
     def bounds(self, extent: Extent) -> tuple[float, float]:
         """Return the limits of the LiDAR, and what it reads where nothing returns."""

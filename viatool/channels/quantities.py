@@ -137,6 +137,14 @@ class Quantities:
         pairs = zip(self.each, self.columns, strict=True)
         return tuple((one, columns) for one, columns in pairs if isinstance(one, LidarReadings))
 
+    def up_to(self, readings: Floats) -> Quantities:
+        """Return these for a network to which a reading that is larger than one of (m,) is as good as that one."""
+        each = list(self.each)
+        for number, (quantity, columns) in enumerate(zip(self.each, self.columns, strict=True)):
+            if isinstance(quantity, LidarReadings):
+                each[number] = quantity.up_to(float(readings[columns].max()))
+        return replace(self, each=tuple(each))
+
     @property
     def outputs(self) -> int:
         """Return how many numbers that the network gave in the step before are observed; 0 for none."""

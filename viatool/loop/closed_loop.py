@@ -14,6 +14,7 @@ from viatool.loop.knowable import require_known_over_poses
 from viatool.loop.observation import Sensors
 from viatool.loop.retreat import keep_away
 from viatool.loop.told import Recollection
+from viatool.loop.told_apart import as_far_as_told_apart
 from viatool.loop.vicinity import Vicinity, check_roaming
 from viatool.loop.waiting import after_waiting
 from viatool.motion.actuated import ActuatedMotion, Machine
@@ -91,9 +92,10 @@ class ClosedLoop:
         """Ask about a scenario of a map, in an episode of so many control intervals, if that is known."""
         world_map, observed = setting.world_map, require_known_over_poses(setting)
         around = Vicinity.of(world_map, scenario, setting.uncertainty)
+        errors = setting.reading_errors.over_sets(setting.pose_radii)
         check_roaming((lidar for lidar, _ in observed.lidars), setting.uncertainty)
         sensors = Sensors(
-            observed,
+            as_far_as_told_apart(observed, policy, setting, errors, arithmetic),
             Shapes.of(
                 world_map,
                 scenario,
@@ -103,7 +105,7 @@ class ClosedLoop:
             around.everything.still,
             np.array(scenario.goal),
             setting.rules.footprint.holds_origin(setting.rules.clearance.collision),
-            setting.reading_errors.over_sets(setting.pose_radii),
+            errors,
             setting.rules.kinematics,
             around.loose,
             Recollection.of(policy, setting, episode),

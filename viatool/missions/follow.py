@@ -141,7 +141,7 @@ class MissionFollower:
         found = None
         for sides in self._sides():
             found = self._follow(lower, upper, sides)
-            if found.proved or not found.reason.startswith(TOO_MANY):
+            if found.proved or TOO_MANY not in found.reason:
                 break
         assert found is not None
         return found

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import torch
 
 from viatool.arrays import Floats
-from viatool.train.configuration import TrainingConfiguration
+from viatool.train.configuration import TrainingConfiguration, WidthForm
 from viatool.train.embedding import Embedding
 from viatool.train.methods import Method
 from viatool.train.networks import TrainedNetwork, Weights
 from viatool.train.observation import Mirror, UnitScaling, near_features
 from viatool.train.reachability import action_width
 from viatool.train.replay import Batch, ReplayBuffer
+from viatool.train.smoothness import jumped, restlessness
 from viatool.train.updates import (
     Agent,
     Metrics,
+    Penalties,
     act,
     critic_input,
     smoothed_action,
@@ -26,13 +30,17 @@ from viatool.train.updates import (
 )
 
 ACTIONS = 2
+_FORMS: dict[WidthForm, Callable[[torch.Tensor], torch.Tensor]] = {
+    "mean": torch.Tensor.abs,
+    "square": torch.Tensor.square,
+}
+"""What is averaged of the widths of reachable sets."""
 
 
 def make_agent(
     configuration: TrainingConfiguration,
     method: Method,
-    observation_size: int,
-    bins: int,
+    scaling: UnitScaling,
     generator: torch.Generator,
 ) -> Agent:
     """Draw the initial networks of all seeds.
@@ -43,15 +51,13 @@ def make_agent(
         Widths and seeds.
     method : Method
         Says which outputs the cost critic has.
-    observation_size : int
-        n, the budget included.
-    bins : int
-        LiDAR bins, for the critics' near-range features.
+    scaling : UnitScaling
+        Of the n numbers of an observation: critics get all of them, the actor what its view shows.
     generator : torch.Generator
         Source of the weights.
     """
-    seeds = configuration.seeds
-    features = observation_size + (bins if configuration.near_features else 0)
+    seeds, observation_size = configuration.seeds, len(scaling.offset)
+    features = observation_size + (scaling.bins if configuration.near_features else 0)
     embedding = None
     if method.embedded:
         sizes = (observation_size, configuration.critic_hidden[0], configuration.embedding_size)
@@ -59,9 +65,7 @@ def make_agent(
         features += 2 * embedding.code
     inputs = features + ACTIONS
     hidden = configuration.critic_hidden
-    actor = Weights(
-        (observation_size, *configuration.actor_hidden, ACTIONS), seeds, configuration.actor_activation
-    )
+    actor = scaling.actor(configuration.actor_hidden, seeds, configuration.actor_activation)
     task_critics = Weights((inputs, *hidden, 1), 2 * seeds)
     cost_critic = Weights((inputs, *hidden, method.cost_outputs), seeds) if method.cost_outputs else None
     return Agent(
@@ -71,6 +75,11 @@ def make_agent(
         embedding=embedding,
         value_range=torch.zeros(4, seeds),
     )
+
+
+def spread(observation: torch.Tensor, count: int) -> torch.Tensor:
+    """Return some of the states of a batch ``(S, B, n)``, from its mirrored half as from the other: ``(S, C, n)``."""
+    return observation[:, :: max(observation.shape[1] // count, 1)][:, :count]
 
 
 class Learner:
@@ -90,6 +99,11 @@ class Learner:
         Of the robot.
     generator : torch.Generator
         Of batches and smoothing noise.
+
+    Attributes
+    ----------
+    progress : float
+        Which part of the run is done, for what changes on its way.
     """
 
     def __init__(
@@ -110,6 +124,7 @@ class Learner:
         self.radius = scaling.radius(configuration.reachability_eps)
         self.generator = generator
         self.updates = 0
+        self.progress = 0.0
 
     def _features(self, observation: torch.Tensor) -> torch.Tensor:
         return near_features(observation, self.bins) if self.configuration.near_features else observation
@@ -123,13 +138,26 @@ class Learner:
             batch.action[:, :half] = self.mirror.action(batch.action[:, :half])
         return batch
 
-    def _width(self, observation: torch.Tensor) -> torch.Tensor | None:
-        """Return ``(S,)`` the mean width of the reachable sets of some of the states, None if it is not used."""
-        options = self.configuration
-        if not options.reachability_weight:
-            return None
-        states = observation[:, : options.reachability_states]
-        return action_width(self.agent.actor.weights, states, self.radius).mean((1, 2))
+    def penalties(self, batch: Batch) -> Penalties:
+        """Return what the actor's loss has beside values and costs: a weight and ``(S,)`` a metric each, by name."""
+        options, actor = self.configuration, self.agent.actor.weights
+        found: Penalties = {}
+        weight = options.reachability_weight * self._grown()
+        if weight:
+            states = spread(batch.observation, options.reachability_states)
+            widths = action_width(actor, states, self.radius)
+            found["action_width"] = weight, _FORMS[options.reachability_form](widths).mean((1, 2))
+        if options.jump_penalty:
+            other = jumped(batch.observation, self.bins, self.generator)
+            found["action_jump"] = options.jump_penalty, restlessness(actor, batch.observation, other)
+        return found
+
+    def _grown(self) -> float:
+        """Return which part of the weight of the reachable sets counts by now."""
+        start, full = self.configuration.reachability_start, self.configuration.reachability_full
+        if full <= start:
+            return float(self.progress >= start)
+        return min(max((self.progress - start) / (full - start), 0.0), 1.0)
 
     def update(self, multiplier: torch.Tensor, learning_rate: float, *, measure: bool = False) -> Metrics:
         """Take one step of Algorithm 1, line "off-policy updates".
@@ -179,8 +207,7 @@ class Learner:
                 multiplier,
                 learning_rate=learning_rate,
                 saturation_penalty=options.saturation_penalty,
-                width=self._width(batch.observation),
-                width_penalty=options.reachability_weight,
+                penalties=self.penalties(batch),
             )
             update_targets(agent, options.target_rate)
         return metrics

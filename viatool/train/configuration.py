@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError,
 from viatool.errors import ConfigurationError
 from viatool.train.constraint import MultiplierRule, VarRule
 from viatool.train.networks import HiddenActivation
+from viatool.train.observation import ActorLayout
 from viatool.train.reachability import ENCLOSED
 
 Count = Annotated[int, Field(ge=1)]
@@ -28,6 +29,7 @@ Discount = Annotated[FiniteFloat, Field(gt=0, lt=1)]
 ShapingForm = Literal["potential", "progress"]
 BudgetRule = Literal["recursive", "fixed"]
 ShapingPath = Literal["straight", "around"]
+WidthForm = Literal["mean", "square"]
 Selection = Literal["success", "safety"]
 Engine = Literal["kinematic", "bullet"]
 MethodName = Literal["td3", "td7", "rcpo", "sac-lag", "wcsac", "cvar-cpo", "via"]
@@ -68,6 +70,14 @@ class TrainingConfiguration(BaseModel):
     # Networks
     actor_hidden: tuple[Count, ...] = _option((26, 26), "widths of the actor's hidden layers")
     actor_activation: HiddenActivation = _option("relu", "of the actor's hidden layers; its output is tanh")
+    lidar_range: Positive | None = _option(
+        None,
+        "metres up to which the actor sees: min(reading, lidar_range) stands inside the exported program, whose "
+        "specification keeps the robot's LiDAR; null is all that the LiDAR gives",
+    )
+    observe_previous: bool = _option(
+        True, "whether the actor observes the command of the step before; critics always do"
+    )
     actor_output_scale: Positive = _option(0.1, "factor on the initial weights of the actor's last layer")
     saturation_penalty: NonNegative = _option(0.05, "weight of the actor's outputs deep in tanh's flat parts")
     critic_hidden: tuple[Count, ...] = _option((64, 64), "widths of the critics' hidden layers")
@@ -168,8 +178,22 @@ class TrainingConfiguration(BaseModel):
     reachability_weight: NonNegative = _option(
         0.0, "weight of the mean width of the actions' reachable sets in the actor's loss; 0 is off"
     )
+    reachability_form: WidthForm = _option(
+        "mean",
+        "what of these widths counts: their 'mean', or their mean 'square', which is about the wide ones: a command "
+        "that switches and one that changes smoothly have the same mean",
+    )
+    reachability_start: Fraction = _option(0.0, "fraction of the run after which that weight begins to grow")
+    reachability_full: Fraction = _option(
+        0.0, "fraction of the run at which it is reached; linear, and at once where it is not above the start"
+    )
     reachability_eps: NonNegative = _option(0.01, "sensor error of these sets, in every channel's unit")
     reachability_states: Count = _option(32, "states of each batch and seed whose sets are bounded")
+    jump_penalty: NonNegative = _option(
+        0.0,
+        "weight of the actions' change where one LiDAR bin reads what its neighbour does, in the actor's loss; 0 is "
+        "off",
+    )
     select_by: Selection = _option(
         "success",
         "the exported policy has the best 'success', or among those about as good the best 'safety'",
@@ -218,6 +242,11 @@ class TrainingConfiguration(BaseModel):
                 "test_seed must differ from validation_seed and the next number: they choose the policy"
             )
         return self
+
+    @property
+    def layout(self) -> ActorLayout:
+        """What of an observation the actor sees."""
+        return ActorLayout(self.lidar_range, self.observe_previous)
 
     def to_yaml(self) -> str:
         """Return the configuration as a YAML file that `load_configuration` reads."""

@@ -142,11 +142,11 @@ def actor_commands(actor: Weights, scaling: UnitScaling, budget: Floats) -> list
     return [actor_command(actor.one(seed), scaling, float(budget[seed])) for seed in range(actor.seeds)]
 
 
-def policy_command(policy: Policy, budget: float) -> Command:
-    """Return an exported policy as its onnxruntime program runs it, the budget channel held at `budget`."""
+def policy_command(policy: Policy, budget: float, columns: Indices) -> Command:
+    """Return an exported policy as its onnxruntime program runs it, on some columns, the budget held at `budget`."""
 
     def command(observation: NDArray[Any]) -> Floats:
-        joined = np.concatenate([observation, np.full((len(observation), 1), budget)], axis=1)
+        joined = np.concatenate([observation[:, columns], np.full((len(observation), 1), budget)], axis=1)
         return np.asarray(policy.run(joined), dtype=np.float64)
 
     return command

@@ -12,6 +12,7 @@ from viatool.arrays import Floats
 from viatool.errors import ConfigurationError, SelfCheckError
 from viatool.policy import Activation, Affine, Input, Network, Policy, PolicySpecification, load_policy
 from viatool.policy.activations import activation
+from viatool.policy.network import Node
 from viatool.policy.specified import specification_of
 from viatool.policy.writer import write_onnx
 from viatool.train.configuration import TrainingConfiguration
@@ -50,7 +51,7 @@ def actor_network(actor: Weights, scaling: UnitScaling) -> Network:
     Network
         From the raw physical observation ``(B, n)``, budget included, to physical commands ``(B, A)``.
     """
-    nodes: list[Input | Affine | Activation] = [Input(actor.sizes[0])]
+    nodes: list[Node] = [Input(actor.sizes[0])]
 
     def affine(weight: Floats, bias: Floats) -> None:
         nodes.append(Affine((len(nodes) - 1,), (_float32(weight),), _float32(bias)))
@@ -58,7 +59,11 @@ def actor_network(actor: Weights, scaling: UnitScaling) -> Network:
     def elementwise(name: str) -> None:
         nodes.append(Activation(len(nodes) - 1, activation(name), nodes[-1].size))
 
-    affine(np.diag(scaling.factor), -scaling.offset * scaling.factor)
+    factor, offset, ceiling = (
+        part[scaling.seen] for part in (scaling.factor, scaling.offset, scaling.ceiling)
+    )
+    nodes += _cut_off(nodes[0].size, ceiling)
+    affine(np.diag(factor), -offset * factor)
     for index in range(0, len(actor.layers), 2):
         weight, bias = (
             layer.detach()[0].numpy().astype(np.float64) for layer in actor.layers[index : index + 2]
@@ -67,6 +72,25 @@ def actor_network(actor: Weights, scaling: UnitScaling) -> Network:
         elementwise("Tanh" if index == len(actor.layers) - 2 else _ACTIVATIONS[actor.activation])
     affine(np.diag(scaling.action_factor), scaling.action_offset)
     return Network(tuple(nodes))
+
+
+def _cut_off(size: int, ceiling: Floats) -> list[Node]:
+    """Return nodes that let no input (size,) be more than its ceiling: taken apart, clipped, and put together again."""
+    nodes: list[Node] = []
+    every = np.eye(size)
+    parts: list[tuple[int, Floats]] = []
+    for limit in np.unique(ceiling):
+        chosen = every[ceiling == limit]
+        if np.isinf(limit):
+            parts.append((0, chosen.T @ chosen))
+            continue
+        nodes.append(Affine((0,), (chosen,), np.zeros(len(chosen))))
+        nodes.append(Activation(len(nodes), activation("Clip", max=float(np.float32(limit))), len(chosen)))
+        parts.append((len(nodes), chosen.T))
+    if nodes:
+        sources, chosen_by = zip(*parts, strict=True)
+        nodes.append(Affine(tuple(sources), chosen_by, np.zeros(size)))
+    return nodes
 
 
 def _float32(values: Floats) -> Floats:
@@ -157,7 +181,7 @@ def export_checkpoint(
     configuration = TrainingConfiguration.model_validate_json(content["configuration"])
     world_map = map_path if isinstance(map_path, WorldMap) else load_map(map_path or configuration.map)
     robot = world_map.robot
-    scaling = make_scaling(robot, configuration.budget_limit)
+    scaling = make_scaling(robot, configuration.budget_limit, configuration.layout)
     if seed is None:
         success = np.nan_to_num(np.asarray(content["validation_success"]), nan=-1.0)
         seed = int(success.argmax())
@@ -165,11 +189,10 @@ def export_checkpoint(
         raise ConfigurationError(
             f"{checkpoint} has no seed {seed}", f"choose one of 0 to {configuration.seeds - 1}"
         )
-    sizes = (len(scaling.offset), *configuration.actor_hidden, len(scaling.action_offset))
-    every = Weights(sizes, configuration.seeds, configuration.actor_activation)
+    every = scaling.actor(configuration.actor_hidden, configuration.seeds, configuration.actor_activation)
     every.flat.copy_(content["networks"]["actor"]["target"])
     training = training_record(configuration, seed, content["epoch"])
-    specification = make_specification(robot, float(content["var"][seed]), training)
+    specification = make_specification(robot, float(content["var"][seed]), training, configuration.layout)
     return export_actor(every.one(seed), scaling, specification, path)
 
 
@@ -187,7 +210,7 @@ def check_against_torch(policy: Policy, actor: Weights, scaling: UnitScaling) ->
     budget = float(specification_of(policy).channel("budget").value or 0.0)
     observation[:, -1] = np.float32(budget)
     expected = actor_command(actor, scaling, budget)(observation[:, :-1])
-    difference = np.abs(policy.run(observation) - expected) / scaling.action_factor
+    difference = np.abs(policy.run(observation[:, scaling.seen]) - expected) / scaling.action_factor
     worst = float(difference.max())
     if not worst <= TOLERANCE:
         raise SelfCheckError(

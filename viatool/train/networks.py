@@ -9,6 +9,7 @@ and seeds.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
 
@@ -32,6 +33,31 @@ ADAM_DECAY = (0.9, 0.999)
 ADAM_EPSILON = 1e-8
 
 
+@dataclass(frozen=True, eq=False)
+class ActorView:
+    """What actors see of an observation: some of its numbers, each up to a ceiling.
+
+    Parameters
+    ----------
+    columns : Tensor
+        ``(k,)`` which of the n numbers of an observation, ascending.
+    ceiling : Tensor
+        ``(k,)`` normalised; what is larger is seen as this. Infinite where nothing is cut off.
+    """
+
+    columns: Tensor
+    ceiling: Tensor
+
+    def __call__(self, observation: Tensor) -> Tensor:
+        """Return ``(..., k)`` of normalised observations ``(..., n)``."""
+        return torch.minimum(observation.index_select(-1, self.columns), self.ceiling)
+
+    def box(self, observation: Tensor, radius: Tensor) -> tuple[Tensor, Tensor]:
+        """Return middle and half-widths ``(..., k)`` of what is seen of boxes with half-widths ``(n,)``."""
+        lower, upper = self(observation - radius), self(observation + radius)
+        return 0.5 * (lower + upper), 0.5 * (upper - lower)
+
+
 class Weights:
     """The weights of S perceptrons of one shape, in one flat tensor.
 
@@ -43,6 +69,8 @@ class Weights:
         S, the leading dimension of every weight.
     activation : str
         Of the hidden layers; the output layer is linear.
+    view : ActorView, optional
+        What the first layer gets of the inputs; by default all.
 
     Attributes
     ----------
@@ -53,8 +81,15 @@ class Weights:
         autograd that share their memory with `flat`.
     """
 
-    def __init__(self, sizes: Sequence[int], seeds: int, activation: HiddenActivation = "relu") -> None:
+    def __init__(
+        self,
+        sizes: Sequence[int],
+        seeds: int,
+        activation: HiddenActivation = "relu",
+        view: ActorView | None = None,
+    ) -> None:
         self.sizes = tuple(sizes)
+        self.view = view
         self.seeds = seeds
         self.activation: HiddenActivation = activation
         shapes = [
@@ -82,13 +117,13 @@ class Weights:
 
     def copy(self) -> Weights:
         """Return equal weights in their own memory."""
-        other = Weights(self.sizes, self.seeds, self.activation)
+        other = Weights(self.sizes, self.seeds, self.activation, self.view)
         other.flat.copy_(self.flat)
         return other
 
     def one(self, seed: int) -> Weights:
         """Return a copy of the network of one seed, with a leading dimension of 1."""
-        single = Weights(self.sizes, 1, self.activation)
+        single = Weights(self.sizes, 1, self.activation, self.view)
         for own, every in zip(single.layers, self.layers, strict=True):
             own.detach().copy_(every.detach()[seed : seed + 1])
         return single
@@ -99,7 +134,7 @@ class Weights:
         Parameters
         ----------
         inputs : Tensor
-            ``(S, B, sizes[0])``.
+            ``(S, B, sizes[0])``; with a view, what that is given.
 
         Returns
         -------
@@ -113,7 +148,8 @@ class Weights:
         return self._evaluate([layer.detach()[: inputs.shape[0]] for layer in self.layers], inputs)
 
     def _evaluate(self, layers: Sequence[Tensor], inputs: Tensor) -> Tensor:
-        hidden, activate = inputs, _ACTIVATIONS[self.activation]
+        activate = _ACTIVATIONS[self.activation]
+        hidden = inputs if self.view is None else self.view(inputs)
         for index in range(0, len(layers) - 2, 2):
             hidden = activate(torch.baddbmm(layers[index + 1], hidden, layers[index]))
         return torch.baddbmm(layers[-1], hidden, layers[-2])

@@ -4,21 +4,47 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from viatool.arrays import Floats
+from viatool.arrays import Floats, Indices
 from viatool.channels import Quantities
 from viatool.policy import ActionChannel, ObservationChannel, PolicySpecification
 from viatool.setting.setting import Setting
 from viatool.simulate import navigation_channels
+from viatool.train.networks import ActorView, HiddenActivation, Weights
 from viatool.world import Robot, WorldMap
 
 LIDAR_CENTRE, LIDAR_SCALE = 2.0, 2.0  # metres
 GOAL_CENTRE, GOAL_SCALE = 3.0, 3.0  # metres
+
+
+@dataclass(frozen=True)
+class ActorLayout:
+    """What of an observation the actors see; critics see all of it.
+
+    Parameters
+    ----------
+    lidar_range : float, optional
+        Metres; what is farther is seen as this far. None where all that the LiDAR gives is seen.
+    previous : bool
+        Whether the command of the step before is seen.
+    """
+
+    lidar_range: float | None = None
+    previous: bool = True
+
+    def sees(self, channel: ObservationChannel) -> bool:
+        """Tell whether a channel is seen."""
+        return self.previous or not channel.kind.startswith("previous_")
+
+
+EVERYTHING = ActorLayout()
+"""All of an observation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +59,8 @@ class UnitScaling:
         ``(n,)``; the networks see ``(observation - offset) * factor``.
     action_offset, action_factor : ndarray
         ``(A,)``; the robot gets ``action_offset + action_factor * tanh output``.
+    layout : ActorLayout
+        What actors see of the observation.
     """
 
     channels: tuple[ObservationChannel, ...]
@@ -40,6 +68,31 @@ class UnitScaling:
     factor: Floats
     action_offset: Floats
     action_factor: Floats
+    layout: ActorLayout = EVERYTHING
+
+    @cached_property
+    def seen(self) -> Indices:
+        """Which of the n numbers actors see, (k,)."""
+        kept = [np.full(channel.size, self.layout.sees(channel)) for channel in self.channels]
+        return np.flatnonzero(np.concatenate(kept))
+
+    @cached_property
+    def ceiling(self) -> Floats:
+        """Up to what actors see each of the n numbers, (n,) in its unit; infinite where all of it."""
+        ceiling = np.full(len(self.offset), np.inf)
+        if self.layout.lidar_range is not None:
+            ceiling[: self.bins] = self.layout.lidar_range
+        return ceiling
+
+    def actor(self, hidden: Sequence[int], seeds: int, activation: HiddenActivation) -> Weights:
+        """Return actors of S seeds with all weights 0, whose first layer gets what they see."""
+        sizes = (len(self.seen), *hidden, len(self.action_offset))
+        if self.layout == EVERYTHING:
+            return Weights(sizes, seeds, activation)
+        ceiling = ((self.ceiling - self.offset) * self.factor)[self.seen].astype(np.float32)
+        return Weights(
+            sizes, seeds, activation, ActorView(torch.from_numpy(self.seen), torch.from_numpy(ceiling))
+        )
 
     @property
     def bins(self) -> int:
@@ -60,11 +113,13 @@ class UnitScaling:
         return self.action_offset + self.action_factor * action
 
 
-def make_specification(robot: Robot, budget: float, training: dict[str, Any]) -> PolicySpecification:
+def make_specification(
+    robot: Robot, budget: float, training: dict[str, Any], layout: ActorLayout = EVERYTHING
+) -> PolicySpecification:
     """Describe a trained policy; its budget channel is fixed to `budget`, the final u."""
     return PolicySpecification(
         observation=[
-            *navigation_channels(robot.lidar),
+            *filter(layout.sees, navigation_channels(robot.lidar)),
             ObservationChannel(name="budget", kind="budget", value=budget),
         ],
         action=[
@@ -87,7 +142,7 @@ def training_setting(world_map: WorldMap, budget: float = 0.0) -> Setting:
     return Setting.of_specification(specification, world_map, 0.0, name="the policy to be trained")
 
 
-def make_scaling(robot: Robot, budget_limit: float) -> UnitScaling:
+def make_scaling(robot: Robot, budget_limit: float, layout: ActorLayout = EVERYTHING) -> UnitScaling:
     """Return the scaling for a robot: inputs about in [-1, 1] where it matters, actions in its limits."""
     bins = robot.lidar.bins
     middle = (robot.max_linear + robot.min_linear) / 2
@@ -99,6 +154,7 @@ def make_scaling(robot: Robot, budget_limit: float) -> UnitScaling:
         / np.array([LIDAR_SCALE] * bins + [GOAL_SCALE, 1.0, 1.0, half, robot.max_angular, budget_limit]),
         action_offset=np.array([middle, 0.0]),
         action_factor=np.array([half, robot.max_angular]),
+        layout=layout,
     )
 
 

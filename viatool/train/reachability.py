@@ -34,10 +34,11 @@ def action_width(actor: Weights, observation: Tensor, radius: Tensor) -> Tensor:
     an affine layer, and through an activation a line of one slope and the largest distance from it (Singh et
     al., *Fast and Effective Robustness Certification*, 2018). Cost: B n rows through every layer, against B.
     """
-    uncertain = radius.nonzero().squeeze(-1)
     seeds, count, _ = observation.shape
-    centre = observation
-    generators = torch.diag(radius)[uncertain].expand(seeds, count, -1, -1)  # (S, B, G, n)
+    centre, reach = (observation, radius) if actor.view is None else actor.view.box(observation, radius)
+    reach = reach.expand_as(centre)
+    uncertain = reach.amax((0, 1)).nonzero().squeeze(-1)
+    generators = torch.diag_embed(reach)[:, :, uncertain]  # (S, B, G, n)
     rest = torch.zeros_like(centre)
     for index in range(0, len(actor.layers), 2):
         matrix, bias = actor.layers[index : index + 2]

@@ -23,7 +23,7 @@ from viatool.train.replay import PrioritisedReplay, ReplayBuffer
 from viatool.train.returns import NStepReturns
 from viatool.train.selection import Candidate, random_scenarios
 from viatool.train.td7 import Td7Learner
-from viatool.world import WorldMap, load_map
+from viatool.world import Lidar, WorldMap, load_map
 
 
 @dataclass(eq=False)
@@ -106,19 +106,41 @@ def begin_run(configuration: TrainingConfiguration, world_map: WorldMap | None =
             "add one of them to train on it",
         )
     world_map = training_setting(world_map).world_map
-    scaling = make_scaling(world_map.robot, configuration.budget_limit)
+    _check_lidar(configuration, world_map.robot.lidar)
+    scaling = make_scaling(world_map.robot, configuration.budget_limit, configuration.layout)
     generator = torch.Generator().manual_seed(configuration.seed)
-    size = len(scaling.offset)
     method = METHODS[configuration.method](configuration)
-    agent = make_agent(configuration, method, size, scaling.bins, generator)
+    agent = make_agent(configuration, method, scaling, generator)
     kind, ring = (Td7Learner, PrioritisedReplay) if method.embedded else (Learner, ReplayBuffer)
-    replay = ring(configuration.seeds, configuration.replay_capacity, size, ACTIONS)
+    replay = ring(configuration.seeds, configuration.replay_capacity, len(scaling.offset), ACTIONS)
     learner = kind(configuration, method, agent, replay, scaling, generator)
     var = np.zeros(configuration.seeds)
     if method.budgeted and configuration.warmup_episodes:
         var = _warm_up(configuration, world_map, scaling, agent.actor.weights)
     multiplier = np.full(configuration.seeds, configuration.multiplier_initial if method.constrained else 0.0)
     return TrainingRun(configuration, world_map, scaling, learner, var, multiplier)
+
+
+def _check_lidar(options: TrainingConfiguration, lidar: Lidar) -> None:
+    """Refuse options that the robot's LiDAR has no use for.
+
+    Raises
+    ------
+    ConfigurationError
+        Names the option.
+    """
+    reach = options.lidar_range
+    if reach is not None and not lidar.minimum_range < reach < lidar.maximum_range:
+        raise ConfigurationError(
+            f"lidar_range is {reach:g} m, but the LiDAR of {options.map} reads {lidar.minimum_range:g} to "
+            f"{lidar.maximum_range:g} m",
+            "give a range in between, or null for all of it",
+        )
+    if options.jump_penalty and lidar.bins < 2:
+        raise ConfigurationError(
+            f"jump_penalty compares neighbouring bins, but the LiDAR of {options.map} has {lidar.bins}",
+            "set jump_penalty to 0",
+        )
 
 
 def _warm_up(
@@ -200,7 +222,7 @@ def resume_run(state: dict[str, Any], where: Path, world_map: WorldMap | None = 
     learner.replay.restore(state["replay"])
     learner.agent.value_range.copy_(state["value_range"])
     for one in state["candidates"]:
-        weights = Weights(run.actor.sizes, 1, run.actor.activation)
+        weights = run.actor.one(0)
         weights.flat.copy_(one["weights"])
         kept = one["seed"], one["epoch"], one["score"], one["var"], weights, tuple(one["safety"])
         run.candidates.append(Candidate(*kept))

@@ -53,7 +53,7 @@ def score_safety(
     """
     scenarios = random_scenarios(world_map, options.verification_scenarios, options.validation_seed)
     with tempfile.TemporaryDirectory() as directory:
-        specification = make_specification(world_map.robot, budget, {})
+        specification = make_specification(world_map.robot, budget, {}, scaling.layout)
         policy = export_actor(actor, scaling, specification, Path(directory) / "policy.onnx")
         result = verify(
             policy,

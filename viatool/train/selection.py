@@ -8,8 +8,10 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
+from viatool.channels.inputs import Inputs
 from viatool.policy import Policy
 from viatool.policy.specified import specification_of
+from viatool.simulate import navigation_channels
 from viatool.train.configuration import TrainingConfiguration
 from viatool.train.evaluation import Evaluation, actor_command, actor_commands, drive, policy_command
 from viatool.train.networks import Weights
@@ -116,7 +118,10 @@ def evaluate_policy(
     policy: Policy, world_map: WorldMap, configuration: TrainingConfiguration
 ) -> dict[str, dict[str, float]]:
     """Drive an exported policy on the map's ``fixed`` scenarios and on ``held_out`` random ones."""
-    command = policy_command(policy, float(specification_of(policy).channel("budget").value or 0.0))
+    specification = specification_of(policy)
+    inputs = Inputs.of(navigation_channels(world_map.robot.lidar))
+    columns = np.concatenate([inputs.columns(channel.name) for channel in specification.observation])
+    command = policy_command(policy, float(specification.channel("budget").value or 0.0), columns)
     sets: dict[str, tuple[Scenario, ...]] = {"fixed": world_map.scenarios}
     if world_map.generator is not None:
         sets["held_out"] = world_map.generator.draw(configuration.test_scenarios, configuration.test_seed)

@@ -49,7 +49,7 @@ class Td7Learner(Learner):
         loss = agent.embedding.update(batch.observation, batch.action, batch.next_observation, learning_rate)
         metrics = {"embedding_loss": loss} | self._update_critics(batch, slots, replay, learning_rate)
         if self.updates % options.policy_delay == 0:
-            metrics |= self._update_actor(batch.observation, learning_rate)
+            metrics |= self._update_actor(batch, learning_rate)
         if self.updates % options.hard_target_interval == 0:
             for network in (agent.actor, agent.task_critics):
                 network.follow(1.0)
@@ -79,14 +79,15 @@ class Td7Learner(Learner):
         replay.set_priority(slots, priority(errors.detach()))
         return {"task_critic_loss": loss.detach().sum(0), "task_value": values.detach().mean((0, 2))}
 
-    def _update_actor(self, observation: Tensor, learning_rate: float) -> Metrics:
-        agent = self.agent
+    def _update_actor(self, batch: Batch, learning_rate: float) -> Metrics:
+        agent, observation = self.agent, batch.observation
         raw = agent.actor.weights(observation)
         values = twin_values(agent.task_critics.weights, self._critic_input(observation, raw.tanh()))
         value = values.mean((0, 2))
         loss = self.configuration.saturation_penalty * saturation(raw) - value
-        width = self._width(observation)
-        if width is not None:
-            loss = loss + self.configuration.reachability_weight * width
+        penalties = self.penalties(batch)
+        for weight, metric in penalties.values():
+            loss = loss + weight * metric
         agent.actor.descend(grad(loss.sum(), agent.actor.weights.layers), learning_rate)
-        return {"actor_value": value.detach()}
+        measured = {name: metric.detach() for name, (_, metric) in penalties.items()}
+        return {"actor_value": value.detach(), **measured}

@@ -266,6 +266,7 @@ def _learn(run: TrainingRun, fraction: float, measured: list[dict[str, torch.Ten
     if run.learner.replay.size < options.learning_starts:
         return
     rate = options.learning_rate * (1.0 - (1.0 - options.final_learning_rate) * fraction)
+    run.learner.progress = fraction
     multiplier = torch.from_numpy(run.multiplier).to(torch.float32)
     for _ in range(options.updates_per_step):
         measure = (run.learner.updates + 1) % MEASURED_EVERY == 0
@@ -403,7 +404,7 @@ def _finish(run: TrainingRun, directory: Path, progress: Progress, started: floa
     progress("choosing", 1, 1)
     chosen = choose(run.candidates, run.world_map, run.scaling, options)
     training = training_record(options, chosen.seed, chosen.epoch)
-    specification = make_specification(run.world_map.robot, chosen.var, training)
+    specification = make_specification(run.world_map.robot, chosen.var, training, run.scaling.layout)
     path = directory / "policy.onnx"
     policy = export_actor(chosen.weights, run.scaling, specification, path)
     progress("testing", 1, 1)

@@ -18,6 +18,8 @@ from viatool.train.methods import Method
 from viatool.train.networks import TrainedNetwork, Weights
 
 Metrics = dict[str, Tensor]
+Penalties = dict[str, tuple[float, Tensor]]
+"""Weights and ``(S,)`` metrics by name."""
 
 SATURATION = 2.5  # tanh(2.5) = 0.987
 
@@ -119,10 +121,9 @@ def update_actor(
     *,
     learning_rate: float,
     saturation_penalty: float = 0.0,
-    width: Tensor | None = None,
-    width_penalty: float = 0.0,
+    penalties: Penalties | None = None,
 ) -> Metrics:
-    """Descend ``-E[Q_1(s, pi(s))] + lambda E[cost of pi(s)]`` and penalties on saturated and uncertain outputs.
+    """Descend ``-E[Q_1(s, pi(s))] + lambda E[cost of pi(s)]`` and penalties.
 
     Parameters
     ----------
@@ -140,10 +141,8 @@ def update_actor(
         Of this step.
     saturation_penalty : float
         Weight of `saturation`.
-    width : Tensor, optional
-        ``(S,)`` of the actor's reachable sets, see `viatool.train.reachability`.
-    width_penalty : float
-        Weight of `width`.
+    penalties : dict, optional
+        Weights and ``(S,)`` metrics by name, such as the width of the actor's reachable sets.
     """
     raw = agent.actor.weights(observation)
     inputs = critic_input(features, raw.tanh())
@@ -155,9 +154,9 @@ def update_actor(
         cost = method.action_cost(agent.cost_critic.weights(inputs), budget).mean(-1)
         loss = loss + multiplier * cost
         metrics["action_cost"] = cost.detach()
-    if width is not None:
-        loss = loss + width_penalty * width
-        metrics["action_width"] = width.detach()
+    for name, (weight, metric) in (penalties or {}).items():
+        loss = loss + weight * metric
+        metrics[name] = metric.detach()
     agent.actor.descend(grad(loss.sum(), agent.actor.weights.layers), learning_rate)
     return metrics
 
