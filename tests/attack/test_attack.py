@@ -57,10 +57,10 @@ def test_no_value_of_a_random_graph_leaves_its_bounds() -> None:
 
 @pytest.mark.slow
 def test_no_value_of_many_random_graphs_leaves_its_bounds() -> None:
-    tally, found = attack_many(range(200), 2027, Effort(samples=100, exact=10))
+    tally, found = attack_many(range(60), 2027, Effort(samples=100, exact=10))
     assert not found, "\n".join(found)
-    assert tally["attacked"] >= 160
-    assert tally["points"] > 150_000
+    assert tally["attacked"] >= 48
+    assert tally["points"] > 45_000
 
 
 def test_every_operator_that_is_read_is_written_behind_gates_and_in_the_open() -> None:

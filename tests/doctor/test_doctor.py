@@ -63,9 +63,6 @@ def wrong(policies: dict[str, Policy], layout: Layout, what: str) -> Policy:
     [
         (AROUND, "ray start +0.25"),
         (AHEAD, "ray order"),
-        (AHEAD, "mirrored bearing"),
-        (AROUND, "degrees"),
-        (AHEAD, "ranges in metres"),
         (PLAIN, "flipped turn"),
     ],
     ids=lambda part: getattr(part, "name", part),
@@ -77,9 +74,17 @@ def test_a_wrong_reading_is_found_and_named(policies: dict[str, Policy], layout:
     assert diagnosis.edits
 
 
+def each_once() -> list[tuple[str, str]]:
+    """Every planted mistake in one of the layouts, in turn; `tests.benchmarks.doctor` takes all of them."""
+    of: dict[str, list[str]] = {}
+    for name, what in PLANTED:
+        of.setdefault(what, []).append(name)
+    return [(names[number % len(names)], what) for number, (what, names) in enumerate(of.items())]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "what"), PLANTED, ids=lambda part: str(part))
-def test_every_wrong_reading_of_every_layout_is_found(
+@pytest.mark.parametrize(("name", "what"), each_once(), ids=lambda part: str(part))
+def test_every_wrong_reading_is_found_in_one_layout(
     policies: dict[str, Policy], name: str, what: str
 ) -> None:
     layout = next(one for one in LAYOUTS if one.name == name)

@@ -10,11 +10,11 @@ from tests.policy.fuzz import run
 def test_mutated_models_load_or_are_refused() -> None:
     bad = {}
     tally: Counter[str] = Counter()
-    for number, outcome in run(range(1500), seed=20):
+    for number, outcome in run(range(500), seed=20):
         kind = outcome.partition("\n")[0].partition(":")[0]
         tally[kind] += 1
         if kind not in ("loaded", "refused", "no number"):
             bad[number] = outcome
     assert not bad
-    assert tally["loaded"] > 100
-    assert tally["refused"] > 500
+    assert tally["loaded"] > 30
+    assert tally["refused"] > 150

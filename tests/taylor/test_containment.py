@@ -79,7 +79,7 @@ def test_float32_programs_stay_inside(plans: tuple[NetworkPlan, BoxPlan], option
 
 
 @pytest.mark.slow
-@quickly(300)
+@quickly(120)
 @given(**NETWORKS)
 def test_nothing_leaves_the_bounds_of_many_networks(
     plans: tuple[NetworkPlan, BoxPlan], options: dict[str, object]
