@@ -11,7 +11,7 @@ from viatool.errors import ConfigurationError, PolicyError
 from viatool.loop import successor
 from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.successor import fold_apart, name_rests, step
-from viatool.missions.carried import _Starts
+from viatool.missions.starts import Starts
 from viatool.motion.command_errors import Strayed
 from viatool.sets.forms import PoseBoxes
 from viatool.sets.states import StateBoxes
@@ -61,7 +61,7 @@ def beyond(policy, world, driven):
     """How far runs are beyond the forms of their own starts, at most; forms that few of the runs reach are lost."""
     setting = Setting.of(policy, world, 0.0, Wishes(errors=ERRORS), job="mission")
     loop = ClosedLoop.of(setting.commanding(policy), setting, setting.scenarios[0])
-    (z, states), forms, worst = driven, _Starts(LOWER[None], UPPER[None]).forms, -np.inf
+    (z, states), forms, worst = driven, Starts(LOWER[None], UPPER[None]).forms, -np.inf
     for k in range(1, 5):
         forms = fold_apart(name_rests(step(loop, forms).states), 4, 40)
         middle = forms.centre[0] + z @ forms.slope[0, :4]
@@ -99,7 +99,7 @@ def test_bounds_beside_the_forms_are_widened_too(policy, tmp_path):
     """A robot that stands and is told to stand may have begun to move."""
     setting = Setting.of(policy, written(tmp_path), 0.0, Wishes(errors=ERRORS), job="mission")
     loop = ClosedLoop.of(setting.commanding(policy), setting, setting.scenarios[0])
-    after = successor.step(loop, _Starts(LOWER[None], UPPER[None]).forms)
+    after = successor.step(loop, Starts(LOWER[None], UPPER[None]).forms)
     plain = loop.rules.kinematics.displacement(
         after.start.poses, *loop.given_in(after.start, after.lower, after.upper), loop.rules.interval
     )

@@ -247,7 +247,7 @@ def test_the_stop_is_from_the_velocity_that_the_robot_has(hall, dodging, criteri
         after = LoopStep(
             np.zeros(1, np.int64), cells, told, told, none, none, told, told, Forms(none, none[:, None], none)
         )
-        least, _ = clearance_kept(loop, cells, after)
+        least, _ = clearance_kept(loop, cells, after.start, after.lower, after.upper)
         assert 0.8 - way - 0.02 <= least[0] <= 0.8 - way + 1e-6
 
 

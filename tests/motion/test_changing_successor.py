@@ -57,8 +57,9 @@ def misses(name, size=0.3, beyond=0.0, rounds=8, seconds=SECONDS):
         held = states[:, 3:]
         ends = plant.path(name, states[:, :3], held, np.full(SETS, seconds), pieces=600)[:, -1]
         ends = np.hstack([ends, motion(name, held, seconds)])
-        linear = moved.centre + np.einsum("cs,csk->ck", z, moved.slope)
-        over = np.abs(ends - linear) - moved.rest
+        linear = moved.centre + np.einsum("cs,csk->ck", z, moved.slope[:, :3])
+        own = np.abs(moved.slope[:, 3:]).sum(axis=1) + moved.rest  # symbols of what the motion leaves out
+        over = np.abs(ends - linear) - own
         worst = np.maximum(worst, [over[:, :3].max(), over[:, 3:].max()])
     return worst
 

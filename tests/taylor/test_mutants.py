@@ -464,6 +464,12 @@ MUTANTS = [
         "radius",
     ),
     Mutant(
+        approximations("Relu", "chebyshev", 1),
+        "approximation._residual_range",
+        "*(np.clip(edge, lower, upper) for edge in curve.breaks)",
+        "",
+    ),
+    Mutant(
         approximations("LeakyRelu", "chebyshev", 1),
         "approximation._straight_lines",
         "8 * LAST_PLACE",
@@ -492,8 +498,10 @@ MUTANTS = [
         ranges("Selu", 1), "curve.Curve.enclose", "(x >= left) & (x <= right)", "(x >= left) & (x < right)"
     ),
     Mutant(ranges("Abs", 1), "curve.CurveCells.locate", "last += upper >= edge", "last += upper > edge"),
+    Mutant(ranges("Abs", 0), "curve.Lines.range", "self.breaks", "()"),
+    Mutant(ranges("LeakyRelu", 0), "curve.Lines.enclose", "step_down(lower, 2) - slack", "lower"),
     Mutant(
-        ranges("Abs", 0),
+        ranges("HardSwish", 1),
         "curve._hull_table",
         "low, high = min(low, nodes.lower[last - 1]), max(high, nodes.upper[last - 1])",
         "pass",

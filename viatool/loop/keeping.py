@@ -6,7 +6,6 @@ import numpy as np
 
 from viatool.arrays import Booleans, Floats
 from viatool.loop.closed_loop import ClosedLoop
-from viatool.loop.successor import LoopStep
 from viatool.motion.carried import motion_of_sets
 from viatool.safety.enclosure import MotionBoxes, enclose
 from viatool.safety.proof import prove_clearance
@@ -15,7 +14,9 @@ from viatool.sets.forms import PoseBoxes
 from viatool.sets.states import StateBoxes
 
 
-def clearance_kept(loop: ClosedLoop, cells: StateBoxes, after: LoopStep) -> tuple[Floats, Booleans]:
+def clearance_kept(
+    loop: ClosedLoop, cells: StateBoxes, start: StateBoxes, lower: Floats, upper: Floats
+) -> tuple[Floats, Booleans]:
     """Return what runs keep until they would receive another command, and stop if that is asked.
 
     Parameters
@@ -24,8 +25,10 @@ def clearance_kept(loop: ClosedLoop, cells: StateBoxes, after: LoopStep) -> tupl
         What is asked.
     cells : StateBoxes
         P boxes of states in which an interval begins.
-    after : LoopStep
-        What may be commanded there, P.
+    start : StateBoxes
+        P boxes around the sets from which it begins, which hold them as well.
+    lower, upper : ndarray
+        (P, A) what may be commanded there.
 
     Returns
     -------
@@ -36,8 +39,7 @@ def clearance_kept(loop: ClosedLoop, cells: StateBoxes, after: LoopStep) -> tupl
     -----
     Sound: yes, at every instant.
     """
-    rules, lower, upper = loop.rules, after.lower, after.upper
-    held = loop.given_in(after.start, lower, upper)
+    rules, held = loop.rules, loop.given_in(start, lower, upper)
     boxes = MotionBoxes.whole(*held, cells.poses.radius)
     if rules.over_time is not None:
         motion = motion_of_sets(rules.over_time, cells)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from viatool.arrays import Floats, Indices
+from viatool.arrays import Booleans, Floats, Indices
 from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.horizon import Crashes
 from viatool.loop.told import NOTHING, Told
@@ -21,6 +21,8 @@ _ROUNDS = 4
 _FLIPPED = (0.5, 0.3, 0.1)
 """Shares of the signs of the best run so far that a round of the search changes."""
 _AT_ONCE = 4096
+_TOUCH = 5e-324
+"""The least distance: of a limit of 0, touching fails."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,20 +100,37 @@ def drive(
     move, held_path = rules.kinematics, replace(rules.manoeuvre, deceleration=None)
     found: list[tuple[Floats, ...]] = []
     driving, raw = ~follower.ended(np.concatenate([poses, before], axis=1)), None
+    counts: list[Booleans] = []
     for k in range(errors.shape[1]):
         readings = loop.sensors.read(poses, before, command, told.after(k).given(raw)) + errors[:, k]
         seen = loop.sensors.encode(readings).astype(loop.setting.number).astype(np.float64)
         command = rules.clip(np.asarray(loop.driven.run(seen)))
         raw = loop.policy.outputs(seen) if loop.sensors.recollection.outputs is not None else None
         motion = before if move.state else before[:, :0]
-        left = _judged(loop, poses, motion).clearance(command[:, None], _FRACTIONS).min(axis=(1, 2))
         held = np.concatenate([command, motion], axis=1)
         ends = held_path.path(poses, held, np.ones(len(poses)))
         before = move.after(held, rules.interval) if move.state else command
-        found.append((poses, seen, command, motion, ends, before, np.where(driving, left, np.inf)))
+        found.append((poses, seen, command, motion, ends, before))
+        counts.append(driving)
         poses = ends
         driving = driving & ~follower.ended(np.concatenate([poses, before], axis=1))
-    return Runs(*(np.stack(part, axis=1) for part in zip(*found, strict=True)))
+    begun, seen, actions, motions, ends, behind = (
+        np.stack(part, axis=1) for part in zip(*found, strict=True)
+    )
+    left = np.where(np.stack(counts, axis=1), _clearance(loop, begun, motions, actions), np.inf)
+    return Runs(begun, seen, actions, motions, ends, behind, left)
+
+
+def _clearance(loop: ClosedLoop, poses: Floats, motions: Floats, commands: Floats) -> Floats:
+    """Return the least clearance of the manoeuvres of R runs in K intervals, (R, K), all of them together."""
+    shape = poses.shape[:2]
+    poses, motions, commands = (part.reshape(shape[0] * shape[1], -1) for part in (poses, motions, commands))
+    left = np.empty(len(poses))
+    for first in range(0, len(poses), _AT_ONCE):
+        some = slice(first, first + _AT_ONCE)
+        judged = _judged(loop, poses[some], motions[some])
+        left[some] = judged.clearance(commands[some, None], _FRACTIONS).min(axis=(1, 2))
+    return left.reshape(shape)
 
 
 def search_crashes(
@@ -204,18 +223,43 @@ def _confirmed(
     follower: TubeFollower, states: Indices, poses: Floats, begun: Begun, best: Floats, least: Floats
 ) -> Crashes:
     """Return the best runs that fail."""
-    limit = follower.loop.rules.clearance.collision
-    rows = np.flatnonzero((least < limit - MARGIN) | (least <= 0.0))
+    rows = np.flatnonzero(_fails(least, follower.loop.rules.clearance.collision))
     if not len(rows):
         return _no_crash(follower)
-    begun, each = begun.rows(rows), np.arange(len(rows))
+    begun = begun.rows(rows)
     starts, errors = _spread(follower, poses[rows], begun.before, best[rows, None])
     runs = drive(follower, starts, begun.before, errors, begun.command, begun.told)
-    at = (runs.clearance < limit).argmax(axis=1)
-    judged = _judged(follower.loop, runs.poses[each, at], runs.motions[each, at])
+    return _as_crashes(follower.loop, states[rows], runs)
+
+
+def nearest_crash(loop: ClosedLoop, runs: Runs) -> Crashes:
+    """Return the run that comes nearest, if it fails, as that of state 0.
+
+    Notes
+    -----
+    Sound: yes, if what the runs begin with, and what their sensors err, is within the model.
+    """
+    row = int(runs.clearance.min(axis=1).argmin())
+    alone = Runs(*(getattr(runs, each.name)[row : row + 1] for each in fields(runs)))
+    if not _fails(alone.clearance.min(axis=1), loop.rules.clearance.collision).any():
+        _, steps, size = runs.observations.shape
+        return Crashes.none(steps, size, runs.actions.shape[2], runs.motions.shape[2])
+    return _as_crashes(loop, np.zeros(1, np.int64), alone)
+
+
+def _fails(least: Floats, limit: float) -> Booleans:
+    """Tell of which runs the least clearance (R,) is too little beyond doubt."""
+    return np.asarray((least < limit - MARGIN) | (least <= 0.0))
+
+
+def _as_crashes(loop: ClosedLoop, states: Indices, runs: Runs) -> Crashes:
+    """Return runs that fail with the place where they come nearest in the interval in which they first fail."""
+    each = np.arange(len(states))
+    at = (runs.clearance < max(loop.rules.clearance.collision, _TOUCH)).argmax(axis=1)
+    judged = _judged(loop, runs.poses[each, at], runs.motions[each, at])
     left, seconds, places = (part[:, 0] for part in judged.closest_approach(runs.actions[each, at][:, None]))
     driven = runs.poses, runs.observations, runs.actions, runs.motions
-    return Crashes(states[rows], *driven, at, seconds, places, left)
+    return Crashes(states, *driven, at, seconds, places, left)
 
 
 def _no_crash(follower: TubeFollower) -> Crashes:

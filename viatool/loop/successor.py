@@ -97,7 +97,7 @@ def step(loop: ClosedLoop, states: Forms, told: Told = NOTHING) -> LoopStep:
     Returns
     -------
     LoopStep
-        In S + A symbols; in S + 3 + K + A if some of the states have a rest.
+        In S + A symbols, and those that the motion adds; in S + 3 + K + A and those if some of the states have a rest.
 
     Notes
     -----
@@ -199,9 +199,9 @@ def _after(rules: Rules, states: Forms, command: Forms, held: Hull, slack: Float
     begun = Forms(states.centre, slope, np.zeros_like(states.centre))
     pose, before = _columns(begun, _POSE), _columns(begun, _BEFORE)
     if not rules.kinematics.state:
-        moved = rules.kinematics.successor(_beside(pose, command), rules.interval, slack)
-        return _beside(moved, command)
-    return rules.kinematics.successor(_beside(pose, command, before), rules.interval, slack, held)
+        moved = rules.kinematics.successor(Forms.beside(pose, command), rules.interval, slack)
+        return Forms.beside(moved, command)
+    return rules.kinematics.successor(Forms.beside(pose, command, before), rules.interval, slack, held)
 
 
 def _columns(forms: Forms, which: slice) -> Forms:
@@ -209,33 +209,18 @@ def _columns(forms: Forms, which: slice) -> Forms:
     return Forms(forms.centre[:, which], forms.slope[:, :, which], forms.rest[:, which])
 
 
-def _beside(*parts: Forms) -> Forms:
-    """Return the quantities of all parts, one beside the other."""
-    return Forms(
-        np.concatenate([part.centre for part in parts], axis=1),
-        np.concatenate([part.slope for part in parts], axis=2),
-        np.concatenate([part.rest for part in parts], axis=1),
-    )
-
-
 def _join(parts: list[LoopStep], firsts: Sequence[int]) -> LoopStep:
     """Return all parts as one; each begins with a set of its own number."""
-    poses, starts, states = (
-        [part.start.poses for part in parts],
-        [part.start for part in parts],
-        [part.states for part in parts],
-    )
-    boxes = PoseBoxes(_stack(poses, "centre"), _stack(poses, "radius"))
     return LoopStep(
         origin=np.concatenate([part.origin + first for part, first in zip(parts, firsts, strict=True)]),
-        start=StateBoxes(boxes, _stack(starts, "previous_lower"), _stack(starts, "previous_upper")),
+        start=StateBoxes.concatenate([part.start for part in parts]),
         lower=_stack(parts, "lower"),
         upper=_stack(parts, "upper"),
         least=_stack(parts, "least"),
         most=_stack(parts, "most"),
         before_lower=_stack(parts, "before_lower"),
         before_upper=_stack(parts, "before_upper"),
-        states=Forms(_stack(states, "centre"), _stack(states, "slope"), _stack(states, "rest")),
+        states=Forms.concatenate([part.states for part in parts]),
     )
 
 

@@ -139,7 +139,7 @@ class TubeFollower:
     def _clearance(self, parts: TubeParts, after: LoopStep, count: int) -> tuple[Floats, Booleans]:
         """Return what runs keep during an interval in metres, (B,), and whether the collision distance is proved."""
         parts = parts.select(after.origin)
-        least, proved = clearance_kept(self.loop, parts.cells, after)
+        least, proved = clearance_kept(self.loop, parts.cells, after.start, after.lower, after.upper)
         clearance = np.full(count, np.inf)
         np.minimum.at(clearance, parts.tube, least)
         return clearance, _all_of(parts, proved, count)

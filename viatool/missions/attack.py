@@ -1,9 +1,9 @@
 """Runs of a mission under errors that are chosen against it: one that collides or does not arrive refutes it.
 
 The program is run by onnxruntime from corners of the box of starts; what its sensors read is off by corners of their
-errors: held for the whole run, drawn anew in each interval, or, greedily, the ones of a few whose command brings the
-robot nearest to an obstacle. Motors and timing of an error model are drawn at corners as well; what they do is not
-kept, so such runs show where and when robots arrive, and refute nothing.
+errors: held for the whole run or drawn anew in each interval. Where none of these runs collides, but some come near and
+something errs, errors that make one collide are searched for. Motors and timing of an error model are drawn at corners
+as well; what they do is not kept, so such runs show where and when robots arrive, and refute nothing.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from viatool.arrays import Floats, Indices
 from viatool.loop.flawed_runs import drive_flawed
 from viatool.loop.horizon import Crashes, Horizon
-from viatool.loop.runs import Runs, drive, search_crashes
+from viatool.loop.runs import Runs, drive, nearest_crash, search_crashes
 from viatool.loop.tube import TubeFollower
 from viatool.missions.follow import MissionFollower
 from viatool.rounding import AS_RECEIVED
@@ -112,9 +112,9 @@ def attack(follower: MissionFollower, lower: Floats, upper: Floats, *, seed: int
             tubes, starts[:, :3], starts[:, 3:], errors, follower.told(count), seed=seed
         )
     arrived = _arrivals(follower, runs)
-    if not ideal or _far(runs, loop.rules.clearance.collision):
-        none = Crashes.none(runs.poses.shape[1], len(radii), runs.actions.shape[2], runs.motions.shape[2])
-        return MissionRuns(runs, arrived, none, seconds, ideal)
+    crashes = nearest_crash(loop, runs) if ideal else _no_crash(runs)
+    if len(crashes) or not (ideal and errors.any()) or _far(runs, loop.rules.clearance.collision):
+        return MissionRuns(runs, arrived, crashes, seconds, ideal)
     extents = 0.5 * (upper - lower)[:3]
     wider = Horizon(min(steps, _MOST), float(extents[:2].min()), float(extents[2]))
     searching = TubeFollower(loop, follower.goal_radius, wider, follower.destination)
@@ -127,6 +127,11 @@ def attack(follower: MissionFollower, lower: Floats, upper: Floats, *, seed: int
         seed=(seed, 1),
     )
     return MissionRuns(runs, arrived, crashes, seconds)
+
+
+def _no_crash(runs: Runs) -> Crashes:
+    _, steps, size = runs.observations.shape
+    return Crashes.none(steps, size, runs.actions.shape[2], runs.motions.shape[2])
 
 
 _MOST = 1000

@@ -10,16 +10,18 @@ further; or, where runs are to be there at a deadline, after the last interval a
 collision distance at its start, which is checked first, and by induction in each interval up to the first that is not
 proved.
 
-*Refinement.* A part that could not be followed to its end is halved across the side of the start that its form answers
-to most, and both halves are begun anew. What was found of its other parts is kept: each start lies in one of the parts.
-How finely to cut is *scouted* with the network of the file in real arithmetic, which costs a fraction of the bounds of
-every program that may run; nothing that a scout finds is part of the proof, for which each part is followed again.
+*Refinement.* If the whole start could not be followed to its end in one form, it is cut by a grid; later on, each part
+that could not is halved across the side of the start to which its form answers most. What was found of the other parts
+is kept: each start lies in one of the parts.
+
+*What is checked later.* The clearance of an interval does not decide where the next one leads, so it is checked for
+several intervals together; parts that fail then are found to have failed where they did.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -33,15 +35,23 @@ from viatool.missions.follow import (
     Trace,
     place_words,
 )
-from viatool.rounding import SLIGHTLY_MORE, SPARE
+from viatool.missions.starts import Starts
+from viatool.rounding import SPARE
 from viatool.schedule import check_time
 from viatool.sets.bounds import require_ordered
 from viatool.sets.forms import Forms
+from viatool.sets.states import StateBoxes
 
-_SYMBOLS = 40
+_SYMBOLS = 60
 """Of a form, beside those of its start, that are kept after an interval."""
 _WIDEST = 0.5
 """A form that is wider than this share of the map has been lost."""
+_TOGETHER = 128
+"""Parts, each of one interval, whose clearance is checked together."""
+_LOOKED_AT = frozenset(2**power for power in range(3, 10))
+"""Intervals after which it is checked anyway, so that of a few parts those that fail are soon known."""
+_AT_FIRST = 50
+"""Parts into which a whole start is cut: a batch of as many takes about three times as long as one alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +65,7 @@ class CarriedFollower(MissionFollower):
         -----
         Sound: yes, see the module. Cost: one step of the closed loop for each part and interval.
         """
-        starts, kept = _Starts(lower[None], upper[None]), 0
+        starts, kept = Starts(lower[None], upper[None]), 0
         trace, arrived = Trace(1), 0
         while True:
             found = self._carry(starts)
@@ -64,77 +74,76 @@ class CarriedFollower(MissionFollower):
             if found.earliest:
                 trace.earliest = min(trace.earliest, found.earliest)
             kept += len(starts) - len(open_)
-            if not len(open_) or found.begins_near or not self._may_halve(starts, found, kept):
+            finer = self._finer(starts, open_, found, kept)
+            if finer is None:
                 break
             trace.take(found.kept, found.nearest(found.failed == 0))
-            starts = self._scouted(starts.halved(open_, found.answers[open_]), kept)
-        trace.take(found.tubes, found.nearest(np.ones(len(found.failed), dtype=bool)))
+            starts = finer
+        trace.take(found.followed, found.nearest(np.ones(len(found.failed), dtype=bool)))
         trace.start_parts = trace.most = kept + len(open_)
         if not len(open_):
             return trace.arrived(arrived)
         first = int(open_[found.failed[open_].argmin()])
         return trace.ended(0 if found.begins_near else int(found.failed[first]), found.reasons[first])
 
-    def _scouted(self, starts: _Starts, kept: int) -> _Starts:
-        """Return finer parts of the start, so that in real arithmetic all can be followed if there may be as many.
+    def _finer(self, starts: Starts, open_: Indices, found: _Round, kept: int) -> Starts | None:
+        """Cut the parts that could not be followed, (R,); None if none is left, or they may not be cut further."""
+        answers = found.answers[open_]
+        if not len(open_) or found.begins_near or not starts.are_wide(open_, answers).all():
+            return None
+        most = min(_AT_FIRST, self.limits.parts // 4)
+        if len(starts) == 1 and kept == 0 and most > 2:
+            return starts.gridded(answers[0], most)
+        return starts.halved(open_, answers) if kept + 2 * len(open_) <= self.limits.parts else None
 
-        Nothing is proved with it.
-        """
-        scout, fine = replace(self, loop=replace(self.loop, arithmetic="real")), []
-        while True:
-            found = scout._carry(starts)
-            open_ = np.flatnonzero(found.failed > 0)
-            fine.append(starts.select(np.flatnonzero(found.failed == 0)))
-            kept += len(fine[-1])
-            if not len(open_) or not self._may_halve(starts, found, kept):
-                break
-            starts = starts.halved(open_, found.answers[open_])
-        return _Starts.join([*fine, starts.select(open_)])
-
-    def _may_halve(self, starts: _Starts, found: _Round, kept: int) -> bool:
-        """Tell whether the parts that could not be followed can be halved, and may be, beside others that are kept."""
-        open_ = np.flatnonzero(found.failed > 0)
-        wide = starts.widths(open_, found.answers[open_]) > 0.0
-        return kept + 2 * len(open_) <= self.limits.parts and bool(wide.all())
-
-    def _carry(self, starts: _Starts) -> _Round:
+    def _carry(self, starts: Starts) -> _Round:
         """Follow every run from parts of the start until it arrives, or cannot be followed further."""
-        found = _Round.of(len(starts.lower))
+        found = _Round.of(*starts.lower.shape)
         here = TubeParts(np.arange(len(starts.lower)), starts.lower, starts.upper)
-        states = starts.forms
+        states, sides = starts.forms, starts.lower.shape[1]
         near = ~self._begins_clear(here)
-        found.fail(0, here, states, near, f"{TOO_NEAR} at the start")
+        found.fail(
+            np.zeros(len(here), np.int64), here, _answers(states, sides), near, f"{TOO_NEAR} at the start"
+        )
         if near.any():
             found.begins_near = True
             return found
+        passed: list[_Passed] = []
         for k in range(1, self.limits.steps + 1):
             check_time()
             after = step(self.loop, states, self.told(len(here)).after(k - 1))
-            clearance, clear = self._clearance_of_each(here, after)
+            begun = here.select(after.origin)
             low, high = after.bounds(here.lower[:, :3], here.upper[:, :3])
             require_ordered("states after an interval", low, high, rounding=SPARE)
-            root = here.tube[after.origin]
-            here, states = TubeParts(root, np.minimum(low, high), np.maximum(low, high)), after.states
-            lost = ~self._known(here)
-            np.minimum.at(found.clearance, root, clearance)
-            found.fail(k, here, states, ~clear, f"{TOO_NEAR} in {{}}")
-            found.fail(k, here, states, lost, "the set of runs has grown too large, {}")
+            here, states = TubeParts(begun.tube, np.minimum(low, high), np.maximum(low, high)), after.states
+            answers, at = _answers(states, sides), np.full(len(here), k)
+            passed.append(_Passed(at, begun, after.start, after.lower, after.upper, here, answers))
+            found.fail(at, here, answers, ~self._known(here), "the set of runs has grown too large, {}")
             last = k == self.limits.steps
-            gone = found.failed[root] > 0
+            gone = found.failed[here.tube] > 0
             if last or not self.destination.deadline_only:
                 gone |= found.arrive(k, here, self.destination.surely(here.lower, here.upper))
                 if self.destination.possibly(here.lower, here.upper).any():
                     found.earliest = found.earliest or k
             found.tubes.append((k, here.select(~gone)))
             if last:
-                found.fail(k, here, states, ~gone, "runs may not have arrived, {}")
-                break
-            rows = np.flatnonzero(~gone)
+                found.fail(at, here, answers, ~gone, "runs may not have arrived, {}")
+            rows = np.flatnonzero(~gone) if not last else np.zeros(0, np.int64)
+            if not len(rows) or sum(map(len, passed)) >= _TOGETHER or k in _LOOKED_AT:
+                self._settle(passed, found)
+                rows, passed = rows[found.failed[here.tube[rows]] == 0], []
             if not len(rows):
                 break
             here = here.select(rows)
-            states = fold_apart(name_rests(select(states, rows)), starts.lower.shape[1], _SYMBOLS)
+            states = fold_apart(name_rests(select(states, rows)), sides, _SYMBOLS)
         return found
+
+    def _settle(self, passed: Sequence[_Passed], found: _Round) -> None:
+        """Note which intervals are not clear."""
+        some = _Passed.join(passed)
+        clearance, clear = self.clearance_of(some.begun, some.start, some.lower, some.upper)
+        np.minimum.at(found.clearance, some.begun.tube, clearance)
+        found.fail(some.interval, some.after, some.answers, ~clear, f"{TOO_NEAR} in {{}}")
 
     def _known(self, parts: TubeParts) -> Booleans:
         """Tell which parts are not lost: no wider than a share of the map, nor than half a turn, (P,)."""
@@ -144,43 +153,56 @@ class CarriedFollower(MissionFollower):
 
 
 @dataclass(frozen=True, eq=False)
-class _Starts:
-    """P parts of the box of starts, (P, 3 + K) each."""
+class _Passed:
+    """P intervals, each of one part, whose clearance is to be checked.
 
+    Parameters
+    ----------
+    interval : ndarray
+        (P,) counted from 1.
+    begun, start, lower, upper : TubeParts, StateBoxes, ndarray, ndarray
+        The states at its beginning, as bounds and as boxes around forms, and the commands (P, A).
+    after : TubeParts
+        The states at its end.
+    answers : ndarray
+        (P, 3 + K) see `_answers`.
+    """
+
+    interval: Indices
+    begun: TubeParts
+    start: StateBoxes
     lower: Floats
     upper: Floats
-
-    @property
-    def forms(self) -> Forms:
-        """Return them as forms, one symbol for each side."""
-        centre = 0.5 * (self.lower + self.upper)
-        radius = np.maximum(self.upper - centre, centre - self.lower) * SLIGHTLY_MORE
-        return Forms(centre, radius[:, :, None] * np.eye(radius.shape[1]), np.zeros_like(centre))
+    after: TubeParts
+    answers: Floats
 
     def __len__(self) -> int:
         """Return P."""
-        return len(self.lower)
-
-    def select(self, rows: Indices) -> _Starts:
-        """Return some parts."""
-        return _Starts(self.lower[rows], self.upper[rows])
+        return len(self.interval)
 
     @classmethod
-    def join(cls, parts: Sequence[_Starts]) -> _Starts:
-        """Return the parts of all."""
-        return cls(*(np.concatenate([getattr(part, end) for part in parts]) for end in ("lower", "upper")))
+    def join(cls, parts: Sequence[_Passed]) -> _Passed:
+        """Return all as one."""
+        return cls(
+            np.concatenate([part.interval for part in parts]),
+            _together([part.begun for part in parts]),
+            StateBoxes.concatenate([part.start for part in parts]),
+            np.concatenate([part.lower for part in parts]),
+            np.concatenate([part.upper for part in parts]),
+            _together([part.after for part in parts]),
+            np.concatenate([part.answers for part in parts]),
+        )
 
-    def widths(self, rows: Indices, axis: Indices) -> Floats:
-        """Return how wide some parts are along one of their sides each."""
-        return np.asarray((self.upper - self.lower)[rows, axis])
 
-    def halved(self, rows: Indices, axis: Indices) -> _Starts:
-        """Return both halves of some parts, each across one of its sides; they meet in the middle."""
-        lower, upper = self.lower[rows], self.upper[rows]
-        each, middle = np.arange(len(rows)), 0.5 * (lower + upper)
-        first, last = lower.copy(), upper.copy()
-        last[each, axis] = first[each, axis] = middle[each, axis]
-        return _Starts(np.concatenate([lower, first]), np.concatenate([last, upper]))
+def _together(parts: Sequence[TubeParts]) -> TubeParts:
+    """Return all parts, one after the other; those of a tube need not stand together."""
+    names = ("tube", "lower", "upper")
+    return TubeParts(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+
+def _answers(states: Forms, sides: int) -> Floats:
+    """Return how much each form answers to each side of the start, (P, 3 + K)."""
+    return np.asarray(np.abs(states.slope[:, :sides]).sum(axis=2))
 
 
 @dataclass(eq=False)
@@ -192,53 +214,66 @@ class _Round:
     failed : ndarray
         (P,) the interval in which a part could not be followed further; 0 for one that arrived.
     answers : ndarray
-        (P,) the side of the start to which the form answered most then.
+        (P, 3 + K) how much the form answered to each side of the start then.
     clearance : ndarray
         (P,) metres that its runs keep.
     reasons : dict
         By part, why.
     tubes : list
         By interval, the parts that have not arrived at its end.
-    earliest, last : int
-        Intervals before whose end no run has arrived, and after which all of those have that did.
+    arrived : ndarray
+        (P,) intervals after which the last runs of a part have arrived; 0 where none has.
+    earliest : int
+        Intervals before whose end no run has arrived.
     begins_near : bool
         Whether some start does not keep its distance.
     """
 
     failed: Indices
-    answers: Indices
+    answers: Floats
     clearance: Floats
+    arrived: Indices
     reasons: dict[int, str] = field(default_factory=dict)
     tubes: list[tuple[int, TubeParts]] = field(default_factory=list)
     earliest: int = 0
-    last: int = 0
     begins_near: bool = False
 
     @classmethod
-    def of(cls, count: int) -> _Round:
-        """Begin with as many parts."""
-        return cls(np.zeros(count, np.int64), np.zeros(count, np.int64), np.full(count, np.inf))
+    def of(cls, count: int, sides: int) -> _Round:
+        """Begin with as many parts of as many sides."""
+        none = np.zeros(count, np.int64)
+        return cls(none, np.zeros((count, sides)), np.full(count, np.inf), none.copy())
 
     def nearest(self, which: Booleans) -> float:
         """Return the metres that the runs of some parts keep."""
         return float(self.clearance[which].min(initial=np.inf))
 
-    def fail(self, k: int, parts: TubeParts, states: Forms, which: Booleans, reason: str) -> None:
-        """Note in which interval some parts could not be followed further, and why."""
+    def fail(
+        self, interval: Indices, parts: TubeParts, answers: Floats, which: Booleans, reason: str
+    ) -> None:
+        """Note in which intervals (P,) some parts could not be followed further, the first of each, and why."""
         for row in np.flatnonzero(which).tolist():
-            root = int(parts.tube[row])
-            if self.failed[root]:
+            root, k = int(parts.tube[row]), max(int(interval[row]), 1)
+            if 0 < self.failed[root] <= k:
                 continue
-            self.failed[root] = max(k, 1)
+            self.failed[root], self.answers[root] = k, answers[row]
             self.reasons[root] = reason.format(place_words(parts.select(np.array([row]))))
-            sides = parts.lower.shape[1]
-            self.answers[root] = int(np.abs(states.slope[row, :sides]).sum(axis=1).argmax())
 
     def arrive(self, k: int, parts: TubeParts, there: Booleans) -> Booleans:
         """Note that some parts have arrived; return which, (P,)."""
-        if there.any():
-            self.last = max(self.last, k)
+        self.arrived[parts.tube[there]] = k
         return there
+
+    @property
+    def last(self) -> int:
+        """Return after how many intervals all runs have arrived of the parts that were followed to their end."""
+        return int(self.arrived[self.failed == 0].max(initial=0))
+
+    @property
+    def followed(self) -> list[tuple[int, TubeParts]]:
+        """Return all sets, of each part up to the interval in which it could not be followed further."""
+        last = np.where(self.failed > 0, self.failed, np.iinfo(np.int64).max)
+        return [(k, parts.select(k <= last[parts.tube])) for k, parts in self.tubes]
 
     @property
     def kept(self) -> list[tuple[int, TubeParts]]:

@@ -31,6 +31,7 @@ from viatool.loop.successor import LoopStep, states_of, step
 from viatool.loop.told import Told
 from viatool.missions.cells import CellSides
 from viatool.schedule import check_time
+from viatool.sets.states import StateBoxes
 
 
 @dataclass(frozen=True)
@@ -205,7 +206,13 @@ class MissionFollower:
 
     def _clearance_of_each(self, parts: TubeParts, after: LoopStep) -> tuple[Floats, Booleans]:
         """Return what the runs of pieces keep during an interval, in metres, and of which that suffices, (P,)."""
-        least, proved = clearance_kept(self.loop, parts.select(after.origin).cells, after)
+        return self.clearance_of(parts.select(after.origin), after.start, after.lower, after.upper)
+
+    def clearance_of(
+        self, parts: TubeParts, start: StateBoxes, lower: Floats, upper: Floats
+    ) -> tuple[Floats, Booleans]:
+        """Return the same of boxes of states under boxes of commands (P, A); `start` holds them as well."""
+        least, proved = clearance_kept(self.loop, parts.cells, start, lower, upper)
         return np.where(proved, np.maximum(least, self.loop.rules.clearance.collision), least), proved
 
 

@@ -25,6 +25,7 @@ from viatool.schedule import Span, Work, digest_of
 from viatool.sets.states import POSE
 from viatool.setting.setting import Setting
 from viatool.taylor import Arithmetic
+from viatool.taylor.propagation import analyse
 from viatool.versions import result_versions
 from viatool.world import Scenario
 from viatool.world.scenario import STATE
@@ -65,7 +66,8 @@ class MissionExamination:
         return tuple(self.examine(scenario) for scenario in scenarios)
 
     def examine(self, scenario: Scenario) -> Mission:
-        """Return the mission of one scenario."""
+        """Return the mission of one scenario; its seconds begin when the program and its functions are known."""
+        analyse(self.policy.network)
         begun = time.process_time()
         steps = self.steps(scenario)
         loop = ClosedLoop.of(self.policy, self.setting, scenario, self.arithmetic, episode=steps)

@@ -288,14 +288,9 @@ class ChangingTwist(Kinematics):
         if known is not None:
             lower, upper = np.maximum(lower, known[0]), np.minimum(upper, known[1])
             lower, upper = np.minimum(lower, upper), np.maximum(lower, upper)  # crossed by rounding alone
-        parts = [
+        return Forms.beside(
             self._moved(states, (lower, upper), seconds, slack),
             *(signal.form(held, (lower, upper), seconds) for signal in self.signals),
-        ]
-        return Forms(
-            np.concatenate([part.centre for part in parts], axis=1),
-            np.concatenate([part.slope for part in parts], axis=2),
-            np.concatenate([part.rest for part in parts], axis=1),
         )
 
     def _moved(self, states: Forms, ends: Hull, seconds: float, slack: Floats) -> Forms:

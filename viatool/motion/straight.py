@@ -17,7 +17,8 @@ where by Taylor's theorem
 The first three parts are the linear form, whose coefficients are integrals along the centre path, by Gauss points as in
 `viatool.motion.changing`. A and B are bounded by polynomials in t, with the largest |dv| and |D|; A, which for a robot
 that drives forward is negative, moves the centre by its middle. They point along ``e(theta_c(t))``, which is within the
-centre's largest turn from its direction halfway, m: so x is off by ``|cos m| A + |sin m| B``, and by the turn of both.
+centre's largest turn from its direction halfway, m. So A and B are a symbol each, along and across m, and what their
+turn adds is in the rest.
 """
 
 from __future__ import annotations
@@ -98,7 +99,7 @@ def accelerated(
     Returns
     -------
     Forms
-        (C, 3) poses in the same symbols.
+        (C, 3) poses in the same symbols, and two for A and B.
 
     Notes
     -----
@@ -112,26 +113,24 @@ def accelerated(
     unit = np.exp(1j * path.direction)
     moved = path.moved + middle * unit
     swung = path.swing * (half + aside + np.abs(middle))
-    off = (
-        (np.abs(unit.real) * half + np.abs(unit.imag) * aside + swung) * SLIGHTLY_MORE,
-        (np.abs(unit.imag) * half + np.abs(unit.real) * aside + swung) * SLIGHTLY_MORE,
-    )
+    own = np.stack([half * unit, 1j * aside * unit], axis=1) * SLIGHTLY_MORE  # (C, 2)
+    bent = np.stack([own.real, own.imag, 0.0 * own.real], axis=2)
     shift = np.einsum("csk,ck->cs", states.slope[:, :, 2:], gradient)
     rest = states.rest[:, 2:]
-    own = (rest * np.abs(gradient.real)).sum(axis=1), (rest * np.abs(gradient.imag)).sum(axis=1)
+    off = (
+        ((rest * np.abs(part)).sum(axis=1) + swung) * SLIGHTLY_MORE for part in (gradient.real, gradient.imag)
+    )
     weights = np.zeros_like(states.centre)
     weights[:, 2] = 1.0
     weights[:, 3 + turning.begin] = turning.share * seconds
     if turning.rate is not None:
         weights[:, 3 + turning.rate] = turning.share * (0.5 * seconds**2)
     heading = combined(states, weights, turning.shift * seconds, turning.radius * seconds)
+    slope = np.concatenate([states.slope[:, :, :2] + np.stack([shift.real, shift.imag], 2), heading.slope], 2)
     return Forms(
         np.column_stack([states.centre[:, 0] + moved.real, states.centre[:, 1] + moved.imag, heading.centre]),
-        np.concatenate([states.slope[:, :, :2] + np.stack([shift.real, shift.imag], 2), heading.slope], 2),
-        np.column_stack(
-            [states.rest[:, 0] + own[0] + off[0], states.rest[:, 1] + own[1] + off[1], heading.rest]
-        )
-        + slack[:, None],
+        np.concatenate([slope, bent], axis=1),
+        np.column_stack([states.rest[:, :2] + np.column_stack([*off]), heading.rest]) + slack[:, None],
     )
 
 

@@ -82,7 +82,10 @@ def behind(network: Network) -> tuple[Assembly, Computed]:
 
 
 def clipped(assembly: Assembly, values: Computed, limits: Limits) -> Computed:
-    """Clip each number to its own limits: split, clip, join; the copies are exact."""
+    """Clip each number to its own limits: split, clip, join; the copies are exact. Equal limits clip all at once."""
+    if len(set(limits)) == 1:
+        lower, upper = limits[0]
+        return assembly.activation(values, activation("Clip", min=lower, max=upper))
     return joined(
         assembly,
         [

@@ -92,7 +92,7 @@ class Affine:
         """Return what the roundings of the weighted terms are relative to, ``(size, N_k)`` for each source."""
         return self.absolute_weights if self.merged_weights is None else self.merged_weights
 
-    @property
+    @cached_property
     def bias_magnitude(self) -> Floats:
         """Return what the roundings of the constants are relative to, ``(size,)``."""
         return np.abs(self.bias) if self.merged_bias is None else self.merged_bias

@@ -103,6 +103,22 @@ class Forms:
         )
 
     @classmethod
+    def beside(cls, *parts: Forms) -> Forms:
+        """Return the quantities of all parts, one beside the other; symbols beyond those that a part has leave it."""
+        symbols = max(part.slope.shape[1] for part in parts)
+        slopes = [
+            np.pad(part.slope, ((0, 0), (0, symbols - part.slope.shape[1]), (0, 0)))
+            if part.slope.shape[1] < symbols
+            else part.slope
+            for part in parts
+        ]
+        return cls(
+            np.concatenate([part.centre for part in parts], axis=1),
+            np.concatenate(slopes, axis=2),
+            np.concatenate([part.rest for part in parts], axis=1),
+        )
+
+    @classmethod
     def choose(cls, holds: Booleans, form: Forms, other: Forms) -> Forms:
         """Return one form or the other for each box, by what holds for it, (C,)."""
         return cls.where(np.broadcast_to(holds[:, None], form.centre.shape), form, other)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -40,6 +41,18 @@ class StateBoxes:
     def select(self, which: NDArray[Any] | slice) -> StateBoxes:
         """Return some of the cells."""
         return StateBoxes(self.poses.select(which), self.previous_lower[which], self.previous_upper[which])
+
+    @classmethod
+    def concatenate(cls, parts: Sequence[StateBoxes]) -> StateBoxes:
+        """Return the cells of all parts one after the other."""
+        return cls(
+            PoseBoxes(
+                np.concatenate([part.poses.centre for part in parts]),
+                np.concatenate([part.poses.radius for part in parts]),
+            ),
+            np.concatenate([part.previous_lower for part in parts]),
+            np.concatenate([part.previous_upper for part in parts]),
+        )
 
     def checked(self) -> StateBoxes:
         """Return the cells themselves; BoundsError if one of them is empty, unbounded or NaN."""

@@ -21,6 +21,8 @@ from viatool.taylor.interval import Interval, step_down, step_up
 Approximation = Literal["chebyshev", "bernstein", "taylor"]
 
 _NEWTON_STEPS = 6
+_CLOSE = 1e-6
+"""Share of an interval: a tangent that is so near to the best one is as good, but for the square of this."""
 _GRID = 24
 
 
@@ -112,13 +114,13 @@ def _bent_lines(
 
 def _pick_slope(curve: Curve, lower: Floats, upper: Floats, rule: Approximation) -> Floats:
     middle, half = lower / 2 + upper / 2, upper / 2 - lower / 2
-    tangent = curve.value(middle, 1)
     if rule == "taylor":
+        tangent = curve.value(middle, 1)
         return np.where(np.isfinite(tangent), tangent, 0.0)
     wide = upper - lower > 1e-9 * (np.abs(lower) + np.abs(upper)) + 1e-200
     span = np.where(wide, upper - lower, 1.0)
     chord = (curve.value(upper) - curve.value(lower)) / span
-    if rule == "chebyshev":
+    if rule == "chebyshev" and curve.lines is None:
         first, last = curve.cells(1).locate(lower, upper)
         bends_both_ways = wide & (first != last) & ~_touches(curve.breaks, lower, upper)
         if bends_both_ways.any():
@@ -127,7 +129,7 @@ def _pick_slope(curve: Curve, lower: Floats, upper: Floats, rule: Approximation)
                 wide, 2 * node, 1.0
             )
             chord = np.where(bends_both_ways, projected, chord)
-    slope = np.where(wide, chord, tangent)
+    slope = chord if wide.all() else np.where(wide, chord, curve.value(middle, 1))
     return np.where(np.isfinite(slope), slope, 0.0)
 
 
@@ -138,6 +140,10 @@ def _touches(breaks: Floats, lower: Floats, upper: Floats) -> Booleans:
 
 def _residual_range(curve: Curve, lower: Floats, upper: Floats, slope: Floats) -> Interval:
     """Enclose ``f(x) - slope*x`` on each interval, cell by cell of constant convexity."""
+    if curve.lines is not None:  # straight between the ends and where lines meet
+        points = [lower, upper, *(np.clip(edge, lower, upper) for edge in curve.breaks)]
+        apart = _tilted(curve, np.stack(points), slope)
+        return Interval(apart.lower.min(axis=0), apart.upper.max(axis=0))
     cells = curve.cells(1)
     first, last = cells.locate(lower, upper)
     low, high = np.full(lower.shape, np.inf), np.full(lower.shape, -np.inf)
@@ -178,7 +184,9 @@ def _residual_by_slope(curve: Curve, left: Floats, right: Floats, slope: Floats)
 
 
 def _tilted(curve: Curve, x: Floats, slope: Floats) -> Interval:
-    return curve.enclose(x) - Interval(slope, slope) * Interval(x, x)
+    value, line = curve.enclose(x), slope * x
+    line = np.where(np.isnan(line), 0.0, line)  # 0 * inf
+    return value - Interval(step_down(line), step_up(line))
 
 
 def _tangent_bound(curve: Curve, left: Floats, right: Floats, slope: Floats, sign: int) -> Floats:
@@ -200,8 +208,10 @@ def _stationary_point(curve: Curve, left: Floats, right: Floats, slope: Floats, 
         low, high = np.where(excess < 0, point, low), np.where(excess > 0, point, high)
         with np.errstate(all="ignore"):
             step = point - excess / (sign * curve.value(point, 2))
-        middle = low / 2 + high / 2
+        middle, before = low / 2 + high / 2, point
         point = np.where((step >= low) & (step <= high), step, middle)
+        if (np.abs(point - before) <= _CLOSE * (right - left)).all():
+            break
     return np.clip(point, left, right)
 
 

@@ -19,7 +19,8 @@ import sympy
 
 from viatool.arrays import Booleans, Floats, Indices
 from viatool.policy.activations import FLOAT_MODULES, ActivationFunction, X
-from viatool.taylor.interval import ENCLOSED_FUNCTIONS, Interval, interval_of
+from viatool.rounding import LAST_PLACE
+from viatool.taylor.interval import ENCLOSED_FUNCTIONS, Interval, interval_of, step_down, step_up
 
 REACH = 1e100
 """Pre-activations beyond this magnitude are not enclosed where a function is curved."""
@@ -74,6 +75,68 @@ class CurveCells:
         return bool((self.kinds == CONSTANT).all())
 
 
+@dataclass(frozen=True, eq=False)
+class Lines:
+    """A continuous curve of K straight lines, ``slope x + shift``, from left to right.
+
+    Parameters
+    ----------
+    breaks : ndarray
+        ``(K-1,)`` where lines meet.
+    slopes : ndarray
+        ``(K,)`` exact.
+    lowest, highest : ndarray
+        ``(K,)`` bounds of the shifts.
+    """
+
+    breaks: Floats
+    slopes: Floats
+    lowest: Floats
+    highest: Floats
+
+    @cached_property
+    def _rounded(self) -> Booleans:
+        """Tell on which lines a value may be rounded, (K,); not where it is 0, the argument or its negative."""
+        exact = np.isin(self.slopes, (-1.0, 0.0, 1.0)) & (self.lowest == 0.0) & (self.highest == 0.0)
+        return np.asarray(~exact)
+
+    def enclose(self, x: Floats) -> Interval:
+        """Enclose the curve at points. **Sound:** yes."""
+        line = self.at(x)
+        slope = self.slopes[line]
+        moved = np.where(slope == 0.0, 0.0, slope * x)  # also of an unlimited x
+        if not self._rounded.any():
+            return Interval(moved, moved)
+        lower, upper = moved + self.lowest[line], moved + self.highest[line]
+        slack = 2.0 * LAST_PLACE * np.minimum(np.abs(moved), _EVERYWHERE)
+        rounded = self._rounded[line]
+        return Interval(
+            np.where(rounded, step_down(lower, 2) - slack, lower),
+            np.where(rounded, step_up(upper, 2) + slack, upper),
+        )
+
+    def range(self, lower: Floats, upper: Floats) -> Interval:
+        """Enclose the curve over intervals; everything over one with an end that is no number. **Sound:** yes."""
+        edges = () if self._is_increasing else self.breaks
+        found = self.enclose(np.stack([lower, upper, *(np.clip(edge, lower, upper) for edge in edges)]))
+        known = (lower >= -_EVERYWHERE) & (upper <= _EVERYWHERE)
+        return Interval(
+            np.where(known, found.lower.min(axis=0), -np.inf),
+            np.where(known, found.upper.max(axis=0), np.inf),
+        )
+
+    @cached_property
+    def _is_increasing(self) -> bool:
+        return bool((self.slopes >= 0.0).all())
+
+    def at(self, x: Floats) -> Indices:
+        """Return the line of each point; where two meet, the right one."""
+        line = np.zeros(x.shape, dtype=np.intp)
+        for edge in self.breaks.tolist():
+            line += x >= edge
+        return line
+
+
 class Curve:
     """An activation with proved enclosures of its value and of its derivatives.
 
@@ -118,6 +181,8 @@ class Curve:
 
         **Sound:** yes.
         """
+        if derivative == 0 and self.lines is not None:
+            return self.lines.enclose(x)
         pieces = self._pieces(derivative)
         if not self.breaks.size:
             return _checked(pieces[0], Interval(x, x))
@@ -138,6 +203,8 @@ class Curve:
         **Sound:** yes; a derivative over a jump of the function is the whole line, and so is everything over an
         interval with an end that is not a number.
         """
+        if derivative == 0 and self.lines is not None:
+            return self.lines.range(lower, upper)
         cells = self.cells(derivative)
         first, last = cells.locate(lower, upper)
         beyond = ~((lower >= -self.reach) & (upper <= self.reach))
@@ -155,6 +222,22 @@ class Curve:
                 beyond, np.inf, np.maximum(np.maximum(low.upper, high.upper), cells.table[1][first, last])
             ),
         )
+
+    @cached_property
+    def lines(self) -> Lines | None:
+        """Return what the curve consists of, if that is straight lines without a jump whose slopes are floats."""
+        cells = self.cells(1)
+        if not cells.is_stepwise or self._jumps(self.breaks, 1).any():
+            return None
+        middles = [a / 2 + b / 2 for a, b in pairwise([-self.reach, *self.breaks.tolist(), self.reach])]
+        first, _ = cells.locate(np.array(middles), np.array(middles))
+        low, high = cells.hulls[0][first], cells.hulls[1][first]
+        if not ((low == high) & np.isfinite(low)).all():
+            return None
+        zero = np.zeros(1)
+        ends = [_checked(piece, Interval(zero, zero)) for piece in self._pieces(0)]
+        shifts = np.array([[end.lower[0], end.upper[0]] for end in ends])
+        return Lines(self.breaks, low, shifts[:, 0], shifts[:, 1])
 
     def end_slopes(self, lower: Floats, upper: Floats) -> tuple[tuple[Floats, Floats], Indices]:
         """Return the slopes of a piecewise linear curve at both ends of intervals, and its shape between.
@@ -276,7 +359,7 @@ def _branch(expression: sympy.Piecewise, probe: float) -> sympy.Expr:
 
 def _broadcasting(function: Callable[[Floats], Floats]) -> Callable[[Floats], Floats]:
     def evaluated(x: Floats) -> Floats:
-        return np.broadcast_to(np.asarray(function(x), dtype=np.float64), x.shape)
+        return _filling(np.asarray(function(x), dtype=np.float64), x.shape)
 
     return evaluated
 
@@ -290,9 +373,14 @@ def _checked(function: Callable[[Interval], Interval], x: Interval) -> Interval:
         return Interval(*(np.full(x.lower.shape, end) for end in (constant.lower, constant.upper)))
     shape = x.lower.shape
     return Interval(
-        np.broadcast_to(np.where(np.isnan(result.lower), -np.inf, result.lower), shape),
-        np.broadcast_to(np.where(np.isnan(result.upper), np.inf, result.upper), shape),
+        _filling(np.where(np.isnan(result.lower), -np.inf, result.lower), shape),
+        _filling(np.where(np.isnan(result.upper), np.inf, result.upper), shape),
     )
+
+
+def _filling(values: Floats, shape: tuple[int, ...]) -> Floats:
+    """Return values of a shape, repeated where there are fewer."""
+    return values if values.shape == shape else np.broadcast_to(values, shape)
 
 
 def _sign_cells(

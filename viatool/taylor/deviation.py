@@ -34,7 +34,7 @@ from viatool.taylor.curve import curve_of
 from viatool.taylor.forms import Diagonal, Form, fold_symbols, join_forms
 from viatool.taylor.interval import step_down, step_up
 from viatool.taylor.propagation import interval_image
-from viatool.taylor.rounding import affine_size, floor_of, gamma, magnitude, own_error
+from viatool.taylor.rounding import affine_size, floors_of, gamma, magnitude, own_error
 
 _WORTH = 2.0**-5
 """Share of an action's width up to which a deviation is not worth symbols."""
@@ -193,7 +193,7 @@ class _Carried:
         self._engine = engine
         self._with_symbols = with_symbols
         self._deviations: list[Deviation] = []
-        self._floors: list[Floats] = []
+        self._floors = floors_of(network, "float64" if engine else None)
         self._images: list[Hull | None] = []
         self._programs: list[Hull] = []
         self._overflows = np.zeros(hulls[0][0].shape[0], dtype=bool)
@@ -212,7 +212,6 @@ class _Carried:
         return ProgramEnclosure(lower - unknown, upper + unknown, deviation + unknown)
 
     def _enter(self, index: int, node: Node) -> None:
-        self._floors.append(floor_of(node, self._precision(node), self._floors))
         self._images.append(self._image(node))
         symbols, rest = self._passed_on(index, node)
         own = self._own_error(index, node)

@@ -108,7 +108,9 @@ class Dense:
     def norms(self) -> Floats:
         """Return the L1 norm of each neuron's form, (B, N)."""
         batch, symbols, size = self.coefficients.shape
-        step = max(1, _FLOATS_AT_ONCE // (batch * size))
+        step = max(1, _FLOATS_AT_ONCE // max(batch * size, 1))
+        if symbols <= step:
+            return np.asarray(np.abs(self.coefficients).sum(axis=1))
         parts = (slice(start, start + step) for start in range(0, symbols, step))
         return sum(
             (np.abs(self.coefficients[:, part]).sum(axis=1) for part in parts), np.zeros((batch, size))

@@ -87,9 +87,7 @@ def affine_image(models: Sequence[TaylorModel], node: Affine) -> TaylorModel:
     merged counts as large as it was before it cancelled.
     """
     first = models[0]
-    constant = np.broadcast_to(node.bias, (first.constant.shape[0], node.size))
-    size = np.zeros_like(constant) + node.bias_magnitude
-    remainder = np.zeros_like(constant)
+    constant, size, remainder = node.bias, node.bias_magnitude, np.zeros(node.size)
     linear: Form | None = None
     higher: Floats | None = None
     symbols: dict[int, Form] = {}
@@ -110,7 +108,9 @@ def affine_image(models: Sequence[TaylorModel], node: Affine) -> TaylorModel:
             higher = mapped if higher is None else higher + mapped
     assert linear is not None
     rounding = gamma(terms, ENGINE_ROUNDOFF) * size + 1e-300
-    radius = linear.norms() + sum((form.norms() for form in symbols.values()), np.zeros_like(constant))
+    radius = linear.norms()
+    for form in symbols.values():
+        radius = radius + form.norms()
     if higher is not None:
         radius = radius + np.abs(higher).sum(axis=1)
     return TaylorModel(

@@ -165,6 +165,14 @@ def propagate(
     return enclosures
 
 
+def analyse(network: Network) -> None:
+    """Analyse all activations of a network, which takes longer than a pass and is done once in a process."""
+    for node in network.nodes:
+        if isinstance(node, Activation):
+            curve = curve_of(node.function)
+            curve.cells(0), curve.cells(1)
+
+
 @lru_cache(maxsize=64)
 def is_curved(network: Network) -> bool:
     """Tell whether a network is not piecewise linear, so that a model of order 2 sees more than one of order 1."""
@@ -251,8 +259,7 @@ def _enclose_affine(node: Affine, known: list[Enclosure]) -> Enclosure:
 
 def interval_image(sources: Sequence[Hull], node: Affine) -> Hull:
     """Enclose an affine node by interval arithmetic in centre-radius form. **Sound:** yes."""
-    centre = np.broadcast_to(node.bias, (sources[0][0].shape[0], node.size))
-    reach, size = np.zeros_like(centre), np.zeros_like(centre) + node.bias_magnitude
+    centre, size, reach = node.bias, node.bias_magnitude, np.zeros(node.size)
     for (lower, upper), weight, absolute, merged in zip(
         sources, node.weights, node.absolute_weights, node.magnitudes, strict=True
     ):

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from viatool.arrays import Booleans, Floats, Hull, Indices
 from viatool.errors import ConfigurationError, EnclosureError
 from viatool.policy.network import Network
+from viatool.policy.summing import without_other_orders
 from viatool.taylor.approximation import Approximation
 from viatool.taylor.attained import attained_actions
 from viatool.taylor.choices import Choices, Program, enclose_choices
@@ -108,9 +109,11 @@ def networks_of(policy: HasNetwork, arithmetic: Arithmetic) -> tuple[Network, ..
     Returns
     -------
     tuple of Network
-        The file's own first. **Sound:** bounds hold for the deployed program if they hold for each of them.
+        **Sound:** bounds hold for the deployed program if they hold for each of them. The file's own is first, unless
+        its program adds up in one of the orders in which that of another one may (`summing`).
     """
-    return (policy.network, *(getattr(policy, "rewritten", ()) if arithmetic == "float32" else ()))
+    rewritten = getattr(policy, "rewritten", ()) if arithmetic == "float32" else ()
+    return without_other_orders((policy.network, *rewritten))
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,13 +9,25 @@ their declarations (`policy.activations`).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
 from viatool.arrays import Floats, Hull
 from viatool.errors import EnclosureError
 from viatool.policy.activations import ActivationFunction
-from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Node, Precision, Product
+from viatool.policy.network import (
+    Activation,
+    Affine,
+    Cast,
+    Input,
+    Maximum,
+    Minimum,
+    Network,
+    Node,
+    Precision,
+    Product,
+)
 from viatool.policy.weights import copies as copies_of
 from viatool.policy.weights import positive_in
 from viatool.policy.weights import terms as terms_of
@@ -31,6 +43,15 @@ def gamma(terms: int | Floats, unit: float) -> Floats:
     EnclosureError
         If ``n u >= 1``: so many terms in so low a precision have no error bound.
     """
+    return _gamma(terms, unit) if isinstance(terms, np.ndarray) else _gamma_of_number(terms, unit)
+
+
+@lru_cache(maxsize=1024)
+def _gamma_of_number(terms: int, unit: float) -> Floats:
+    return _gamma(terms, unit)
+
+
+def _gamma(terms: int | Floats, unit: float) -> Floats:
     product = np.asarray(terms, dtype=np.float64) * unit
     if not (product < 0.5).all():
         raise EnclosureError(
@@ -40,6 +61,7 @@ def gamma(terms: int | Floats, unit: float) -> Floats:
     return np.asarray(product / (1 - product) * SLIGHTLY_MORE)
 
 
+@lru_cache(maxsize=1024)
 def affine_rounding(node: Affine, unit: float) -> tuple[Floats, Floats]:
     """Return the relative error factor of each row ``(N,)`` and its number of rounded terms ``(N,)``.
 
@@ -99,6 +121,15 @@ def own_error(node: Node, precision: Precision, sources: Sequence[Hull], value: 
 
 
 _NEVER_NEGATIVE = ("Abs", "Exp", "Relu")
+
+
+@lru_cache(maxsize=64)
+def floors_of(network: Network, precision: Precision | None = None) -> tuple[Floats, ...]:
+    """Return `floor_of` every node, evaluated in the precision of each or in a given one."""
+    floors: list[Floats] = []
+    for node in network.nodes:
+        floors.append(floor_of(node, precision or node.precision, floors))
+    return tuple(floors)
 
 
 def floor_of(node: Node, precision: Precision, floors: Sequence[Floats]) -> Floats:

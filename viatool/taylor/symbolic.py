@@ -94,7 +94,9 @@ def symbolic_actions(
     passes = propagate(policy.network, box, order=order, rule=approximation)
     model = passes[-1].model
     spread = _spread(policy.network, passes, arithmetic)
-    for other in networks_of(policy, arithmetic)[1:]:
+    for other in networks_of(policy, arithmetic):
+        if other is policy.network:
+            continue
         rewritten = propagate(other, box, order=order, rule=approximation)
         apart = _difference(model, rewritten[-1].model) + _spread(other, rewritten, arithmetic)
         spread = np.maximum(spread, apart * SLIGHTLY_MORE)
