@@ -17,8 +17,9 @@ from tests.policy.models import model_of, node, save, two_layers, weights
 from viatool.errors import PolicyError, SelfCheckError
 from viatool.policy import Policy, describe, load_policy
 from viatool.policy.activations import activation
-from viatool.policy.executed import Executed, is_same
+from viatool.policy.executed import Executed
 from viatool.policy.fused import fused_operators
+from viatool.policy.identity import is_same
 from viatool.policy.network import Activation, Affine, Input, Maximum, Network, Node, Product
 from viatool.policy.runtime import Optimisation, Runtime
 from viatool.policy.self_check import check_executed

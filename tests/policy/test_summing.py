@@ -11,7 +11,7 @@ import pytest
 
 from viatool.policy import Activation, Affine, Input, Network
 from viatool.policy.activations import activation
-from viatool.policy.executed import is_same
+from viatool.policy.identity import is_same
 from viatool.policy.summing import with_constants_in_sums, without_other_orders
 from viatool.taylor.deviation import runtime_deviation
 

@@ -48,7 +48,7 @@ class Starts:
         return Starts(np.concatenate([lower, first]), np.concatenate([last, upper]))
 
     def gridded(self, answers: Floats, most: int) -> Starts:
-        """Cut the only part by a grid of at most so many pieces, finer along sides that are answered to more, (3 + K,).
+        """Cut the only part by a grid of 2 to `most` pieces, finer along sides that are answered to more, (3 + K,).
 
         In the root of the answers: a compromise between sides, and answers, that are equally long.
         """
@@ -58,6 +58,7 @@ class Starts:
         finest = (most / weight[sides].prod()) ** (1.0 / len(sides))
         while (counts := np.maximum(np.round(finest * weight), 1.0).astype(np.int64)).prod() > most:
             finest *= 0.99
+        counts[weight.argmax()] = max(counts[weight.argmax()], 2)
         place = np.stack(np.unravel_index(np.arange(counts.prod()), counts), axis=1)
         edges = [np.linspace(low, high, n + 1) for low, high, n in zip(lower, upper, counts, strict=True)]
         for edge, last in zip(edges, upper, strict=True):

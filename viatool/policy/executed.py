@@ -10,19 +10,18 @@ both; where it cannot be read, the policy is refused.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
-from typing import Any, get_args
+from dataclasses import dataclass, field
+from typing import get_args
 
-import numpy as np
 import onnx
 
 from viatool.errors import PolicyError
 from viatool.policy.graph import live, read_graph
+from viatool.policy.identity import is_same
 from viatool.policy.model_file import ModelFile, Ports
-from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Network, Node, Product
+from viatool.policy.network import Network
 from viatool.policy.reader import read_network, unsupported
 from viatool.policy.runtime import Optimisation, Runtime, runtime_of
-from viatool.policy.weights import digest
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,59 +114,3 @@ class _Collected:
             what = f"{self.model.path}, as onnxruntime runs it at its level of optimisation '{level}'"
             raise unsupported(what, reading.findings)
         return reading.network
-
-
-def is_same(first: Network, second: Network) -> bool:
-    """Whether two networks are one: the same operations on the same numbers, bit for bit.
-
-    Returns
-    -------
-    bool
-        True only if both outputs come from the same kinds of nodes with the same numbers in all fields (weights,
-        parameters, precisions, counts of roundings), applied to the same sources. In what order nodes stand, and in
-        what order a sum, product, minimum or maximum names its sources, makes no difference: neither does it in
-        the bounds.
-    """
-    numbers: dict[object, int] = {}
-    return _number_of(first, numbers) == _number_of(second, numbers)
-
-
-def _number_of(network: Network, numbers: dict[object, int]) -> int:
-    """Return the number of the output, where equal nodes of whatever network have one number."""
-    own: list[int] = []
-    for node in network.nodes:
-        own.append(numbers.setdefault(_identity(node, own), len(numbers)))
-    return own[-1]
-
-
-_WIRING = frozenset(("source", "sources", "left", "right", "weights", "merged_weights"))
-"""Fields that name sources, or have an entry for each."""
-
-
-def _identity(node: Node, own: list[int]) -> object:
-    """Return all that makes a node what it is, given the numbers of those before it.
-
-    Every field counts that does not name sources, whatever fields a kind of node may be given one day.
-    """
-    parameters = tuple(
-        _plain(getattr(node, entry.name)) for entry in fields(node) if entry.name not in _WIRING
-    )
-    wiring: tuple[object, ...]
-    match node:
-        case Affine():
-            terms = zip(node.sources, node.weights, node.magnitudes, strict=True)
-            wiring = tuple(
-                sorted((own[source], digest(weight), digest(size)) for source, weight, size in terms)
-            )
-        case Product() | Maximum() | Minimum():
-            wiring = tuple(sorted((own[node.left], own[node.right])))
-        case Input() | Activation() | Cast():
-            wiring = tuple(own[source] for source in node.sources)
-    return type(node), parameters, wiring
-
-
-def _plain(value: Any) -> Any:
-    """Return a value that compares equal to another if both are the same, bit for bit."""
-    if isinstance(value, np.ndarray):
-        return digest(value)
-    return value

@@ -14,7 +14,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from viatool.policy.executed import is_same
+from viatool.policy.identity import is_same
 from viatool.policy.network import (
     Activation,
     Affine,

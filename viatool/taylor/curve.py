@@ -76,7 +76,7 @@ class CurveCells:
 
 
 @dataclass(frozen=True, eq=False)
-class Lines:
+class StraightLines:
     """A continuous curve of K straight lines, ``slope x + shift``, from left to right.
 
     Parameters
@@ -224,7 +224,7 @@ class Curve:
         )
 
     @cached_property
-    def lines(self) -> Lines | None:
+    def lines(self) -> StraightLines | None:
         """Return what the curve consists of, if that is straight lines without a jump whose slopes are floats."""
         cells = self.cells(1)
         if not cells.is_stepwise or self._jumps(self.breaks, 1).any():
@@ -237,7 +237,7 @@ class Curve:
         zero = np.zeros(1)
         ends = [_checked(piece, Interval(zero, zero)) for piece in self._pieces(0)]
         shifts = np.array([[end.lower[0], end.upper[0]] for end in ends])
-        return Lines(self.breaks, low, shifts[:, 0], shifts[:, 1])
+        return StraightLines(self.breaks, low, shifts[:, 0], shifts[:, 1])
 
     def end_slopes(self, lower: Floats, upper: Floats) -> tuple[tuple[Floats, Floats], Indices]:
         """Return the slopes of a piecewise linear curve at both ends of intervals, and its shape between.
