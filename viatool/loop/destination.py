@@ -1,14 +1,20 @@
-"""Where runs are to arrive: near a place, or in a box of states; as soon as they are there, or at a deadline."""
+"""Where runs are to arrive: near a place, in a box of states or in a polygon; as soon as they are, or at a deadline."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from viatool.arrays import Booleans, Floats
 from viatool.rounding import SPARE
+
+if TYPE_CHECKING:
+    from shapely import Polygon
 
 _NEAR = 1e-9
 """By how much a run that is driven may miss a range and still counts as arrived."""
@@ -104,3 +110,68 @@ class StatesReached(Destination):
         away = 0.5 * (lower[:, 2] + upper[:, 2]) - 0.5 * (ends[0] + ends[1])
         shift[:, 2] = 2.0 * np.pi * np.round(away / (2.0 * np.pi))
         return lower - shift, upper - shift
+
+
+@dataclass(frozen=True, eq=False)
+class StatesInPolygon(StatesReached):
+    """The same with a place in a simple polygon as well.
+
+    Parameters
+    ----------
+    outline : ndarray
+        (n, 2) its corners, in metres.
+
+    Notes
+    -----
+    Sound: predicates of shapely are exact for the floats that they get; boxes are wider by what may have been rounded.
+    """
+
+    outline: Floats
+
+    @cached_property
+    def _polygon(self) -> Polygon:
+        import shapely
+
+        polygon = shapely.Polygon(self.outline)
+        shapely.prepare(polygon)
+        return polygon
+
+    def surely(self, lower: Floats, upper: Floats) -> Booleans:
+        """See `Destination`."""
+        import shapely
+
+        found = super().surely(lower, upper)
+        rows = np.flatnonzero(found & self._are_finite(lower, upper))
+        inside = np.zeros(len(found), dtype=bool)
+        inside[rows] = shapely.contains(self._polygon, self._places(lower[rows], upper[rows]))
+        return inside
+
+    def possibly(self, lower: Floats, upper: Floats) -> Booleans:
+        """See `Destination`."""
+        import shapely
+
+        found = super().possibly(lower, upper)
+        rows = np.flatnonzero(found & self._are_finite(lower, upper))
+        found[rows] = shapely.intersects(self._polygon, self._places(lower[rows], upper[rows]))
+        return found
+
+    def holds(self, states: Floats) -> Booleans:
+        """See `Destination`."""
+        import shapely
+
+        return np.asarray(
+            super().holds(states) & shapely.dwithin(self._polygon, shapely.points(states[..., :2]), _NEAR)
+        )
+
+    @staticmethod
+    def _are_finite(lower: Floats, upper: Floats) -> Booleans:
+        return np.asarray(np.isfinite(lower[:, :2]).all(axis=1) & np.isfinite(upper[:, :2]).all(axis=1))
+
+    @staticmethod
+    def _places(lower: Floats, upper: Floats) -> NDArray[Any]:
+        """Return boxes of places, (P,), slightly wider."""
+        import shapely
+
+        spare = SPARE * (1.0 + np.maximum(np.abs(lower[:, :2]), np.abs(upper[:, :2])))
+        low, high = lower[:, :2] - spare, upper[:, :2] + spare
+        return np.asarray(shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1]))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from viatool.arrays import Floats
 from viatool.errors import ConfigurationError
 from viatool.loop.closed_loop import ClosedLoop
-from viatool.loop.destination import Destination, NearPlace, StatesReached
+from viatool.loop.destination import Destination, NearPlace, StatesInPolygon, StatesReached
 from viatool.missions.attack import MissionRuns, attack
 from viatool.missions.carried import CarriedFollower
 from viatool.missions.follow import MissionFollower, MissionLimits
@@ -113,7 +113,10 @@ class MissionExamination:
         waits = scenario.arrive == "at"
         if scenario.region is None:
             return NearPlace(waits, np.array(scenario.goal), self.goal_radius)
-        return StatesReached(waits, *scenario.region.ends(self._names))
+        (lower, upper), outline = scenario.region.ends(self._names), scenario.region.outline
+        if outline:
+            return StatesInPolygon(waits, lower, upper, np.array(outline))
+        return StatesReached(waits, lower, upper)
 
     @property
     def _names(self) -> tuple[str, ...]:
@@ -241,7 +244,14 @@ class MissionWork(Work[Sequence[Scenario], tuple[Mission, ...]]):
         policy, setting = asked.policy, asked.setting
         world_map, meaning = setting.world_map, setting.spec.model_dump_json()
         scenarios = [
-            (one.start, one.goal, one.obstacles, asked.task(one), [end.tolist() for end in asked.starts(one)])
+            (
+                one.start,
+                one.goal,
+                one.region,
+                one.obstacles,
+                asked.task(one),
+                [end.tolist() for end in asked.starts(one)],
+            )
             for one in self.scenarios
         ]
         return {

@@ -138,16 +138,38 @@ class StatesFile(Strict):
         return self
 
 
+class PolygonGoalFile(Strict):
+    """States whose place is in a polygon; `lower` and `upper` limit what else is asked, as in a box of states."""
+
+    shape: Literal["polygon"] = "polygon"
+    points: list[Point] = Field(min_length=3)
+    lower: list[Number | None] = Field(default=[None, None], min_length=2, max_length=5)
+    upper: list[Number | None] = Field(default=[None, None], min_length=2, max_length=5)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> PolygonGoalFile:
+        StatesFile(lower=self.lower, upper=self.upper)
+        return self
+
+
 def _kind_of_place(value: Any) -> str:
-    """Tell whether a place or a box of states is meant, so that only its errors are told."""
-    return "states" if isinstance(value, dict | StatesFile) else "place"
+    """Tell whether a place, a box of states or a polygon is meant, so that only its errors are told."""
+    if isinstance(value, dict):
+        return "outline" if {"points", "shape"} & value.keys() else "states"
+    if isinstance(value, StatesFile | PolygonGoalFile):
+        return "states" if isinstance(value, StatesFile) else "outline"
+    return "corners" if isinstance(value, list) and any(isinstance(one, list) for one in value) else "place"
 
 
 StartFile = Annotated[
     Annotated[Pose, Tag("place")] | Annotated[StatesFile, Tag("states")], Discriminator(_kind_of_place)
 ]
 GoalFile = Annotated[
-    Annotated[Point, Tag("place")] | Annotated[StatesFile, Tag("states")], Discriminator(_kind_of_place)
+    Annotated[Point, Tag("place")]
+    | Annotated[StatesFile, Tag("states")]
+    | Annotated[PolygonGoalFile, Tag("outline")]
+    | Annotated[list[Point], Field(min_length=3), Tag("corners")],
+    Discriminator(_kind_of_place),
 ]
 
 
@@ -156,7 +178,10 @@ class ScenarioFile(Strict):
 
     name: str = ""
     start: StartFile = Field(description="a pose, or a box of states (`viatool mission` alone)")
-    goal: GoalFile = Field(description="a point, or a box of states (`viatool mission` alone)")
+    goal: GoalFile = Field(
+        description="a point; or, for `viatool mission` alone, a box of states, the corners of a polygon, or a polygon "
+        "with limits of heading and speeds"
+    )
     deadline: Positive | None = Field(
         default=None, description="seconds within which, or at which, every run of a mission has arrived"
     )

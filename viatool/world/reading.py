@@ -6,6 +6,7 @@ import hashlib
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from viatool.world.generator import ScenarioGenerator
 from viatool.world.map_file import Unknown
 from viatool.world.map_server import ServedMap, is_map_server_file, read_map_server
 from viatool.world.obstacle_shapes import Arena, ObstacleShape
+from viatool.world.rings import LARGEST, simple_polygon
 from viatool.world.robot import ROBOTS, Footprint, Robot
 from viatool.world.scenario import Scenario, StateRange
 from viatool.world.scenes import Scenes
@@ -219,28 +221,46 @@ def _scenarios(document: YamlDocument, given: Sequence[file.ScenarioFile]) -> tu
                 "give every scenario its own name",
             )
         obstacles, _ = _obstacles(document, scenario.obstacles, ("scenarios", index, "obstacles"))
-        starts, region = _states(scenario.start), _states(scenario.goal)
-        x, y, theta = scenario.start if isinstance(scenario.start, tuple) else _middle(scenario.start, 3)
-        goal_x, goal_y = scenario.goal if isinstance(scenario.goal, tuple) else _middle(scenario.goal, 2)
+        place = ("scenarios", index, "goal")
+        starts = _states(scenario.start)
+        region = located(document, place, partial(_region, scenario.goal))
+        x, y, theta = scenario.start if isinstance(scenario.start, tuple) else _middle(starts, 3)
+        goal_x, goal_y = scenario.goal if isinstance(scenario.goal, tuple) else _middle(region, 2)
         when = scenario.deadline, scenario.arrive
         scenarios.append(Scenario(name, (x, y, theta), (goal_x, goal_y), obstacles, starts, region, *when))
     return tuple(scenarios)
 
 
-def _middle(given: file.StatesFile, count: int) -> tuple[float, ...]:
+def _middle(states: StateRange | None, count: int) -> tuple[float, ...]:
     """Return the first numbers of the middle of a box of states."""
-    box = _states(given)
-    assert box is not None
-    return box.middle[:count]
+    assert states is not None
+    return states.middle[:count]
 
 
-def _states(given: file.StatesFile | tuple[float, ...]) -> StateRange | None:
+def _states(given: file.StatesFile | file.PolygonGoalFile | tuple[float, ...]) -> StateRange | None:
     """Return a box of states; None for a place."""
     if isinstance(given, tuple):
         return None
     lower = tuple(-np.inf if end is None else end for end in given.lower)
     upper = tuple(np.inf if end is None else end for end in given.upper)
     return StateRange(lower, upper)
+
+
+def _region(given: file.GoalFile) -> StateRange | None:
+    """Return the states of a goal; None for a place."""
+    if isinstance(given, list):
+        given = file.PolygonGoalFile(points=given)
+    states = _states(given)
+    if states is None or isinstance(given, file.StatesFile):
+        return states
+    assert isinstance(given, file.PolygonGoalFile)
+    ring = simple_polygon(given.points, "the polygon")
+    region = replace(states, outline=tuple((float(x), float(y)) for x, y in ring))
+    if region.places((-LARGEST, -LARGEST, LARGEST, LARGEST)).is_empty:
+        raise MapError(
+            "holds no place: `lower` and `upper` keep x and y out of the polygon", "leave them null"
+        )
+    return region
 
 
 def _stated(content: file.MapFile) -> frozenset[str]:
@@ -339,10 +359,20 @@ def _check_free_space(document: YamlDocument, world: WorldMap) -> None:
                 f"(scenario '{scenario.name}')",
                 "move the start into free space",
             )
-        if blocked[number] and scenario.region is None:
+        region = scenario.region
+        if blocked[number] if region is None else _is_covered(region, world, scenes, number):
             raise wrong(
                 document,
                 ("scenarios", number, "goal"),
                 f"lies in an obstacle or outside the arena (scenario '{scenario.name}')",
                 "move the goal into free space",
             )
+
+
+def _is_covered(region: StateRange, world: WorldMap, scenes: Scenes, number: int) -> bool:
+    """Tell whether every place of a goal lies in an obstacle or outside the arena."""
+    left, right = np.array(world.bounds[:2]), np.array(world.bounds[2:])
+    margin = 1.0 + float((right - left).max())
+    bounds = (*(left - margin).tolist(), *(right + margin).tolist())
+    places = region.places(bounds)
+    return bool(places.is_empty or scenes.shapely(number, margin=margin).covers(places))

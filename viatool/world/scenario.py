@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -11,6 +11,9 @@ from viatool.arrays import Floats
 from viatool.errors import ConfigurationError, MapError
 from viatool.world.rings import LARGEST, fit
 from viatool.world.shapes import Obstacles
+
+if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
 
 STATE = ("x", "y", "theta", "v", "omega")
 """The numbers of a state of a scenario, in their order: m, m, rad, m/s and rad/s."""
@@ -24,26 +27,51 @@ class StateRange:
     ----------
     lower, upper : tuple of float
         Ends of the first numbers of `STATE`; infinite where nothing is asked, as it is of those that are missing.
+    outline : tuple of pairs
+        Corners of a simple polygon in which x and y lie as well; none where the ends alone limit them.
     """
 
     lower: tuple[float, ...]
     upper: tuple[float, ...]
+    outline: tuple[tuple[float, float], ...] = ()
 
     @property
     def middle(self) -> tuple[float, ...]:
-        """Return the middle; of a half-open range its end, and 0 of one that is open to both sides."""
+        """Return the middle; of a half-open range its end, and 0 of one that is open to both sides.
+
+        Of a polygon it is a place inside: its centroid, if that is one.
+        """
         ends = np.array([self.lower, self.upper])
         ends = np.where(np.isfinite(ends), ends, ends[::-1])
-        return tuple(np.where(np.isfinite(ends), ends, 0.0).mean(axis=0).tolist())
+        middle = np.where(np.isfinite(ends), ends, 0.0).mean(axis=0)
+        if self.outline:
+            places = self.places((-LARGEST, -LARGEST, LARGEST, LARGEST))
+            inside = places.contains(places.centroid)
+            at = places.centroid if inside else places.representative_point()
+            middle[:2] = (at.x, at.y) if not places.is_empty else middle[:2]
+        return tuple(middle.tolist())
+
+    def places(self, bounds: tuple[float, float, float, float]) -> BaseGeometry:
+        """Return where x and y may be, within least x, y and largest x, y, as a shapely geometry."""
+        import shapely
+
+        low = np.clip(self.lower[:2], bounds[:2], bounds[2:])
+        high = np.clip(self.upper[:2], bounds[:2], bounds[2:])
+        ends = shapely.box(*low, *high)
+        return ends.intersection(shapely.Polygon(self.outline)) if self.outline else ends
 
     def words(self) -> str:
         """Return the ranges in words."""
         units = ("m", "m", "rad", "m/s", "rad/s")
         parts = zip(STATE, self.lower, self.upper, units, strict=False)
+        outline = [f"a polygon of {len(self.outline)} corners"] if self.outline else []
         return ", ".join(
-            f"{name} {low:g} to {high:g} {unit}"
-            for name, low, high, unit in parts
-            if low > -np.inf or high < np.inf
+            outline
+            + [
+                f"{name} {low:g} to {high:g} {unit}"
+                for name, low, high, unit in parts
+                if low > -np.inf or high < np.inf
+            ]
         )
 
     def ends(self, names: tuple[str, ...]) -> Floats:

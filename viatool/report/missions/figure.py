@@ -8,7 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Patch, Rectangle
+from matplotlib.patches import Circle, Patch, PathPatch
+from matplotlib.path import Path
 
 from viatool.report.drawing import INK, WALL, draw_floor, draw_obstacles, draw_task
 from viatool.report.foreign import one_line
@@ -67,7 +68,8 @@ def _goal(mission: Mission, missions: Missions) -> Patch:
     region = mission.scenario.region
     if region is None:
         return Circle(mission.scenario.goal, missions.goal_radius, **look)
-    arena = missions.world_map.bounds
-    low = np.clip(region.lower[:2], arena[:2], arena[2:])
-    high = np.clip(region.upper[:2], arena[:2], arena[2:])
-    return Rectangle((float(low[0]), float(low[1])), *(high - low).tolist(), **look)
+    import shapely
+
+    places = shapely.get_parts(region.places(missions.world_map.bounds))
+    rings = [np.array(place.exterior.coords) for place in places if place.geom_type == "Polygon"]
+    return PathPatch(Path.make_compound_path(*(Path(ring) for ring in rings)), **look)
