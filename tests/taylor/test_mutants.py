@@ -498,8 +498,10 @@ MUTANTS = [
         ranges("Selu", 1), "curve.Curve.enclose", "(x >= left) & (x <= right)", "(x >= left) & (x < right)"
     ),
     Mutant(ranges("Abs", 1), "curve.CurveCells.locate", "last += upper >= edge", "last += upper > edge"),
-    Mutant(ranges("Abs", 0), "curve.StraightLines.range", "self.breaks", "()"),
-    Mutant(ranges("LeakyRelu", 0), "curve.StraightLines.enclose", "step_down(lower, 2) - slack", "lower"),
+    Mutant(ranges("Abs", 0), "straight_lines.StraightLines.range", "self.breaks", "()"),
+    Mutant(
+        ranges("LeakyRelu", 0), "straight_lines.StraightLines.enclose", "step_down(lower, 2) - slack", "lower"
+    ),
     Mutant(
         ranges("HardSwish", 1),
         "curve._hull_table",

@@ -19,14 +19,11 @@ import sympy
 
 from viatool.arrays import Booleans, Floats, Indices
 from viatool.policy.activations import FLOAT_MODULES, ActivationFunction, X
-from viatool.rounding import LAST_PLACE
-from viatool.taylor.interval import ENCLOSED_FUNCTIONS, Interval, interval_of, step_down, step_up
+from viatool.taylor.interval import ENCLOSED_FUNCTIONS, Interval, interval_of
+from viatool.taylor.straight_lines import EVERYWHERE, StraightLines
 
 REACH = 1e100
 """Pre-activations beyond this magnitude are not enclosed where a function is curved."""
-
-_EVERYWHERE = float(np.finfo(np.float64).max)
-"""What is piecewise linear is known wherever a number is."""
 
 RISING, FALLING, CONSTANT, UNKNOWN = 1, -1, 0, 2
 
@@ -75,68 +72,6 @@ class CurveCells:
         return bool((self.kinds == CONSTANT).all())
 
 
-@dataclass(frozen=True, eq=False)
-class StraightLines:
-    """A continuous curve of K straight lines, ``slope x + shift``, from left to right.
-
-    Parameters
-    ----------
-    breaks : ndarray
-        ``(K-1,)`` where lines meet.
-    slopes : ndarray
-        ``(K,)`` exact.
-    lowest, highest : ndarray
-        ``(K,)`` bounds of the shifts.
-    """
-
-    breaks: Floats
-    slopes: Floats
-    lowest: Floats
-    highest: Floats
-
-    @cached_property
-    def _rounded(self) -> Booleans:
-        """Tell on which lines a value may be rounded, (K,); not where it is 0, the argument or its negative."""
-        exact = np.isin(self.slopes, (-1.0, 0.0, 1.0)) & (self.lowest == 0.0) & (self.highest == 0.0)
-        return np.asarray(~exact)
-
-    def enclose(self, x: Floats) -> Interval:
-        """Enclose the curve at points. **Sound:** yes."""
-        line = self.at(x)
-        slope = self.slopes[line]
-        moved = np.where(slope == 0.0, 0.0, slope * x)  # also of an unlimited x
-        if not self._rounded.any():
-            return Interval(moved, moved)
-        lower, upper = moved + self.lowest[line], moved + self.highest[line]
-        slack = 2.0 * LAST_PLACE * np.minimum(np.abs(moved), _EVERYWHERE)
-        rounded = self._rounded[line]
-        return Interval(
-            np.where(rounded, step_down(lower, 2) - slack, lower),
-            np.where(rounded, step_up(upper, 2) + slack, upper),
-        )
-
-    def range(self, lower: Floats, upper: Floats) -> Interval:
-        """Enclose the curve over intervals; everything over one with an end that is no number. **Sound:** yes."""
-        edges = () if self._is_increasing else self.breaks
-        found = self.enclose(np.stack([lower, upper, *(np.clip(edge, lower, upper) for edge in edges)]))
-        known = (lower >= -_EVERYWHERE) & (upper <= _EVERYWHERE)
-        return Interval(
-            np.where(known, found.lower.min(axis=0), -np.inf),
-            np.where(known, found.upper.max(axis=0), np.inf),
-        )
-
-    @cached_property
-    def _is_increasing(self) -> bool:
-        return bool((self.slopes >= 0.0).all())
-
-    def at(self, x: Floats) -> Indices:
-        """Return the line of each point; where two meet, the right one."""
-        line = np.zeros(x.shape, dtype=np.intp)
-        for edge in self.breaks.tolist():
-            line += x >= edge
-        return line
-
-
 class Curve:
     """An activation with proved enclosures of its value and of its derivatives.
 
@@ -149,7 +84,7 @@ class Curve:
     def __init__(self, function: ActivationFunction) -> None:
         self.function = function
         self.breaks, expressions = _smooth_pieces(function)
-        self.reach = _EVERYWHERE if _are_straight(expressions) else REACH
+        self.reach = EVERYWHERE if _are_straight(expressions) else REACH
         self._derivatives: list[list[sympy.Expr]] = [expressions]
         self._enclosed: dict[int, list[Callable[[Interval], Interval]]] = {}
         self._floats: dict[int, list[Callable[[Floats], Floats]]] = {}
@@ -335,7 +270,7 @@ def _smooth_pieces(function: ActivationFunction) -> tuple[Floats, list[sympy.Exp
     if not expression.is_Piecewise:
         return np.empty(0), [expression]
     straight = _are_straight([branch for branch, _ in expression.args])
-    reach = _EVERYWHERE if straight else REACH
+    reach = EVERYWHERE if straight else REACH
     bounds = {float(bound) for _, condition in expression.args for bound in _thresholds(condition)}
     breaks = sorted(bound for bound in bounds if abs(bound) < reach)
     probes = [a / 2 + b / 2 for a, b in pairwise([-reach, *breaks, reach])]
