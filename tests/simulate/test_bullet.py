@@ -15,6 +15,7 @@ from viatool.policy.specification import ObservationChannel
 from viatool.setting.reconcile import with_robot
 from viatool.simulate import Conditions, NavigationSimulator, Simulator, make_simulator
 from viatool.simulate.models import MODELS
+from viatool.uncertainty import ErrorModel
 from viatool.world import ROBOTS, Footprint, Lidar, Obstacles, Scenario, Scenes, WorldMap, load_map
 
 if WITHOUT_PYBULLET:
@@ -47,6 +48,22 @@ def free_poses(world_map: WorldMap, scenario: Scenario | None, count: int, seed:
     drawn = rng.uniform((x_min, y_min, -np.pi), (x_max, y_max, np.pi), (40 * count, 3))
     scenes = Scenes.of(world_map, [scenario])
     return drawn[scenes.clearance(drawn[:, :2], np.zeros(len(drawn), int)) > 0.35][:count]
+
+
+@pytest.mark.parametrize("term", [{"angle": 0.3}, {"thin": 2.0}], ids=lambda term: next(iter(term)))
+def test_an_analytic_lidar_errs_as_a_whole_in_both_engines(lab: WorldMap, term: dict[str, float]) -> None:
+    scenarios, seen = [lab.scenarios[0]], []
+    errors = ErrorModel.model_validate({"sensor": {"lidar": term}})
+    for engine, model in (("kinematic", errors), ("bullet", errors), ("bullet", ErrorModel())):
+        lidar = None if engine == "kinematic" else "analytic"
+        simulator = make_simulator(
+            engine, lab, 1, lidar=lidar, scenarios=scenarios, noise=0.0, errors=model, adversary=True, seed=3
+        )
+        seen.append(simulator.reset())
+        simulator.close()
+    kinematic, bullet, plain = seen
+    assert bullet == pytest.approx(kinematic, abs=1e-6)
+    assert np.abs(bullet - plain).max() > 0.05
 
 
 @pytest.mark.parametrize("name", MAPS)

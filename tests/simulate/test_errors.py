@@ -256,6 +256,7 @@ def test_simulate_takes_a_model_and_verify_its_trajectory(tmp_path: Path) -> Non
         ("obstacles: {speed: 1.0}", ["--engine", "bullet"], "obstacles.speed"),
         ("obstacles: {speed: 1.0}", ["--record", "film.gif"], "--record"),
         ("timing: {sensing: 0.1}", ["--engine", "bullet"], "simulate with bullet"),
+        ("sensor: {lidar: {angle: 0.1}}", ["--engine", "bullet"], "simulate with bullet"),
         ("sensor: {sonar: {absolute: 0.1}}", [], "sonar"),
         ("timing: {sensing: 0.1}", ["--acceleration", "1"], "acceleration"),
     ],

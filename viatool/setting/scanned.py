@@ -56,7 +56,7 @@ def check_scans(model: ErrorModel, world_map: WorldMap, job: str) -> None:
             "account for recorded states: what another scan would be depends on where things were",
             "leave one of them out, or certify",
         )
-    if thin and moving and job == "simulate":
+    if thin and moving and job.startswith("simulate"):
         raise ConfigurationError(
             f"{model.source}: sensor.{thin[0]}.thin and {moving[0]} together are not simulated",
             "leave one of them out",

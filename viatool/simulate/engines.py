@@ -53,9 +53,11 @@ def make_simulator(
     return BulletSimulator(world_map, robots, workers=workers, lidar=lidar or "rays", **settings)  # type: ignore[arg-type]
 
 
-def job_of(engine: str) -> str:
+def job_of(engine: str, lidar: str | None = None) -> str:
     """Return what simulating with an engine is called where error models are refused."""
-    return "simulate" if engine == "kinematic" else f"simulate with {engine}"
+    if engine == "kinematic":
+        return "simulate"
+    return f"simulate with {engine}" + (" and an analytic LiDAR" if lidar == "analytic" else "")
 
 
 def check_engine(engine: str, lidar: str | None = None) -> None:

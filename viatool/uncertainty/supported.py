@@ -36,4 +36,5 @@ SUPPORTED: dict[str, frozenset[str]] = {
     "mission": _OVER_SETS | _START | MOTION,
     "simulate": _DRAWN | MOTION | _SHOWN | _SENSOR | {"obstacles.people"},
     "simulate with bullet": _DRAWN,
+    "simulate with bullet and an analytic LiDAR": _DRAWN | _SENSOR,
 }
