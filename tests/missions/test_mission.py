@@ -293,7 +293,7 @@ def test_starts_of_the_error_model_are_those_of_the_option(hall, dodging, proved
         ({"time_limit": 0.01}, "time limit is 0.01 s"),
         ({"criterion": "sampled"}, "proves nothing"),
         ({"start_error": (-0.1, 0.0)}, "start error"),
-        ({"errors": ErrorModel.model_validate({"obstacles": {"speed": 1.0}})}, "obstacles.speed"),
+        ({"errors": ErrorModel.model_validate({"obstacles": {"returns": 1.0}})}, "obstacles.returns"),
     ],
 )
 def test_what_cannot_be_asked_is_refused_before_any_work(hall, dodging, given, said):

@@ -146,7 +146,7 @@ def test_missions_are_proved_within_a_pose_error_and_a_bias_and_hold_the_runs_of
 def test_terms_that_are_not_followed_over_time_are_refused_by_name():
     for terms, named in (
         ({"actuation": {"linear_acceleration": {"absolute": 0.1}}}, "actuation.linear_acceleration"),
-        ({"obstacles": {"speed": 0.1}}, "obstacles.speed"),
+        ({"obstacles": {"returns": 0.1}}, "obstacles.returns"),
     ):
         with pytest.raises(ConfigurationError, match=named):
             viatool.verify(POLICY, LAB, eps=EPS, errors=ErrorModel.model_validate(terms), horizon=2)

@@ -69,6 +69,8 @@ class ClosedLoop:
         What it observes.
     around : Vicinity
         What is around the robot in the scenario.
+    scenario : Scenario
+        Which.
     arithmetic : str
         Contract of the bounds.
     """
@@ -77,6 +79,7 @@ class ClosedLoop:
     setting: Setting
     sensors: Sensors
     around: Vicinity
+    scenario: Scenario
     arithmetic: Arithmetic = "float32"
 
     @classmethod
@@ -110,7 +113,7 @@ class ClosedLoop:
             around.loose,
             Recollection.of(policy, setting, episode),
         )
-        return cls(setting.commanding(policy), setting, sensors, around, arithmetic)
+        return cls(setting.commanding(policy), setting, sensors, around, scenario, arithmetic)
 
     @property
     def geometry(self) -> ScenePoses:

@@ -49,7 +49,7 @@ def clearance_kept(
         some = cells.poses.select(rest)
         proved[rest] = loop.keeps(motion.select(rest), some, lower[rest], upper[rest])
         return least, proved
-    least = enclose(boxes, loop.at(cells.poses), rules.manoeuvre, rules.footprint).least
+    least = enclose(boxes, loop.among_all(cells.poses), rules.manoeuvre, rules.footprint).least
     strayed = rules.strayed(*held)
     if strayed is not None:
         least = least - strayed.nearer(rules.footprint.reach)
@@ -64,5 +64,5 @@ def begins_clear(loop: ClosedLoop, boxes: PoseBoxes) -> Booleans:
     rules = loop.rules
     still = rules.standing(len(boxes))
     return prove_clearance(
-        loop.at(boxes), still, still, rules.clearance.collision, rules.manoeuvre, rules.footprint
+        loop.among_all(boxes), still, still, rules.clearance.collision, rules.manoeuvre, rules.footprint
     ).proved

@@ -16,13 +16,14 @@ that is not proved.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from viatool.arrays import Booleans, Floats, Indices
 from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.destination import Destination, NearPlace
+from viatool.loop.elapsed import loop_after
 from viatool.loop.horizon import Horizon, Tubes
 from viatool.loop.keeping import begins_clear, clearance_kept
 from viatool.loop.sectors import TubeParts, cut_by_heading
@@ -111,8 +112,9 @@ class TubeFollower:
         parts = parts.select(~self.arrived(parts))
         begins_clear = self._all_clear(parts, count)
         for k in range(steps):
-            after = step(self.loop, states_of(parts.cells), told.after(k).select(parts.tube))
-            clearance[:, k], kept[:, k] = self._clearance(parts, after, count)
+            here = replace(self, loop=loop_after(self.loop, k))
+            after = step(here.loop, states_of(parts.cells), told.after(k).select(parts.tube))
+            clearance[:, k], kept[:, k] = here._clearance(parts, after, count)
             bounds = after.bounds(parts.lower[:, :3], parts.upper[:, :3])
             parts = self._cut(parts.tube[after.origin], after.states, bounds)
             ends = parts.hulls(count)
@@ -120,7 +122,7 @@ class TubeFollower:
             parts = parts.select(~self.arrived(parts))
             doubtful = ~kept[parts.tube, k]
             ended = np.zeros(len(parts), dtype=bool)
-            ended[doubtful] = self.loop.blocked(parts.select(doubtful).cells.poses)
+            ended[doubtful] = here.loop.blocked(parts.select(doubtful).cells.poses)
             parts = parts.select(~ended)
             if not len(parts):
                 kept[:, k + 1 :] = True  # of tubes that are proved so far, none had a part that collided

@@ -18,13 +18,14 @@ with the next, finer sides; what was found before is not needed.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from viatool.arrays import Booleans, Floats, Indices
 from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.destination import Destination, NearPlace
+from viatool.loop.elapsed import loop_after
 from viatool.loop.keeping import begins_clear, clearance_kept
 from viatool.loop.sectors import TubeParts
 from viatool.loop.successor import LoopStep, states_of, step
@@ -175,8 +176,9 @@ class MissionFollower:
             return trace.ended(0, f"{TOO_NEAR} at the start")
         for k in range(1, self.limits.steps + 1):
             check_time()
-            after = step(self.loop, states_of(parts.cells), self.told(len(parts)).after(k - 1))
-            clearance, clear = self._clearance_of_each(parts, after)
+            here = replace(self, loop=loop_after(self.loop, k - 1))
+            after = step(here.loop, states_of(parts.cells), self.told(len(parts)).after(k - 1))
+            clearance, clear = here._clearance_of_each(parts, after)
             trace.clearance = min(trace.clearance, float(clearance.min(initial=np.inf)))
             if not clear.all():
                 return trace.ended(k, f"{TOO_NEAR} in {place_words(parts.select(after.origin[~clear]))}")

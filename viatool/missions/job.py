@@ -13,6 +13,7 @@ import numpy as np
 
 from viatool.errors import ConfigurationError
 from viatool.loop.closed_loop import ClosedLoop
+from viatool.loop.elapsed import check_moving_on
 from viatool.loop.told import told_of_time
 from viatool.missions.follow import MissionLimits
 from viatool.missions.verdicts import Mission, Missions
@@ -147,7 +148,8 @@ def mission(
     examination = MissionExamination(policy, setting.bare(), error, radius, limits, arithmetic, seed)
     _check_starts(examination, setting, chosen)
     # refuses what cannot be enclosed, before any work
-    ClosedLoop.of(policy, setting, chosen[0], arithmetic, episode=limits.steps)
+    loop = ClosedLoop.of(policy, setting, chosen[0], arithmetic, episode=limits.steps)
+    check_moving_on(setting, loop.sensors.quantities)
     found = (campaign or Campaign()).carry_out(
         MissionWork(examination, chosen), progress or ignore, until=until
     )

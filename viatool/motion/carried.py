@@ -73,10 +73,15 @@ def recorded_ends(
 
 def farthest(machine: Machine) -> tuple[float, float]:
     """Return how fast robots are at most, in m/s, and how far they get from an observation on, in metres, at most."""
-    before = np.full((1, machine.timing.commands, len(machine.kinematics.axes)), np.nan)
     largest = np.maximum(*np.abs(machine.reachable))
     fastest = float(np.hypot(largest[0], largest[1])) * (1.0 + machine.actuation.slip) * SLIGHTLY_MORE
-    return fastest, float(ActuatedMotion(machine, (before, before)).longest[0])
+    return fastest, float(unknown_motion(machine).longest[0])
+
+
+def unknown_motion(machine: Machine) -> ActuatedMotion:
+    """Return what one robot may do of which nothing is known."""
+    before = np.full((1, machine.timing.commands, len(machine.kinematics.axes)), np.nan)
+    return ActuatedMotion(machine, (before, before))
 
 
 def in_axes(machine: Machine, parts: Floats) -> Floats:

@@ -50,7 +50,7 @@ def check_scans(model: ErrorModel, world_map: WorldMap, job: str) -> None:
             "none is thin",
             "draw the thin obstacles as shapes of a native map, or leave the term out",
         )
-    if whole and job == "verify" and any(model.obstacles.roams.values()):
+    if whole and job.startswith("verify") and any(model.obstacles.roams.values()):
         raise ConfigurationError(
             f"{model.source}: sensor.{whole[0][0]}.{whole[0][1]} and obstacles.roams together are not taken into "
             "account for recorded states: what another scan would be depends on where things were",

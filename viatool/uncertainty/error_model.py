@@ -175,6 +175,11 @@ class ObstacleTerms(ErrorTerms):
         "nothing is where the LiDAR does not look",
     )
 
+    @property
+    def moves_on(self) -> bool:
+        """Tell whether obstacles of the map move without a bound of how far."""
+        return bool(self.speed) or any(self.named.values())
+
     def freedom(self, name: str) -> tuple[float, float]:
         """Return how far an obstacle of the map may be from its place at any time, in m, or how fast it moves, in m/s.
 

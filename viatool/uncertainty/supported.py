@@ -31,9 +31,9 @@ _OVER_SETS = _SENSOR | _POSE
 
 SUPPORTED: dict[str, frozenset[str]] = {
     "verify": _SENSOR | MOTION | _POSE | _MOVING,
-    "verify with a horizon": _OVER_SETS | _START | MOTION,
+    "verify with a horizon": _OVER_SETS | _START | MOTION | _SHOWN,
     "certify": _SENSOR | MOTION | _POSE | _SHOWN,
-    "mission": _OVER_SETS | _START | MOTION,
+    "mission": _OVER_SETS | _START | MOTION | _SHOWN,
     "simulate": _DRAWN | MOTION | _SHOWN | _SENSOR | {"obstacles.people"},
     "simulate with bullet": _DRAWN,
     "simulate with bullet and an analytic LiDAR": _DRAWN | _SENSOR,

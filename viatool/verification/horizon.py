@@ -62,7 +62,9 @@ class HorizonExamination:
 
         Of a robot whose motion has a state, begun are the ends (B, 2, S) of that.
         """
-        rules, horizon = self.setting.rules, self.horizon
+        rules, horizon, moving = self.setting.rules, self.horizon, self.setting.uncertainty.obstacles
+        if moving.moves_on or any(moving.roams.values()):
+            return np.zeros(len(placed), dtype=bool)
         away = placed.still.clearance(placed.poses[:, :2], placed.scene) - rules.footprint.reach
         lower, upper = (np.broadcast_to(end, (len(away), len(end))) for end in (rules.lower, rules.upper))
         known = np.ones(len(away), dtype=bool)
@@ -143,6 +145,8 @@ class HorizonExamination:
                 rows = rows[np.isfinite(commands[rows]).all(axis=1)]
                 sent = commands[rows]
             where = first + rows, poses[rows], middle[rows], sent, told.select(rows)
-            if rules.over_time is None:  # a run of motors and timing that are drawn could not be driven again
+            if (
+                rules.over_time is None and follower.loop.around.moving is None
+            ):  # else none could be driven again
                 crashes.append(search_crashes(follower, *where, seed=(seed, first, index)))
         return tubes, Crashes.join(crashes)

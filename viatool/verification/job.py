@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 from viatool.arrays import Booleans, Indices
 from viatool.errors import ConfigurationError
+from viatool.loop.elapsed import check_moving_on
 from viatool.loop.horizon import Horizon
 from viatool.loop.knowable import require_known_over_poses
 from viatool.policy import Policy, PolicySpecification, load_policy
@@ -182,7 +183,7 @@ def verify(
         if horizon is not None:
             horizon = Horizon(horizon) if isinstance(horizon, int) else horizon
             horizon = horizon.beginning(setting.uncertainty)
-            require_known_over_poses(setting)
+            check_moving_on(setting, require_known_over_poses(setting))
     with clock.timed("trajectory"):
         trajectory = as_received(setting, source.states(policy, setting))
         if setting.pose_radii.any() and "goal" in setting.quantities.needs:
