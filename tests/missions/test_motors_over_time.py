@@ -264,6 +264,7 @@ def test_a_time_limit_counts_the_longest_intervals(hall, dodging):
     ("change", "message"),
     [
         ({"arrive": "at", "deadline": 7.0}, "need not end then"),
+        ({"starts": ((-1.5, -2.0, 0.0, 0.4), (-1.5, -2.0, 0.0, 0.6))}, "has v from 0.4 to 0.6"),
         (
             {"region": ((1.0, -3.0, -4.0, 0.0), (2.0, -1.0, 4.0, 0.5))},
             "limits v, which is not what was commanded",
@@ -271,8 +272,7 @@ def test_a_time_limit_counts_the_longest_intervals(hall, dodging):
     ],
 )
 def test_what_varying_time_leaves_open_is_refused_by_name(hall, dodging, change, message):
-    if "region" in change:
-        change = {"region": StateRange(*change["region"])}
+    change = {name: StateRange(*box) if isinstance(box, tuple) else box for name, box in change.items()}
     one = replace(hall.scenarios[1], **change)
     errors = asked({"timing": {"interval": [0.09, 0.11]}})
     with pytest.raises(ConfigurationError, match=message):
@@ -302,3 +302,16 @@ def test_verify_follows_recorded_states_with_motors_and_a_delay():
         later = later - turn[:, None] * [0.0, 0.0, 1.0]
         assert (later >= tubes.lower[5 : len(driven) - 5, k] - ROUNDING).all()
         assert (later <= tubes.upper[5 : len(driven) - 5, k] + ROUNDING).all()
+
+
+def test_a_mission_begins_with_the_speed_that_its_start_names(hall, dodging):
+    """Runs that begin at half of their speed, told so for long, are held; those at rest are not."""
+    terms, motors = SLOW["limits"]
+    one = replace(
+        hall.scenarios[1], starts=StateRange((-1.5, -2.0, 0.0, 0.25, 0.0), (-1.5, -2.0, 0.0, 0.25, 0.0))
+    )
+    (found,) = viatool.mission(dodging, hall, eps=EPS, errors=asked(terms), scenarios=[one], time_limit=9.0)
+    assert found.verdict == "proved"
+    poses, before = np.repeat([one.start], 300, axis=0), np.repeat([[0.25, 0.0, 0.0]], 300, axis=0)
+    assert in_tube(found, runs(dodging, hall, one, (poses, before), motors, found.steps)[0]) < ROUNDING
+    assert in_tube(found, runs(dodging, hall, one, (poses, 0.0 * before), motors, 6)[0]) > 1e-3

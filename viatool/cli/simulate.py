@@ -128,7 +128,9 @@ def _simulate(given: Mapping[str, Any]) -> Simulation:
         delay=given["delay"] or 0.0,
         errors=errors,
     )
-    setting = Setting.of(policy, world_map, 0.0, wishes, scenarios, job=job_of(given["engine"], given["lidar"]))
+    setting = Setting.of(
+        policy, world_map, 0.0, wishes, scenarios, job=job_of(given["engine"], given["lidar"])
+    )
     with show_progress(quiet=given["quiet"]) as progress:
         return simulate(
             policy,

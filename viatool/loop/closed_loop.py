@@ -94,17 +94,15 @@ class ClosedLoop:
     ) -> ClosedLoop:
         """Ask about a scenario of a map, in an episode of so many control intervals, if that is known."""
         world_map, observed = setting.world_map, require_known_over_poses(setting)
-        around = Vicinity.of(world_map, scenario, setting.uncertainty)
+        around, roams = (
+            Vicinity.of(world_map, scenario, setting.uncertainty),
+            setting.uncertainty.obstacles.roams,
+        )
         errors = setting.reading_errors.over_sets(setting.pose_radii)
         check_roaming((lidar for lidar, _ in observed.lidars), setting.uncertainty)
         sensors = Sensors(
             as_far_as_told_apart(observed, policy, setting, errors, arithmetic),
-            Shapes.of(
-                world_map,
-                scenario,
-                setting.uncertainty.obstacles.roams,
-                measured=setting.reading_errors.passes,
-            ),
+            Shapes.of(world_map, scenario, roams, measured=setting.reading_errors.passes),
             around.everything.still,
             np.array(scenario.goal),
             setting.rules.footprint.holds_origin(setting.rules.clearance.collision),

@@ -53,7 +53,8 @@ def check_moving_on(setting: Setting, observed: Quantities) -> None:
     """
     if setting.uncertainty.obstacles.moves_on:
         somewhere = ErrorModel(obstacles=ObstacleTerms(roams={"": 1.0}), source=setting.uncertainty.source)
-        check_roaming((lidar for lidar, _ in observed.lidars), somewhere)
+        seeing = (lidar for lidar, _ in observed.lidars)
+        check_roaming(seeing, somewhere, "obstacles.speed and named, over time")
 
 
 def _roaming(setting: Setting, scenario: Scenario, seconds: float) -> tuple[WorldMap, Scenario, ErrorModel]:

@@ -71,8 +71,8 @@ class Vicinity:
         return replace(found, loose=around)
 
 
-def check_roaming(seeing: Iterable[LidarReadings], errors: ErrorModel) -> None:
-    """Refuse LiDARs of which a reading may fall when something is taken away.
+def check_roaming(seeing: Iterable[LidarReadings], errors: ErrorModel, term: str = "obstacles.roams") -> None:
+    """Refuse LiDARs of which a reading may fall when something is taken away, as a term of the model says.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def check_roaming(seeing: Iterable[LidarReadings], errors: ErrorModel) -> None:
         lidar = scanner.fan.lidar
         if lidar.no_return is not None and lidar.no_return < lidar.maximum_range:
             raise ConfigurationError(
-                f"{errors.source}: obstacles.roams: '{scanner.channel.name}' reads {lidar.no_return:g} m where nothing "
+                f"{errors.source}: {term}: '{scanner.channel.name}' reads {lidar.no_return:g} m where nothing "
                 "returns, and what is read where something may be or not is not known over a set of poses",
                 f"let it read {lidar.maximum_range:g} m or more there, or leave the term out",
             )

@@ -112,7 +112,9 @@ def attack(follower: MissionFollower, lower: Floats, upper: Floats, *, seed: int
             tubes, starts[:, :3], starts[:, 3:], errors, follower.told(count), seed=seed
         )
     arrived = _arrivals(follower, runs)
-    kept = ideal and loop.around.moving is None  # else what came near in a run, or what motors did, is not kept
+    kept = (
+        ideal and loop.around.moving is None
+    )  # else what came near in a run, or what motors did, is not kept
     crashes = nearest_crash(loop, runs) if kept else _no_crash(runs)
     if len(crashes) or not (kept and errors.any()) or _far(runs, loop.rules.clearance.collision):
         return MissionRuns(runs, arrived, crashes, seconds, ideal)

@@ -160,8 +160,8 @@ class MissionExamination:
             asked = [] if box is None else [(name, *box.ends((name,))[:, 0].tolist()) for name in STATE]
             for name, low, high in asked:
                 at_rest = what == "start" and low == high == 0.0
-                if what == "goal" and name in names[3:] and (low, high) != (-math.inf, math.inf):
-                    self._require_as_told(scenario, name)
+                if name in names[3:] and (low, high) != (-math.inf, math.inf):
+                    self._require_followed(scenario, what, name, low, high)
                 if name in names or (low, high) == (-math.inf, math.inf) or at_rest:
                     continue
                 raise ConfigurationError(
@@ -192,9 +192,22 @@ class MissionExamination:
                 "correct the deadline, or give another --interval",
             )
 
-    def _require_as_told(self, scenario: Scenario, name: str) -> None:
-        """Refuse goals that limit a speed where robots do not have the one that they are told to have."""
-        if self.setting.rules.over_time is not None:
+    def _require_followed(self, scenario: Scenario, what: str, name: str, low: float, high: float) -> None:
+        """Refuse speeds that are not followed where robots do not have the one that they are told to have.
+
+        Goals limit none of them, and runs begin with one that the robot may be told to have.
+        """
+        rules = self.setting.rules
+        if rules.over_time is None:
+            return
+        place = self._names.index(name) - len(POSE)
+        if what == "start" and not rules.lower[place] <= low <= high <= rules.upper[place]:
+            raise ConfigurationError(
+                f"the start of scenario '{scenario.name}' has {name} from {low:g} to {high:g}, and the robot is told "
+                f"{rules.lower[place]:g} to {rules.upper[place]:g}",
+                "let it begin within these",
+            )
+        if what == "goal":
             raise ConfigurationError(
                 f"the goal of scenario '{scenario.name}' limits {name}, which is not what was commanded where motors "
                 "and timing are those of an error model",
