@@ -15,7 +15,7 @@ from viatool.channels.drift import Drift
 from viatool.errors import ConfigurationError
 from viatool.safety.judged_states import JudgedStates
 from viatool.safety.scene_poses import ScenePoses
-from viatool.setting.admissible import explain
+from viatool.setting.explanation import explain
 from viatool.setting.rules import Rules
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes

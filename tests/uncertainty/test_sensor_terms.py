@@ -15,7 +15,8 @@ from tests.uncertainty.sampled import encoded, erred, observed, policy_of, readi
 from viatool.channels import reading_errors
 from viatool.errors import ConfigurationError
 from viatool.sets.forms import Forms
-from viatool.setting.admissible import AdmissibleSets, explain
+from viatool.setting.admissible import AdmissibleSets
+from viatool.setting.explanation import explain
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
 from viatool.simulate import roll_out

@@ -31,14 +31,11 @@ class CellProofs:
     ----------
     holds : ndarray
         (C,) bool: the policy's commands keep every free pose clear, whatever the sensors err.
-    without_losses : ndarray
-        (C,) bool: they do where every ray returns, so that no scan of all rays is a counterexample.
     commands : CommandBounds
         Where every ray returns.
     """
 
     holds: Booleans
-    without_losses: Booleans
     commands: CommandBounds
 
 
@@ -50,12 +47,11 @@ def prove_cells(loop: ClosedLoop, cells: StateBoxes) -> CellProofs:
     **Sound:** yes; what holds, holds for every choice of rays that return nothing.
     """
     commands = loop.commands(cells, complete=False)
-    without_losses = loop.all_hold(cells, commands.pieces)
-    holds = without_losses.copy()
+    holds = loop.all_hold(cells, commands.pieces)
     if loop.loses_rays and holds.any():
         rows = np.flatnonzero(holds)
         holds[rows] = _whatever_is_lost(loop, cells.select(rows), commands.select(rows))
-    return CellProofs(holds, without_losses, commands)
+    return CellProofs(holds, commands)
 
 
 def _whatever_is_lost(loop: ClosedLoop, cells: StateBoxes, commands: CommandBounds) -> Booleans:

@@ -93,19 +93,27 @@ class Sensors:
         return self.quantities.observe(self.read(poses, previous))
 
     def read(
-        self, poses: Floats, previous: Floats, command: Floats | None = None, told: Told = NOTHING
+        self,
+        poses: Floats,
+        previous: Floats,
+        command: Floats | None = None,
+        told: Told = NOTHING,
+        *,
+        believed: Floats | None = None,
     ) -> Floats:
         """Return what perfect sensors read at poses (B, 3) after commands (B, A), (B, n) in float64 rays.
 
-        Of a robot whose motion has a state, previous is that state (B, S); the command that led there may be given.
+        Of a robot whose motion has a state, previous is that state (B, S); the command that led there may be given. The
+        robots may believe other poses (B, 3).
         """
         scene = np.zeros(len(poses), np.int64)
         goals = np.broadcast_to(self.goal, (len(poses), 2))
         command, velocity = self.kinematics.recalled(previous, command)
         recalled = self.recollection.at(told, previous)
         view = View(
-            self.scenes, poses, scene, goals, command, velocity=velocity, eyes=see_precisely, **recalled
-        )
+            self.scenes, poses, scene, goals, command, believed=believed, velocity=velocity, eyes=see_precisely,
+            **recalled,
+        )  # fmt: skip
         return self.quantities.read(view)
 
     def _submerged(self, boxes: PoseBoxes) -> Booleans:

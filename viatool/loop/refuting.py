@@ -9,11 +9,14 @@ import numpy as np
 from viatool.arrays import Floats, Indices
 from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.command_bounds import CommandBounds
+from viatool.loop.deceived import Deceptions, known_readings
 from viatool.rounding import AS_RECEIVED
 from viatool.safety import JudgedStates, Witnesses, search_witnesses
 from viatool.schedule import check_time
 from viatool.sets.forms import PoseBoxes
 from viatool.sets.states import StateBoxes
+from viatool.setting.admissible import AdmissibleSets
+from viatool.setting.explanation import explain_known
 from viatool.setting.rules import Rules
 from viatool.taylor.propagation import Box
 
@@ -22,6 +25,8 @@ _TURNS = np.array([-1.0, 0.0, 1.0])
 _INSIDE = 1.0 - 1e-6
 _FRACTIONS = np.linspace(0.0, 1.0, 11)
 _BISECTIONS = 20
+_WAYS = 8
+"""In which sensors err as a whole, the first of which is not at all, of which the worst is searched."""
 _FREE = 1e-6
 """Metres by which the pose of a counterexample keeps the collision distance."""
 
@@ -68,29 +73,92 @@ def refute(loop: ClosedLoop, cells: StateBoxes, commands: CommandBounds, *, seed
 
     Notes
     -----
-    Sound: yes. The pose lies in the cell and keeps the collision distance by `_FREE`; the observation lies within
-    eps of what perfect sensors read there, rounded to float32; the command comes from onnxruntime, and fails.
+    Sound: yes. The pose lies in the cell and keeps the collision distance by `_FREE`; the observation is one that
+    sensors may make there within the error model, rounded to float32; the command comes from onnxruntime, and fails.
     """
-    setting, rules = loop.setting, loop.rules
     previous = 0.5 * (cells.previous_lower + cells.previous_upper)
     row, place = _nearest_places(loop, cells.poses)
     check_time()
     poses = _worst_poses(loop, cells.poses.select(row), place, previous[row])
-    if not len(row):
-        return Refutations(poses, previous[row], Witnesses.join([], len(setting.radii), previous.shape[1]))
-    readings = loop.sensors.read(poses, previous[row])
-    observations = loop.sensors.encode(readings).astype(setting.number).astype(np.float64)
-    radii = np.maximum(setting.radii - AS_RECEIVED * (1.0 + np.abs(readings).max(axis=0)), 0.0)
-    box = Box(*loop.sensors.quantities.inputs.around(readings, radii, within=True))
-    placed = loop.around.everything.throughout(poses)
-    under_way, begun = _known(rules, previous[row])
-    judged = JudgedStates(rules, placed, under_way, begun=begun)
-    check_time()
-    found = search_witnesses(
-        loop.driven, judged, np.arange(len(row)), observations, box,
-        commands.lower[row], commands.upper[row], seed=seed,
-    )  # fmt: skip
+    found = _Placed(loop, poses, previous[row], commands.select(row)).search(seed)
     return Refutations(poses[found.state], previous[row][found.state], replace(found, state=row[found.state]))
+
+
+@dataclass(frozen=True, eq=False)
+class _Placed:
+    """W robots that observe: their poses (W, 3), the commands before (W, A), and bounds of what they are commanded."""
+
+    loop: ClosedLoop
+    poses: Floats
+    previous: Floats
+    commands: CommandBounds
+
+    def search(self, seed: int) -> Witnesses:
+        """Look for counterexamples, in the way of sensors that err as a whole in which the nominal command is worst."""
+        setting, count = self.loop.setting, len(self.poses)
+        errors, deceived = setting.reading_errors, Deceptions.none(setting, self.poses)
+        if not count:
+            return Witnesses.join([], len(setting.radii), len(self.loop.rules.lower))
+        if errors.scans or setting.believes:
+            deceived = self._worst(np.random.default_rng(seed))
+        elif errors.is_box:
+            return self._search(*self._within_eps(), deceived, seed)
+        known = known_readings(self.loop, self.poses, self.previous, deceived)
+        sets = AdmissibleSets.of(errors, known)
+        found = self._search(_received(sets), sets, deceived, seed)
+        kept = [
+            explain_known(errors, known, state, seen) is not None
+            for state, seen in zip(found.state.tolist(), found.observation, strict=True)
+        ]
+        return found.select(np.flatnonzero(kept))
+
+    @property
+    def judged(self) -> JudgedStates:
+        """Return what is asked of them."""
+        placed = self.loop.around.everything.throughout(self.poses)
+        under_way, begun = _known(self.loop.rules, self.previous)
+        return JudgedStates(self.loop.rules, placed, under_way, begun=begun)
+
+    def _worst(self, generator: np.random.Generator) -> Deceptions:
+        """Return of some ways in which sensors err as a whole the one whose command comes nearest, for each."""
+        loop, setting, judged = self.loop, self.loop.setting, self.judged.nominal
+        ways = [Deceptions.none(setting, self.poses)]
+        ways += [Deceptions.drawn(setting, self.poses, generator) for _ in range(1, _WAYS)]
+        left = []
+        for deceived in ways:
+            check_time()
+            known = known_readings(loop, self.poses, self.previous, deceived, lossless=True)
+            actions = loop.rules.clip(
+                loop.driven(_received(AdmissibleSets.of(setting.reading_errors, known)))
+            )
+            left.append(judged.clearance(actions[:, None], _FRACTIONS).min(axis=(1, 2)))
+        return Deceptions.choose(np.argmin(left, axis=0), ways)
+
+    def _within_eps(self) -> tuple[Floats, Box]:
+        """Return observations, and the boxes around them where every reading errs by itself."""
+        loop, setting = self.loop, self.loop.setting
+        readings = loop.sensors.read(self.poses, self.previous)
+        observations = loop.sensors.encode(readings).astype(setting.number).astype(np.float64)
+        radii = np.maximum(setting.radii - AS_RECEIVED * (1.0 + np.abs(readings).max(axis=0)), 0.0)
+        return observations, Box(*loop.sensors.quantities.inputs.around(readings, radii, within=True))
+
+    def _search(
+        self, observations: Floats, box: Box | AdmissibleSets, deceived: Deceptions, seed: int
+    ) -> Witnesses:
+        """Look for counterexamples among observations."""
+        check_time()
+        commands, judged = self.commands, self.judged
+        found = search_witnesses(
+            self.loop.driven, judged, np.arange(len(self.poses)), observations, box, commands.lower,
+            commands.upper, seed=seed, aims=judged.nominal,
+        )  # fmt: skip
+        so = deceived.select(found.state)
+        return replace(found, believed=so.believed, turn=so.turn, passed=so.passed)
+
+
+def _received(sets: AdmissibleSets) -> Floats:
+    """Return what programs receive of sensors that err by nothing of their own, (B, n)."""
+    return sets.nearest(sets.recorded_inputs).astype(np.float32).astype(np.float64)
 
 
 def _known(rules: Rules, before: Floats) -> tuple[Floats | None, Floats | None]:
@@ -118,7 +186,7 @@ def _worst_poses(loop: ClosedLoop, boxes: PoseBoxes, place: Floats, previous: Fl
     actions = rules.clip(loop.driven(observe(loop, flat, before)))
     placed = loop.around.everything.throughout(flat)
     under_way, begun = _known(rules, before)
-    judged = JudgedStates(rules, placed, under_way, begun=begun)
+    judged = JudgedStates(rules, placed, under_way, begun=begun).nominal
     left = judged.clearance(actions[:, None], _FRACTIONS).reshape(count, len(_TURNS), -1)
     free = _clearance(loop, poses) > rules.clearance.collision + _FREE  # corners may be nearer when turned
     least = np.where(free, left.min(axis=2), np.inf)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viatool.arrays import Indices
+from viatool.loop.closed_loop import ClosedLoop
+from viatool.loop.deceived import Deceptions, errors_of
 from viatool.loop.vicinity import Vicinity
 from viatool.places.findings import SETTLED, STATUSES, CellFindings
 from viatool.places.over_time import LastingCells
@@ -21,6 +23,7 @@ from viatool.safety import JudgedStates, Witnesses
 from viatool.setting.asked import Asked
 from viatool.setting.error_costs import ErrorCosts
 from viatool.setting.setting import Setting
+from viatool.simulate import NavigationTask
 from viatool.world import Scenario
 
 SCHEMA_VERSION = 1
@@ -135,13 +138,22 @@ class Certificate(Asked):
         pose, action = found.pose[rows], found.action[rows]
         seen = Witnesses.among_what_stands(
             rows, found.observation[rows].astype(np.float64), action, found.seconds[rows], found.closest[rows],
-            found.clearance[rows], pose, pose,
+            found.clearance[rows], pose, found.believed[rows],
         )  # fmt: skip
+        seen = replace(seen, turn=found.turn[rows], passed=found.passed[rows])
         around = Vicinity.of(self.world_map, self.scenario, self.setting.uncertainty).everything
         if not around.movers or not len(rows):
             return seen
         judged = JudgedStates(rules, around.throughout(pose), rules.queue(found.previous[rows]))
         return seen.among(judged.nearest_movers(action))
+
+    def errors_of(self, rows: Indices) -> list[dict[str, Any]]:
+        """Return which errors make the observations of some counterexamples, as witness files say them."""
+        found, episode = self.findings, NavigationTask().horizon
+        loop = ClosedLoop.of(self.policy, self.setting, self.scenario, episode=episode)
+        deceived = Deceptions(found.believed[rows], found.turn[rows], found.passed[rows])
+        seen = found.observation[rows].astype(np.float64)
+        return errors_of(loop, found.pose[rows], found.previous[rows], deceived, seen)
 
     def worst(self, most: int = 10) -> Indices:
         """Return the counterexamples that come nearest to something, in places at least half a metre apart."""
@@ -246,6 +258,7 @@ class Certificate(Asked):
             "witness_pose": self.findings.pose,
             "witness_previous": self.findings.previous,
             "witness_observation": self.findings.observation,
+            "witness_believed": self.findings.believed,
         }
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.arrays import Floats
+from viatool.arrays import Booleans, Floats
 from viatool.loop.refuting import Refutations
 from viatool.places.tree import AXES, Nodes
 
@@ -35,6 +35,8 @@ class CellFindings:
         (R,) when the robot comes nearest, and how near.
     closest : ndarray
         (R, 3) where it is then.
+    believed, turn, passed : ndarray
+        (R, 3), (R, T), (R, n): how sensors err as a whole, as in `Witnesses`.
     """
 
     level: NDArray[np.int8]
@@ -47,6 +49,9 @@ class CellFindings:
     seconds: Floats
     clearance: Floats
     closest: Floats
+    believed: Floats
+    turn: Floats
+    passed: Booleans
 
     def __len__(self) -> int:
         """Return the number of leaves."""
@@ -68,7 +73,8 @@ class CellFindings:
         exact = bool((small == seen.observation).all())
         return cls(
             nodes.level, nodes.index, kind, found.poses, found.previous, seen.action,
-            small if exact else seen.observation, seen.seconds, seen.clearance, seen.pose,
+            small if exact else seen.observation, seen.seconds, seen.clearance, seen.pose, seen.believed, seen.turn,
+            seen.passed,
         )  # fmt: skip
 
     @classmethod
@@ -95,5 +101,5 @@ class CellFindings:
 
 _NONE = (
     np.zeros((0, 3)), np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, 0), np.float32), np.zeros(0), np.zeros(0),
-    np.zeros((0, 3)),
+    np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 0)), np.zeros((0, 0), dtype=bool),
 )  # fmt: skip

@@ -109,7 +109,7 @@ def _judge(loop: ClosedLoop, lattice: Lattice, nodes: Nodes, frontier: Frontier,
         axis = _loosest_axis(loop, lattice, nodes.select(open_), commands.select(open_))
         frontier.add(nodes.select(open_).halved(axis))
     status = np.where(certified, CERTIFIED, UNKNOWN)
-    last = np.flatnonzero(~proofs.without_losses & smallest)  # counterexamples are scans of all rays
+    last = np.flatnonzero(~certified & smallest)
     found = refute(loop, cells.select(last), commands.select(last), seed=seed) if len(last) else None
     if found is not None:
         status[last[found.witnesses.state]] = REFUTED

@@ -126,6 +126,17 @@ class JudgedStates:
         return ActuatedMotion(machine, (before, before), self.velocity)
 
     @property
+    def nominal(self) -> JudgedStates:
+        """Return the same of robots that have the velocities they are told to have: cheap to aim with, no verdict."""
+        if self.motion is None:
+            return self
+        rules = self.rules.nominal
+        before = None if self.under_way is None else self.under_way[:, -rules.commands_before :]
+        return JudgedStates(
+            rules, self.observing, before if rules.commands_before else None, begun=self.begun
+        )
+
+    @property
     def _before(self) -> Floats:
         """Return the commands before that count, (B, W, A)."""
         count, axes = self.rules.commands_before, len(self.rules.lower)

@@ -177,6 +177,7 @@ def search_witnesses(
     *,
     seed: int | Sequence[int] = 0,
     shared: Indices | None = None,
+    aims: JudgedStates | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Witnesses:
     """Look for an observation within each box that makes the robot come nearer than the collision distance.
@@ -200,6 +201,8 @@ def search_witnesses(
     shared : ndarray, optional
         (N, n) the first of the inputs that hold the same reading as each, which a counterexample gives one number; by
         default every input is a reading of its own.
+    aims : JudgedStates, optional
+        The same states by paths that are cheaper, to aim with; what is found is confirmed in `states`.
     progress : callable, optional
         Called with the states done and the states in all.
 
@@ -229,8 +232,9 @@ def search_witnesses(
         hard = np.setdiff1d(np.arange(len(rows)), easy.state)
         if len(hard):
             rows, some, seen = rows[hard], some.select(hard), seen[hard]
-            around, aims = box.rows(rows), (lower[rows], upper[rows])
-            found = _candidates(policy, some, seen, around, aims, generator)
+            around, ends = box.rows(rows), (lower[rows], upper[rows])
+            aimed = some if aims is None else aims.select(rows)
+            found = _candidates(policy, aimed, seen, around, ends, generator)
             if shared is not None:
                 found = _of_one_reading(found, shared[rows])
             within = _received(found, seen, around)

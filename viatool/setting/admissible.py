@@ -1,15 +1,13 @@
-"""Observations that sensors may make within an error model: sets to search, random ones, and the check of a single one.
+"""Observations that sensors may make within an error model: sets to search, and random ones.
 
-What is found here proves nothing by itself: an observation counts as a counterexample if `explain` gives the errors
-that make it of what was recorded. That check shares no code with the bounds.
+What is found here proves nothing by itself: an observation counts as a counterexample if `viatool.setting.explanation`
+finds the errors that make it of what was recorded, or of what perfect sensors read.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -17,6 +15,27 @@ from viatool.arrays import Floats, Hull, Indices
 from viatool.channels.missing import Missing
 from viatool.channels.reading_errors import ReadingErrors
 from viatool.rounding import AS_RECEIVED
+
+
+@dataclass(frozen=True, eq=False)
+class KnownReadings:
+    """What perfect sensors read in each of B states, where it is known.
+
+    Parameters
+    ----------
+    readings : ndarray
+        (B, n) the reading that stands in each input.
+    losing : tuple of ndarray
+        For each scan whose rays may return nothing (J, B, E): what its bins read when the j nearest of their rays do,
+        j from 1 to J; NaN where a bin has fewer rays.
+    """
+
+    readings: Floats
+    losing: tuple[Floats, ...] = ()
+
+    def select(self, which: Indices) -> KnownReadings:
+        """Return those of some states."""
+        return KnownReadings(self.readings[which], tuple(part[:, which] for part in self.losing))
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,16 +50,26 @@ class AdmissibleSets:
         (B, n) what was recorded.
     drifted : ndarray, optional
         (B, n) by how much readings differ because the robot believes another pose.
+    known : KnownReadings, optional
+        What perfect sensors read, of which `inputs` is what the network takes, where nothing was recorded.
     """
 
     errors: ReadingErrors
     inputs: Floats
     drifted: Floats | None = None
+    known: KnownReadings | None = None
+
+    @classmethod
+    def of(cls, errors: ReadingErrors, known: KnownReadings) -> AdmissibleSets:
+        """Return what may be observed where perfect sensors read what is known."""
+        found = cls(errors, known.readings, known=known)
+        return replace(found, inputs=found._received(known.readings))
 
     def rows(self, which: Indices) -> AdmissibleSets:
         """Return some of the sets."""
         drifted = None if self.drifted is None else self.drifted[which]
-        return replace(self, inputs=self.inputs[which], drifted=drifted)
+        known = None if self.known is None else self.known.select(which)
+        return replace(self, inputs=self.inputs[which], drifted=drifted, known=known)
 
     @cached_property
     def recorded_inputs(self) -> Floats:
@@ -64,6 +93,9 @@ class AdmissibleSets:
     @cached_property
     def _placed(self) -> tuple[Floats, Hull]:
         """What was recorded, with what changed it, and its limits; where a clip hides a reading, the one at its end."""
+        if self.known is not None:
+            seen, (lowest, highest) = self.known.readings, self.errors.limits
+            return seen, (np.minimum(lowest, seen), np.maximum(highest, seen))
         least, most = self.errors.inputs.readings(self.inputs, within=True)
         seen = np.where(np.isfinite(least), least, most)
         limits = self.errors.kept(seen, seen)
@@ -81,10 +113,7 @@ class AdmissibleSets:
     @cached_property
     def _own(self) -> Hull:
         """Ends of the readings with what each errs by itself, with room for the rounding of what is received."""
-        least, most = self.errors.own(*self._recorded)
-        middle = 0.5 * (least + most)
-        half = np.maximum(0.5 * (most - least) - AS_RECEIVED * (1.0 + np.abs(middle)), 0.0)
-        return middle - half, middle + half
+        return _narrowed(*self.errors.own(*self._recorded))
 
     def corner(self, slope: Floats, point: Floats) -> Floats:
         """Return the observations (B, n) at which a linear function of a slope (B, n) about is the largest.
@@ -99,8 +128,11 @@ class AdmissibleSets:
             columns = np.flatnonzero(self.errors.scan == scan)
             common[:, columns] = np.sign(steep[:, columns].sum(axis=1, keepdims=True)) * self._bias(columns)
         inputs = self._received(readings + common)
-        for missing in self.errors.missing:
-            inputs = self._without(missing, inputs, slope)
+        for number, missing in enumerate(self.errors.missing):
+            if self.known is None:
+                inputs = self._without(missing, inputs, slope)
+            else:
+                inputs = self._losing(missing, self.known.losing[number], inputs, slope, steep, common)
         return inputs
 
     def random_corner(self, generator: np.random.Generator) -> Floats:
@@ -163,121 +195,35 @@ class AdmissibleSets:
         inputs[rows, at] = np.where(gain[rows, chosen] > 0.0, value[rows, chosen], inputs[rows, at])
         return inputs
 
-
-def explain(
-    errors: ReadingErrors, recorded: Floats, observed: Floats, drifted: Floats | None = None
-) -> dict[str, Any] | None:
-    """Find errors within their bounds that make an observation of what was recorded.
-
-    Parameters
-    ----------
-    errors : ReadingErrors
-        Of n inputs.
-    recorded, observed : ndarray
-        (n,) each.
-    drifted : ndarray, optional
-        (n,) by how much readings differ because the robot believes another pose.
-
-    Returns
-    -------
-    dict or None
-        By channel: its ``bias``, and the entries whose rays are ``missing``; None if there are no such errors.
-
-    Notes
-    -----
-    Sound: yes, under rounding to float64 only. It goes entry by entry through what the error model says: between which
-    biases the entry is explained, and whether it is by a ray that returns nothing; then it looks for a bias that leaves
-    no more entries unexplained than rays may be missing.
-    """
-    found: dict[str, Any] = {}
-    off = np.zeros(len(recorded)) if drifted is None else drifted
-    for scan in np.unique(errors.scan).tolist():
-        columns = np.flatnonzero(errors.scan == scan)
-        channel = errors.inputs.channels[int(errors.inputs.channel[columns[0]])]
-        ends = [
-            _biases(errors, int(column), float(recorded[column]), float(observed[column]), float(off[column]))
-            for column in columns
-        ]
-        allowed = float(errors.bias[columns[0]])
-        missing = next((one for one in errors.missing if int(one.columns[0]) in columns.tolist()), None)
-        lost = [
-            missing is not None
-            and _is_lost(errors, missing, int(column), float(recorded[column]), float(observed[column]))
-            for column in columns
-        ]
-        count = 0 if missing is None else missing.count
-        tried = [0.0, allowed, -allowed, *(end for pair in ends for end in pair if abs(end) <= allowed)]
-        for bias in tried:
-            left = [row for row, (low, high) in enumerate(ends) if not low <= bias <= high]
-            if len(left) <= count and all(lost[row] for row in left):
-                told: dict[str, Any] = {}
-                if bias:
-                    told["bias"] = bias
-                if left:
-                    told["missing"] = left
-                if told:
-                    at = int(errors.inputs.age[columns[0]])
-                    found[channel.name if at == 0 else f"{channel.name}, {at} steps ago"] = told
-                break
-        else:
-            return None
-    return found
+    def _losing(
+        self, missing: Missing, losing: Floats, inputs: Floats, slope: Floats, steep: Floats, common: Floats
+    ) -> Floats:
+        """Let those rays return nothing that gain most: one of each of some bins, or several of one."""
+        columns, rows = missing.columns, np.arange(len(inputs))
+        relative, absolute = self.errors.relative[columns], self.errors.absolute[columns]
+        low, high = _narrowed(*((1.0 + sign * relative) * losing + sign * absolute for sign in (-1.0, 1.0)))
+        read = np.where(steep[:, columns] > 0.0, high, low) + common[:, columns]
+        silent = (losing >= missing.lidar.maximum_range) | (losing == missing.reading)
+        read = np.where(silent, losing, np.clip(read, *(end[:, columns] for end in self._placed[1])))
+        seen = self.errors.inputs.channels[int(self.errors.inputs.channel[columns[0]])].encoding.apply(read)
+        gains = np.nan_to_num(slope[:, columns] * (seen - inputs[:, columns]), nan=-np.inf)  # (J, B, E)
+        found = inputs.copy()
+        chosen = np.argsort(-gains[0], axis=1, kind="stable")[:, : missing.count]
+        gained = np.take_along_axis(gains[0], chosen, axis=1)
+        each = np.where(
+            gained > 0.0, np.take_along_axis(seen[0], chosen, axis=1), inputs[rows[:, None], columns[chosen]]
+        )
+        found[rows[:, None], columns[chosen]] = each
+        best = gains.transpose(1, 0, 2).reshape(len(inputs), -1).argmax(axis=1)
+        level, bin_ = np.divmod(best, len(columns))
+        alone = np.flatnonzero(gains[level, rows, bin_] > np.maximum(gained, 0.0).sum(axis=1))
+        found[alone] = inputs[alone]
+        found[alone, columns[bin_[alone]]] = seen[level[alone], alone, bin_[alone]]
+        return found
 
 
-def _decoded(errors: ReadingErrors, column: int, value: float) -> tuple[float, float]:
-    """Return the readings, between two ends, that the robot's software makes into an input."""
-    channel = errors.inputs.channels[int(errors.inputs.channel[column])]
-    ends = [(value - channel.offset) / channel.scale] * 2
-    if channel.clip is not None:
-        low, high = (float(np.float32(end)) for end in channel.clip)
-        beyond = [value <= low, value >= high]
-        if channel.scale < 0.0:
-            beyond.reverse()
-        ends = [-np.inf if beyond[0] else ends[0], np.inf if beyond[1] else ends[1]]
-    if channel.reciprocal:
-        if ends[0] <= 0.0 <= ends[1] or not (np.isfinite(ends[0]) or np.isfinite(ends[1])):
-            return -np.inf, np.inf
-        return 1.0 / ends[1], 1.0 / ends[0]
-    return ends[0], ends[1]
-
-
-def _biases(
-    errors: ReadingErrors, column: int, recorded: float, observed: float, drifted: float
-) -> tuple[float, float]:
-    """Return between which biases an entry is what was recorded with an error of its own."""
-    first, last = _decoded(errors, column, recorded)
-    low, high = _decoded(errors, column, observed)
-    own = float(errors.absolute[column])
-    floor = min(float(errors.limits[0][column]), first - own)
-    ceiling = max(float(errors.limits[1][column]), last + own)
-    first, last = first + drifted, last + drifted
-    if errors.angles[column] and math.isfinite(first) and math.isfinite(low):
-        turns = 2.0 * math.pi * round((low - first) / (2.0 * math.pi))
-        first, last = first + turns, last + turns
-    share = float(errors.relative[column])
-    least = first - (share * abs(first) if share else 0.0) - own
-    most = last + (share * abs(last) if share else 0.0) + own
-    near = [AS_RECEIVED * (1.0 + abs(end)) if math.isfinite(end) else 0.0 for end in (floor, ceiling)]
-    if high < floor - near[0] or low > ceiling + near[1]:
-        return np.inf, -np.inf
-    below = -np.inf if low <= floor + near[0] else low - most
-    above = np.inf if high >= ceiling - near[1] else high - least
-    return below, above
-
-
-def _is_lost(errors: ReadingErrors, missing: Missing, column: int, recorded: float, observed: float) -> bool:
-    """Tell whether an entry may be what is read of rays of which one returns nothing."""
-    first, last = _decoded(errors, column, recorded)
-    low, high = _decoded(errors, column, observed)
-    lidar = missing.lidar
-    nothing = lidar.maximum_range if lidar.no_return is None else lidar.no_return
-    near = AS_RECEIVED * (1.0 + abs(nothing))
-    if missing.is_one:
-        return low - near <= nothing <= high + near
-    if lidar.reduce == "minimum":
-        least, most = min(first, nothing), max(last, lidar.maximum_range, nothing)
-    else:
-        each = min(missing.count, lidar.each) / lidar.each
-        least = first + each * min(nothing - lidar.maximum_range, 0.0)
-        most = last + each * max(nothing - lidar.minimum_range, 0.0)
-    return high >= least - near and low <= most + near
+def _narrowed(least: Floats, most: Floats) -> Hull:
+    """Return ends with room for the rounding of what is received."""
+    middle = 0.5 * (least + most)
+    half = np.maximum(0.5 * (most - least) - AS_RECEIVED * (1.0 + np.abs(middle)), 0.0)
+    return middle - half, middle + half

@@ -198,6 +198,11 @@ class Rules:
         timing = self.timing or Timing((self.interval, self.interval))
         return math.floor((seconds - timing.age) / timing.interval[1] * (1.0 + _ALIKE))
 
+    @property
+    def nominal(self) -> Rules:
+        """Return the same of a robot that has the velocities it is told to have, when it is told."""
+        return replace(self, actuation=IDEAL_MOTORS, timing=None)
+
     def strayed(self, lower: Floats, upper: Floats) -> Strayed | None:
         """Return how far errors of commands lead, over boxes of what is held (C, A + S); None where there are none."""
         if self.command_errors is None:

@@ -16,8 +16,9 @@ from viatool.policy import Policy
 from viatool.policy.repeated import repeating
 from viatool.safety import JudgedStates, ScenePoses, Witnesses, search_witnesses
 from viatool.safety.moving import movers_around
-from viatool.setting.admissible import AdmissibleSets, explain
+from viatool.setting.admissible import AdmissibleSets
 from viatool.setting.driven import DrivenPolicy
+from viatool.setting.explanation import explain
 from viatool.setting.scanned import changed_scans
 from viatool.setting.setting import Setting
 from viatool.taylor import ReachableSet, reach

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from viatool.arrays import Booleans, Floats
-from viatool.channels.erring import ScanErrors
 from viatool.errors import ConfigurationError, InputError
 from viatool.loop.horizon import Crashes
 from viatool.policy import Policy
@@ -21,7 +20,7 @@ from viatool.safety.judged_states import JudgedStates
 from viatool.safety.nearest import describe_nearest
 from viatool.safety.scene_poses import Movers, ScenePoses
 from viatool.safety.witness import Witnesses
-from viatool.setting.admissible import explain
+from viatool.setting.explanation import explain, with_scans
 from viatool.setting.rules import Rules
 from viatool.setting.scanned import changed_scans
 from viatool.setting.setting import Setting
@@ -179,17 +178,9 @@ def _errors(result: Result, found: Witnesses, row: int, state: int) -> dict[str,
         drifted = moved if drifted is None else drifted + moved
     observation = result.trajectory.observations[state]
     errors = explain(setting.reading_errors, observation, found.observation[row], drifted) or {}
-    for number, scan in enumerate(scans):
-        name = setting.reading_errors.inputs.channels[_channel_of(setting, scan)].name
-        turn, passed = float(found.turn[row, number]), np.flatnonzero(found.passed[row, scan.columns])
-        told_of = ({"angle": turn} if turn else {}) | ({"passed": passed.tolist()} if passed.size else {})
-        if told_of:
-            errors[name] = errors.get(name, {}) | told_of
+    if scans:
+        errors = with_scans(errors, setting.reading_errors, found.turn[row], found.passed[row])
     return told | ({"errors": errors} if errors else {})
-
-
-def _channel_of(setting: Setting, scan: ScanErrors) -> int:
-    return int(setting.reading_errors.inputs.channel[scan.columns[0]])
 
 
 def run_before(crashes: Crashes, row: int) -> list[dict[str, Any]]:

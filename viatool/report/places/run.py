@@ -60,6 +60,8 @@ class PlacesRun(PlacesDocument, Cased, Located, Tabled, Drawn, Explorable, Repla
         found, tiles = self.certificate.findings, tile_of(self.certificate.findings.pose[:, :2])
         group = np.unique(tiles, axis=0, return_inverse=True)[1].reshape(-1)
         cells = np.bincount(group)
+        plain = not self.certificate.setting.uncertainty
+        errors = "a sensor error within eps makes" if plain else "errors within the model make"
         for row in self.certificate.nearest_of(group):
             x, y, theta = found.pose[row]
             kinematics = self.certificate.rules.kinematics
@@ -67,8 +69,8 @@ class PlacesRun(PlacesDocument, Cased, Located, Tabled, Drawn, Explorable, Repla
             sent = _told(kinematics.axes, found.action[row], 3)
             text = (
                 f"{_name(tiles[row])}: {counted(int(cells[group[row]]), 'cell')} refuted. At x {x:.3f} m, "
-                f"y {y:.3f} m, heading {theta:.3f} rad, {'with' if kinematics.state else 'after'} {before}, a sensor "
-                f"error within eps makes the policy command {sent}, which comes within "
+                f"y {y:.3f} m, heading {theta:.3f} rad, {'with' if kinematics.state else 'after'} {before}, "
+                f"{errors} the policy command {sent}, which comes within "
                 f"{found.clearance[row]:.3f} m of something after {found.seconds[row]:.2f} s."
             )
             yield self._finding("refuted-place", text, tiles[row])
@@ -142,7 +144,7 @@ class PlacesRun(PlacesDocument, Cased, Located, Tabled, Drawn, Explorable, Repla
         others = np.setdiff1d(np.arange(len(found.clearance)), worst)
         step = max(1, -(-len(others) // (_MOST_WITNESSES - len(worst))))
         rows = np.concatenate([worst, others[::step]])
-        seen = certificate.witnesses(rows)
+        seen, errors = certificate.witnesses(rows), certificate.errors_of(rows)
         about = json.loads(write_scenario(scenario) or "null")
         kinematics = certificate.rules.kinematics
         under_way = certificate.rules.queue(found.previous)
@@ -156,6 +158,7 @@ class PlacesRun(PlacesDocument, Cased, Located, Tabled, Drawn, Explorable, Repla
                 **commands_before(under_way[row]),
                 "previous": found.previous[row].tolist(),
                 **motion,
+                **errors[place],
                 **seen.violation(place, certificate.world_map, scenario, certificate.rules.footprint),
                 "scenario": about,
             }
