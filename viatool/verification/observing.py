@@ -214,7 +214,7 @@ class BlockSensors:
         sets = AdmissibleSets(self.errors, self.observations[rows], drifted)
         seen = sets.nearest(sets.recorded_inputs).astype(np.float32).astype(np.float64)
         some = judged.select(rows)
-        some = replace(some, observing=self._really(some.observing, rows, true))
+        some = replace(some, observing=self._really(some.observing, rows, true)).among_near()
         found = search_witnesses(
             policy, some, np.arange(len(rows)), seen, sets,
             commands[0][rows], commands[1][rows], seed=seed,
