@@ -74,7 +74,7 @@ SERVED = {
     StatesRun: "json states csv witnesses figure html markdown junit sarif github",
     PlacesRun: "json cells csv witnesses figure html markdown junit sarif github",
     SimulationRun: "json trajectory csv figure markdown junit sarif github",
-    MissionsRun: "json tube csv witnesses figure markdown junit sarif github",
+    MissionsRun: "json tube csv witnesses figure html markdown junit sarif github",
     DiagnosisRun: "json csv figure html markdown github",
 }
 

@@ -100,8 +100,9 @@ if TYPE_CHECKING:
     "-o",
     multiple=True,
     metavar="FORMAT:PATH",
-    help="Write a report: json, figure (png, svg, pdf), tube (npz), witnesses (json, for viatool replay), csv (a row "
-    "for each mission), markdown, junit, sarif or github; PATH - is stdout. Repeatable.",
+    help="Write a report: json, figure (png, svg, pdf), html (a page that opens offline), tube (npz), witnesses "
+    "(json, for viatool replay), csv (a row for each mission), markdown, junit, sarif or github; PATH - is stdout. "
+    "Repeatable.",
 )
 @gate_options
 @work_options

@@ -92,12 +92,14 @@ class MissionsDocument(Verified, Cased, Annotated, Located, Tabled):
     def sections(self) -> Sequence[Section]:
         """Return the missions by verdict, and each of them."""
         head = ("verdict", "missions", "meaning")
+        return [Breakdown(head, tuple(self._part(name) for name in TONES)), self.missions_table]
+
+    @property
+    def missions_table(self) -> Table:
+        """Return a row for each mission."""
         rows = tuple(self._row(mission) for mission in self.record.missions)
         names = ("mission", "verdict", "arrives after [s]", "clearance [m]", "parts", "CPU [s]", "")
-        return [
-            Breakdown(head, tuple(self._part(name) for name in TONES)),
-            Table(names, rows, "Missions", texts=1),
-        ]
+        return Table(names, rows, "Missions", texts=1)
 
     def _part(self, name: str) -> Part:
         number = getattr(self.record.mission_verdicts, name)

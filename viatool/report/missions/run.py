@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 
-from viatool.report.document import Drawn, Replayable, TubeTabled
+from viatool.report.document import Drawn, Explorable, Replayable, TubeTabled
 from viatool.report.missions.document import MissionsDocument
+from viatool.report.sections import Check
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from viatool.missions import Mission, Missions
 
 
-class MissionsRun(MissionsDocument, Drawn, Replayable, TubeTabled):
+class MissionsRun(MissionsDocument, Drawn, Explorable, Replayable, TubeTabled):
     """The report of missions."""
 
     def __init__(self, missions: Missions) -> None:
@@ -29,6 +30,12 @@ class MissionsRun(MissionsDocument, Drawn, Replayable, TubeTabled):
         from viatool.report.missions.figure import draw_missions
 
         return draw_missions(self.missions, self.headline)
+
+    def page(self, checks: Sequence[Check]) -> str:
+        """Return the page on which tubes are played beside the driven runs."""
+        from viatool.report.missions.html.page import render_page
+
+        return render_page(self, checks)
 
     def tube_table(self) -> Mapping[str, NDArray[Any]]:
         """Return the parts of all tubes."""
