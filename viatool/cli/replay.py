@@ -34,8 +34,9 @@ if TYPE_CHECKING:
 def command(ctx: click.Context, /, **given: Any) -> None:
     """Run every counterexample of FILE again, and say whether it still violates, when and at which obstacle.
 
-    FILE comes from ``viatool verify --output witnesses:FILE``. Exits with 1 if one no longer violates, as
-    after a repaired policy that is given with --policy.
+    FILE comes from ``viatool verify`` or ``viatool mission`` with ``--output witnesses:FILE``; of a run that did not
+    arrive, every interval is driven again. Exits with 1 if one no longer violates, as after a repaired policy that is
+    given with --policy.
     """
     from viatool.policy import load_policy
     from viatool.report.files import check_writable

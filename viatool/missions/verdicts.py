@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viatool.arrays import Floats, Indices
+from viatool.loop.destination import Destination
 from viatool.loop.horizon import Crashes
+from viatool.missions.arrival import destination_of
 from viatool.missions.attack import MissionRuns
 from viatool.missions.follow import MissionLimits, MissionProof, MissionTube
 from viatool.policy import Policy
@@ -220,6 +222,10 @@ class Missions(Asked):
     def __len__(self) -> int:
         """Return the number of missions."""
         return len(self.missions)
+
+    def destination(self, scenario: Scenario) -> Destination:
+        """Return where runs of a scenario arrive."""
+        return destination_of(scenario, self.setting, self.goal_radius)
 
     @cached_property
     def counts(self) -> dict[str, int]:

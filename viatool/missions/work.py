@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from viatool.arrays import Floats
 from viatool.errors import ConfigurationError
 from viatool.loop.closed_loop import ClosedLoop
-from viatool.loop.destination import Destination, NearPlace, StatesInPolygon, StatesReached
+from viatool.loop.destination import Destination
+from viatool.missions.arrival import destination_of, names_of_state
 from viatool.missions.attack import MissionRuns, attack
 from viatool.missions.carried import CarriedFollower
 from viatool.missions.follow import MissionFollower, MissionLimits
@@ -110,20 +111,7 @@ class MissionExamination:
 
     def destination(self, scenario: Scenario) -> Destination:
         """Return where every run has to arrive."""
-        waits = scenario.arrive == "at"
-        if scenario.region is None:
-            return NearPlace(waits, np.array(scenario.goal), self.goal_radius)
-        (lower, upper), outline = scenario.region.ends(self._names), scenario.region.outline
-        if outline:
-            return StatesInPolygon(waits, lower, upper, np.array(outline))
-        return StatesReached(waits, lower, upper)
-
-    @property
-    def _names(self) -> tuple[str, ...]:
-        """Return what the numbers of a state are called: the same for older commands, and for the velocity."""
-        rules = self.setting.rules
-        names = tuple(axis.name for axis in rules.kinematics.before)
-        return POSE + names * (len(rules.carried) // len(names))
+        return destination_of(scenario, self.setting, self.goal_radius)
 
     def starts(self, scenario: Scenario) -> tuple[Floats, Floats]:
         """Return the ends of the states at the start, (3 + K,) each: where nothing else is said, the robot stands."""
@@ -131,7 +119,7 @@ class MissionExamination:
         least, most = move.state_range if move.state else (np.zeros(behind),) * 2
         still = np.clip(0.0, least, most)
         if scenario.starts is not None:
-            ends = scenario.starts.ends(self._names)
+            ends = scenario.starts.ends(names_of_state(self.setting))
             rest = np.concatenate([scenario.start, still])
             lower, upper = (np.where(np.isfinite(end), end, rest) for end in ends)
             return lower, upper
@@ -155,7 +143,7 @@ class MissionExamination:
         ConfigurationError
             Names it.
         """
-        interval, names = self.setting.rules.interval, self._names
+        interval, names = self.setting.rules.interval, names_of_state(self.setting)
         for what, box in (("start", scenario.starts), ("goal", scenario.region)):
             asked = [] if box is None else [(name, *box.ends((name,))[:, 0].tolist()) for name in STATE]
             for name, low, high in asked:
@@ -200,7 +188,7 @@ class MissionExamination:
         rules = self.setting.rules
         if rules.over_time is None:
             return
-        place = self._names.index(name) - len(POSE)
+        place = names_of_state(self.setting).index(name) - len(POSE)
         if what == "start" and not rules.lower[place] <= low <= high <= rules.upper[place]:
             raise ConfigurationError(
                 f"the start of scenario '{scenario.name}' has {name} from {low:g} to {high:g}, and the robot is told "

@@ -26,19 +26,23 @@ def print_replay(file: WitnessFile, found: Replay, console: Console) -> None:
         table.add_column(name, justify="right")
     table.add_column("nearest obstacle")
     for row, entry in enumerate(file.entries):
-        violates = bool(found.violates[row])
+        violates, where = bool(found.violates[row]), shown(found.nearest[row])
         table.add_row(
             shown(str(entry.get("state", row))),
             Text("yes" if violates else "NO", style=COLOUR["unsafe" if violates else "safe"]),
             f"{found.clearance[row]:.6f}",
             f"{found.seconds[row]:.3f}",
             *(f"{value:.6f}" for value in found.actions[row]),
-            Text(shown(found.nearest[row])),
+            Text(f"does not arrive; {where}" if row in file.late else where),
         )
     if len(file):
         console.print(table)
     still = int(found.violates.sum())
+    fails = f"violate the clearance of {limit:g} m (criterion {file.rules.criterion})"
+    if file.late:
+        fails = (
+            "are still on their way" if len(file.late) == len(file) else f"{fails} or are still on their way"
+        )
     console.print(
-        f"{count(still)} of {count(len(file))} witnesses violate the clearance of {limit:g} m "
-        f"(criterion {file.rules.criterion}) when they are run again through onnxruntime"
+        f"{count(still)} of {count(len(file))} witnesses {fails} when they are run again through onnxruntime"
     )

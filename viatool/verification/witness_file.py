@@ -28,6 +28,7 @@ from viatool.setting.wishes import Wishes
 from viatool.trajectory import read_scenario, write_scenario
 from viatool.verification.result import Result
 from viatool.verification.rules_document import read_rules, rules_document
+from viatool.verification.run_entries import is_late_again, motion_begun, read_arrival, run_before
 from viatool.world import Capsules, Scenario, Scenes, WorldMap
 from viatool.world.capsules import NOWHERE
 
@@ -82,6 +83,11 @@ class WitnessFile:
         """Return the number of counterexamples."""
         return len(self.entries)
 
+    @property
+    def late(self) -> tuple[int, ...]:
+        """Return which entries are runs that do not arrive."""
+        return tuple(row for row, entry in enumerate(self.entries) if "late" in entry)
+
     def judged(self, world_map: WorldMap) -> JudgedStates:
         """Return the states of the counterexamples within a map, under the rules of the file."""
         placed = ScenePoses.of(world_map, self.scenarios, self.poses, np.arange(len(self)))
@@ -102,7 +108,7 @@ class Replay:
     poses : ndarray
         (W, 3) where the robot is then.
     violates : ndarray
-        (W,) bool: the clearance is not more than the collision distance.
+        (W,) bool: the clearance is not more than the collision distance; of a run that was late, it is late again.
     nearest : tuple of str
         W descriptions of the obstacle.
     """
@@ -181,21 +187,6 @@ def _errors(result: Result, found: Witnesses, row: int, state: int) -> dict[str,
     if scans:
         errors = with_scans(errors, setting.reading_errors, found.turn[row], found.passed[row])
     return told | ({"errors": errors} if errors else {})
-
-
-def run_before(crashes: Crashes, row: int) -> list[dict[str, Any]]:
-    """Return the intervals of a run before the one that fails: poses, observations and commands, and any motion."""
-    names = ("pose", "observation", "action", *(("motion",) if crashes.motions.shape[2] else ()))
-    return [
-        {name: getattr(crashes, f"{name}s")[row, k].tolist() for name in names}
-        for k in range(int(crashes.step[row]))
-    ]
-
-
-def motion_begun(crashes: Crashes, row: int) -> dict[str, Any]:
-    """Return the ends of the state of the motion in which the interval that fails begins; nothing without one."""
-    motion = crashes.motions[row, crashes.step[row]].tolist()
-    return {"motion": [motion, motion]} if motion else {}
 
 
 def compose_witnesses(
@@ -284,7 +275,10 @@ def replay(policy: Policy, world_map: WorldMap, file: WitnessFile) -> Replay:
         else str(entry["closest"]["obstacle"])
         for entry, scenario, pose in zip(file.entries, file.scenarios, poses, strict=True)
     )
-    return Replay(actions, seconds, clearance, poses, clearance <= file.rules.clearance.collision, nearest)
+    violates = clearance <= file.rules.clearance.collision
+    for row in file.late:
+        violates[row] = is_late_again(file.entries[row], driven, file.rules)
+    return Replay(actions, seconds, clearance, poses, violates, nearest)
 
 
 def _wishes(rules: Rules) -> Wishes:
@@ -307,6 +301,9 @@ def _read(document: Mapping[str, Any]) -> WitnessFile:
         read_scenario("" if e["scenario"] is None else json.dumps(e["scenario"])) for e in entries
     )
     rules = read_rules(document["rules"])
+    for entry in entries:
+        if "late" in entry:
+            read_arrival(entry["late"])
     return WitnessFile(
         policy={name: str(document["policy"][name]) for name in ("path", "sha256")},
         world_map={name: str(document["map"][name]) for name in ("path", "sha256")},

@@ -15,6 +15,7 @@ from viatool.report.sections import Check
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from viatool.loop.horizon import Crashes
     from viatool.missions import Mission, Missions
 
 
@@ -42,7 +43,7 @@ class MissionsRun(MissionsDocument, Drawn, Explorable, Replayable, TubeTabled):
         return self.missions.tube_table()
 
     def witness_file(self) -> Mapping[str, Any]:
-        """Return the runs that collide, each with the intervals before."""
+        """Return the runs that collide or do not arrive, each with the intervals before."""
         from viatool.verification.witness_file import compose_witnesses
 
         missions = self.missions
@@ -58,20 +59,29 @@ class MissionsRun(MissionsDocument, Drawn, Explorable, Replayable, TubeTabled):
 
 
 def _entries(mission: Mission, missions: Missions) -> Iterator[dict[str, Any]]:
-    from viatool.trajectory import write_scenario
-    from viatool.verification.witness_file import motion_begun, run_before
+    from viatool.verification.run_entries import arrival_document
 
-    found, rules = mission.crashes, missions.rules
-    for row in range(len(found)):
-        step = int(found.step[row])
-        yield {
-            "state": 0,
-            "episode": 0,
-            "time": step * rules.interval,
-            "pose": found.poses[row, step].tolist(),
-            "previous": None,
-            **motion_begun(found, row),
-            "before": run_before(found, row),
-            **found.last.violation(row, missions.world_map, mission.scenario, rules.footprint),
-            "scenario": json.loads(write_scenario(mission.scenario) or "null"),
-        }
+    for row in range(len(mission.crashes)):
+        yield _entry(mission, mission.crashes, row, missions)
+    if not len(mission.crashes):
+        for row in range(len(mission.late)):
+            late = {"late": arrival_document(missions.destination(mission.scenario))}
+            yield _entry(mission, mission.late, row, missions) | late
+
+
+def _entry(mission: Mission, found: Crashes, row: int, missions: Missions) -> dict[str, Any]:
+    from viatool.trajectory import write_scenario
+    from viatool.verification.run_entries import motion_begun, run_before
+
+    step, rules = int(found.step[row]), missions.rules
+    return {
+        "state": 0,
+        "episode": 0,
+        "time": step * rules.interval,
+        "pose": found.poses[row, step].tolist(),
+        "previous": None,
+        **motion_begun(found, row),
+        "before": run_before(found, row),
+        **found.last.violation(row, missions.world_map, mission.scenario, rules.footprint),
+        "scenario": json.loads(write_scenario(mission.scenario) or "null"),
+    }
