@@ -78,8 +78,9 @@ class Oracle:
         acts = np.maximum(some.age + self.between(m.delay, 2), some.acts[:, 0])
         commands = np.concatenate([command[:, None], some.commands], axis=1)
         acts = np.concatenate([acts[:, None], some.acts], axis=1)
-        age = self.between((0.0, m.sensing), 0)
-        until = np.maximum(some.age + self.between(m.interval, 1) - age, 0.0)
+        passes = some.age + self.between(m.interval, 1)
+        age = np.minimum(self.between((0.0, m.sensing), 0), passes)  # none is observed before the one before
+        until = passes - age
         grid = np.linspace(0.0, 1.0, STEPS + 1) * until[:, None]
         edges = np.sort(np.concatenate([grid, np.clip(acts, 0.0, until[:, None])], axis=1), axis=1)
         v, poses, passed = some.velocity, some.poses, [some.poses]
@@ -106,14 +107,11 @@ class Oracle:
                 self.between(m.speeding[part], 12 + part),
                 self.between(m.slowing[part], 16 + part),
             )
-            begins, left, gone = v[:, part], seconds, 0.0
-            if np.any(
-                begins * w < 0.0
-            ):  # through rest: with the one limit until then, and the other afterwards
-                rest = np.where(begins * w < 0.0, 0.0, begins)
-                gone = np.minimum(time_to(begins, rest, w, slowing, tau), left)
-                begins = approach(begins, w, slowing, tau, np.where(begins * w < 0.0, gone, 0.0))
-                left = np.where(v[:, part] * w < 0.0, seconds - gone, seconds)
+            begins, left = v[:, part], seconds
+            crosses = begins * w < 0.0  # through rest: by the one limit until then, by the other afterwards
+            until = np.where(crosses, time_to(begins, 0.0 * begins, w, slowing, tau), 0.0)
+            rests = crosses & (until < seconds)
+            begins, left = np.where(rests, 0.0, begins), np.where(rests, seconds - until, seconds)
             grows = begins * (w - begins) >= 0.0
             after[:, part] = approach(begins, w, np.where(grows, speeding, slowing), tau, left)
         return after
@@ -125,9 +123,7 @@ def approach(v: Floats, w: Floats, rate: Floats, tau: Floats, seconds: Floats) -
     ramp = np.clip((gap - rate * tau) / rate, 0.0, seconds)
     gap, rest = np.maximum(gap - rate * ramp, 0.0), seconds - ramp
     with np.errstate(divide="ignore", invalid="ignore"):
-        decay = np.where(
-            tau > 0.0, np.exp(-rest / tau), np.where(rate >= 1e9, 0.0, (rest <= 0.0).astype(float))
-        )
+        decay = np.where(tau > 0.0, np.exp(-rest / tau), 1.0)
     return w - np.sign(w - v) * gap * decay
 
 

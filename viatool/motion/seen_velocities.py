@@ -122,6 +122,8 @@ def _cut(machine: Machine) -> Iterator[tuple[float, float, tuple[int, ...]]]:
     least, most = timing.observed
     for phase in timing.phases(timing.commands, stops=False):
         start, end = max(phase.start, 0.0), min(phase.end, most)
+        if start >= end:  # over by the present observation, or begun after the next one
+            continue
         cuts = {at for at in (least, 0.5 * (least + most)) if start < at < end}
         for begin, until in pairwise(sorted({start, end} | cuts)):
             if begin < until:
@@ -131,9 +133,10 @@ def _cut(machine: Machine) -> Iterator[tuple[float, float, tuple[int, ...]]]:
 def stages_until_observed(machine: Machine, known: KnownVelocities) -> tuple[list[Stage], Stage]:
     """Follow the velocities of sets until the next observation: its stages, and what they are when that may be."""
     motors, least = machine.actuation, machine.timing.observed[0]
-    seen_from, stages, last = max(range(len(known.commands))), [], None
+    seen_from, stages = max(range(len(known.commands))), []
     had = known.velocity or known.commands[seen_from]
     off, box = had.beyond(known.commands[seen_from]), (had.lower, had.upper)
+    last = None if least > 0.0 else Stage(0.0, 0.0, seen_from, off, box)  # the next one may follow at once
     for start, end, commands in _cut(machine):
         newest = known.commands[min(commands)]
         change, seen_from = known.commands[seen_from].beyond(newest), min(commands)
