@@ -230,8 +230,8 @@ def search_witnesses(
         easy = confirm(policy, some, seen[:, None])
         parts.append(_of_states(easy, rows))
         hard = np.setdiff1d(np.arange(len(rows)), easy.state)
-        aims = lower[rows[hard]], upper[rows[hard]]
-        hard = hard[_may_fail(policy, some.select(hard), *aims)]
+        ends = lower[rows[hard]], upper[rows[hard]]
+        hard = hard[_may_fail(policy, some.select(hard), *ends)]
         if len(hard):
             rows, some, seen = rows[hard], some.select(hard), seen[hard]
             around, ends = box.rows(rows), (lower[rows], upper[rows])
