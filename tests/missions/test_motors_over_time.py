@@ -13,6 +13,7 @@ from tests.loop.motor_runs import Motors, Oracle, drive
 from tests.loop.noisy_runs import sensor_errors
 from tests.missions.dodging import write_dodging_policy
 from tests.sight.ray_oracle import outlines, scan
+from viatool.cli import main
 from viatool.errors import ConfigurationError, PolicyError
 from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.horizon import Horizon
@@ -315,3 +316,18 @@ def test_a_mission_begins_with_the_speed_that_its_start_names(hall, dodging):
     poses, before = np.repeat([one.start], 300, axis=0), np.repeat([[0.25, 0.0, 0.0]], 300, axis=0)
     assert in_tube(found, runs(dodging, hall, one, (poses, before), motors, found.steps)[0]) < ROUNDING
     assert in_tube(found, runs(dodging, hall, one, (poses, 0.0 * before), motors, 6)[0]) > 1e-3
+
+
+def test_a_report_assumes_nothing_that_the_error_model_contradicts(hall, dodging, tmp_path, capsys):
+    (tmp_path / "e.yaml").write_text(
+        "actuation: {slip: 0.01}\ntiming: {delay: [0.0, 0.02]}\nobstacles: {speed: 0.01}\n", encoding="utf-8"
+    )
+    asked_for = ["mission", str(dodging.path), "--map", str(hall.path), "--scenario", "1", "--eps", "0.01"]
+    with pytest.raises(SystemExit) as left:
+        main([*asked_for, "--errors", str(tmp_path / "e.yaml"), "--time-limit", "9"])
+    assert left.value.code == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "100.00 % of 1 mission are proved" in told
+    for idle in ("without slip", "commands act at once", "nothing on it moves"):
+        assert idle not in told
+    assert "act within timing.delay 0 to 0.02 s, but for actuation.slip 0.01 share" in told

@@ -128,7 +128,7 @@ class MissionsDocument(Verified, Cased, Annotated, Located, Tabled):
             "distance": f"the footprint keeps more than {record.collision_distance:g} m",
             "starts": f"{self._starts}, at rest in what is not named",
             "arrival": "; ".join(dict.fromkeys(mission.task for mission in record.missions)),
-            "map": "correct, and nothing on it moves",
+            "map": self._map,
             "sensors": f"read what is there, each number within eps {describe_eps(record.eps)}"
             + (f", but for {beyond}" if beyond else "")
             + ", anew in each interval",
@@ -136,12 +136,20 @@ class MissionsDocument(Verified, Cased, Annotated, Located, Tabled):
         }
 
     @property
+    def _map(self) -> str:
+        """Return what is where."""
+        moving = self.stated("obstacles")
+        if not moving:
+            return "correct, and nothing on it moves"
+        return f"correct at the start; what {moving} names may move on or roam as far as that says, and nothing else"
+
+    @property
     def _motion(self) -> str:
-        """Return how the robot carries commands out."""
-        beside = self.stated("actuation")
-        return "exact, without slip; commands act at once" + (
-            ", with the errors that are stated" if beside else ""
-        )
+        """Return how the robot carries commands out, and when."""
+        driven, timing = self.stated("actuation"), self.stated("timing")
+        slip = "" if "actuation.slip " in driven else ", without slip"
+        acts = f"commands are given and act within {timing}" if timing else "commands act at once"
+        return f"exact{slip}; {acts}" + (f", but for {driven}" if driven else "")
 
     @property
     def settings(self) -> Mapping[str, str]:
