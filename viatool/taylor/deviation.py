@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 
@@ -41,6 +42,9 @@ _WORTH = 2.0**-5
 
 _ROUNDINGS_WORTH = 32.0
 """Roundings of an action, or of 1, up to which a deviation is not worth symbols: two millionths in float32."""
+
+_FRESH = 0.9
+"""Share of a deviation that is no error carried on, from which symbols for those that are are not worth it."""
 
 _UNKNOWN = (
     "nothing is known of what the program's rounding does to an action",
@@ -158,10 +162,14 @@ def enclose_program(
     """
     by_norms = _Carried(network, hulls, engine=engine, with_symbols=False)
     found, problem = by_norms.to_actions(), by_norms.problem
-    for given in (lambda rows: [(lower[rows], upper[rows]) for lower, upper in hulls], finer):
+    for given, gains in (
+        (lambda rows: [(lower[rows], upper[rows]) for lower, upper in hulls], by_norms.may_cancel()),
+        (finer, True),
+    ):
         if given is None:
             continue
-        for rows in _blocks(network, np.flatnonzero(_is_worth_more(network, hulls[-1], found.deviation))):
+        worth = _is_worth_more(network, hulls[-1], found.deviation) & gains
+        for rows in _blocks(network, np.flatnonzero(worth)):
             by_symbols = _Carried(network, given(rows), engine=engine, with_symbols=True)
             found.meet(rows, by_symbols.to_actions())
             problem = by_symbols.problem or problem
@@ -175,6 +183,22 @@ def _is_worth_more(network: Network, actions: Hull, deviation: Floats) -> Boolea
     roundings = _ROUNDINGS_WORTH * unit * np.maximum(1.0, magnitude(actions))
     negligible = _WORTH * (actions[1] - actions[0]) + roundings
     return np.asarray(~(deviation <= negligible).all(axis=1))
+
+
+@lru_cache(maxsize=64)
+def _last_sum(network: Network) -> int | None:
+    """Return the node behind which each number goes on by itself, if that is a weighted sum."""
+    index = len(network.nodes) - 1
+    while True:
+        match node := network.nodes[index]:
+            case Activation() | Cast():
+                index = node.source
+            case Affine():
+                if not node.is_elementwise:
+                    return index if node.sources else None
+                (index,) = node.sources
+            case Input() | Product() | Maximum() | Minimum():
+                return None
 
 
 def _blocks(network: Network, rows: Indices) -> list[Indices]:
@@ -193,6 +217,7 @@ class _Carried:
         self._engine = engine
         self._with_symbols = with_symbols
         self._deviations: list[Deviation] = []
+        self._own: list[Floats] = []
         self._floors = floors_of(network, "float64" if engine else None)
         self._images: list[Hull | None] = []
         self._programs: list[Hull] = []
@@ -211,10 +236,22 @@ class _Carried:
         (lower, upper), deviation = self._programs[-1], self._deviations[-1].bound
         return ProgramEnclosure(lower - unknown, upper + unknown, deviation + unknown)
 
+    def may_cancel(self) -> Booleans:
+        """Tell in which states symbols may make a deviation less by more than a tenth, (B,).
+
+        They do not where nearly all of it is what the last sum errs by itself: no error before it matters then.
+        """
+        last = _last_sum(self._network)
+        if last is None:
+            return np.ones(len(self._overflows), dtype=bool)
+        bound = self._deviations[last].bound
+        return np.asarray(~(self._own[last] >= _FRESH * bound).all(axis=1))
+
     def _enter(self, index: int, node: Node) -> None:
         self._images.append(self._image(node))
         symbols, rest = self._passed_on(index, node)
         own = self._own_error(index, node)
+        self._own.append(own)
         self._deviations.append(self._with_own(index, symbols, rest, own))
         self._programs.append(self._program_at(index, own))
 
