@@ -20,7 +20,9 @@ from viatool.loop.command_bounds import CommandBounds
 from viatool.schedule import check_time
 from viatool.sets.states import StateBoxes
 from viatool.taylor.correlated import CorrelatedReach
-from viatool.taylor.observed import MOST_CHOICES
+
+_MOST_CHOICES = 32
+"""Choices of entries, or of blocks of them, that are bounded one by one for each cell."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +130,7 @@ def _every_choice(loop: ClosedLoop, cells: StateBoxes, seen: Sightings) -> Boole
     weight = coarse.influence[:, first:].max(axis=2).mean(axis=0)  # (n,)
     of_left = seen.of_sets(left, len(cells))
     rows, found = seen.parts_of(left, len(cells)), None
-    for number, chosen in enumerate(seen.sets.choices(MOST_CHOICES, weight)):
+    for number, chosen in enumerate(seen.sets.choices(_MOST_CHOICES, weight)):
         check_time()
         reached = loop.reached(chosen.select(rows), 1)
         found = reached if found is None else CorrelatedReach.hull([found, reached])
