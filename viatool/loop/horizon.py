@@ -9,7 +9,7 @@ import numpy as np
 
 from viatool.arrays import Booleans, Floats, Indices
 from viatool.errors import ConfigurationError
-from viatool.safety.witness import Witnesses
+from viatool.safety.counterexamples import Witnesses
 from viatool.uncertainty import ErrorModel
 
 MOST_STEPS = 1000

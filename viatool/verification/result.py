@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from viatool.arrays import Booleans, Floats, Indices
 from viatool.motion.actuated import STANDING
 from viatool.policy import Maps, ObservationChannel
+from viatool.safety.counterexamples import Witnesses
 from viatool.safety.judgement import Contested, Judgement
-from viatool.safety.witness import Witnesses
 from viatool.setting.asked import Asked
 from viatool.setting.error_costs import ErrorCosts
 from viatool.setting.setting import ActionName, Setting

@@ -16,10 +16,10 @@ from viatool.errors import ConfigurationError, InputError
 from viatool.loop.horizon import Crashes
 from viatool.policy import Policy
 from viatool.policy.command_map import CommandMap
+from viatool.safety.counterexamples import Witnesses
 from viatool.safety.judged_states import JudgedStates
 from viatool.safety.nearest import describe_nearest
 from viatool.safety.scene_poses import Movers, ScenePoses
-from viatool.safety.witness import Witnesses
 from viatool.setting.explanation import explain, with_scans
 from viatool.setting.rules import Rules
 from viatool.setting.scanned import changed_scans
