@@ -13,7 +13,9 @@ from viatool.train.collection import Collector
 from viatool.train.methods import METHODS
 from viatool.train.networks import Weights
 from viatool.train.observation import make_scaling
+from viatool.train.run import begin_run, with_margin
 from viatool.world import load_map
+from viatool.world.world_map import Clearance
 
 LAB = load_map("maps/lab.yaml")
 BUDGET = 1.0
@@ -70,3 +72,12 @@ def test_the_budget_of_an_episode(rule: str, after: float) -> None:
         transition, _ = robots.step(driver(0.1), np.full(1, BUDGET))
     assert not transition.cost.any()
     np.testing.assert_allclose(robots.observation[0, :, -1].numpy() * 10.0, after, rtol=1e-5)
+
+
+def test_robots_learn_with_a_margin_that_evaluations_do_not_have() -> None:
+    assert with_margin(LAB, 0.05).clearance == Clearance(0.45, 0.55)
+    assert with_margin(LAB, 0.0).clearance == LAB.clearance
+    run = begin_run(make_configuration(seeds=1, robots=4, warmup_episodes=0, clearance_margin=0.05), LAB)
+    collector, _ = run.robots()
+    assert collector.simulator.world_map.clearance == Clearance(0.45, 0.55)
+    assert run.world_map.clearance == LAB.clearance

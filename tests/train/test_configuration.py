@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from viatool.errors import ConfigurationError
-from viatool.train.configuration import PRESETS, load_configuration, make_configuration
+from viatool.train import PRESETS
+from viatool.train.configuration import load_configuration, make_configuration
 
 
 def test_the_paper_preset_is_the_schedule_of_the_paper() -> None:

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import csv
+import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import torch
 
+from tests.hall import MAP
+from tests.missions.dodging import write_dodging_policy
 from tests.train.test_run import tiny
+from viatool import load_map, load_policy
 from viatool.errors import ConfigurationError
 from viatool.train import make_configuration, train
 from viatool.train.networks import Weights
-from viatool.train.scoring import Safety
-from viatool.train.selection import Candidate, best_candidates
+from viatool.train.observation import make_scaling
+from viatool.train.scoring import Safety, proved_missions
+from viatool.train.selection import Candidate, best_candidates, choose
 
 
 def candidate(epoch: int, score: float, safety: tuple[float, ...] = ()) -> Candidate:
@@ -53,6 +60,40 @@ def test_a_run_records_what_was_verified(tmp_path: Path) -> None:
         assert 0.0 <= float(row["verified_danger_rate"]) <= float(row["verified_safety_rate"]) <= 1.0
 
 
-def test_safety_cannot_decide_without_verification() -> None:
-    with pytest.raises(ConfigurationError, match="verification_scenarios"):
-        make_configuration("quick", None, ["select_by=safety"])
+@pytest.mark.parametrize(
+    ("select_by", "needed"), [("safety", "verification_scenarios"), ("missions", "mission_scenarios")]
+)
+def test_what_decides_has_to_be_measured(select_by: str, needed: str) -> None:
+    with pytest.raises(ConfigurationError, match=needed):
+        make_configuration("quick", None, [f"select_by={select_by}"])
+
+
+def test_of_finalists_about_as_good_the_one_with_most_proved_missions_wins() -> None:
+    """Random actors never arrive: their scores are equal."""
+    options = tiny(final_scenarios=3, horizon=5)
+    world_map = load_map("maps/lab.yaml")
+    scaling = make_scaling(world_map.robot, 10.0)
+    some = [
+        Candidate(0, epoch, 0.5, 0.0, scaling.actor((4,), 1, "relu").draw(torch.Generator().manual_seed(1)))
+        for epoch in (1, 2, 3)
+    ]
+    shares = {1: 0.5, 2: 0.75, 3: 0.25}
+    assert choose(some, world_map, scaling, options).epoch == 3
+    chosen = choose(some, world_map, scaling, options, lambda one: shares[one.epoch])
+    assert (chosen.epoch, chosen.safety) == (2, (0.75,))
+
+
+def test_proved_missions_are_counted(tmp_path: Path) -> None:
+    (tmp_path / "hall.yaml").write_text(MAP, encoding="utf-8")
+    hall = replace(load_map(tmp_path / "hall.yaml"), generator=None)  # of its own scenarios both are proved
+    policy = load_policy(write_dodging_policy(tmp_path / "policy.onnx"))
+    options = make_configuration(mission_scenarios=2)
+    assert proved_missions(policy, hall, options) == 1.0
+    assert proved_missions(policy, hall, options.model_copy(update={"mission_parts": 5})) == 0.0
+
+
+def test_a_run_may_be_chosen_by_missions(tmp_path: Path) -> None:
+    options = tiny(epochs=1, mission_scenarios=1, select_by="missions", tensorboard=False)
+    result = train(options, tmp_path / "run")
+    record = json.loads((result.run_directory / "evaluation.json").read_text(encoding="utf-8"))
+    assert record["safety"] == [0.0]  # after one epoch of twenty-five steps

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from viatool.schedule import Progress
 from viatool.train.batches import complete, resume_seeds, train_seeds
-from viatool.train.configuration import PRESETS, TrainingConfiguration, load_configuration, make_configuration
+from viatool.train.configuration import TrainingConfiguration, load_configuration, make_configuration
 from viatool.train.export import export_checkpoint
+from viatool.train.presets import PRESETS
 from viatool.train.trainer import TrainingResult, resume, train
 
 __all__ = [

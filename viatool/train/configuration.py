@@ -18,6 +18,7 @@ from viatool.errors import ConfigurationError
 from viatool.train.constraint import MultiplierRule, VarRule
 from viatool.train.networks import HiddenActivation
 from viatool.train.observation import ActorLayout
+from viatool.train.presets import PRESETS
 from viatool.train.reachability import ENCLOSED
 
 Count = Annotated[int, Field(ge=1)]
@@ -30,7 +31,7 @@ ShapingForm = Literal["potential", "progress"]
 BudgetRule = Literal["recursive", "fixed"]
 ShapingPath = Literal["straight", "around"]
 WidthForm = Literal["mean", "square"]
-Selection = Literal["success", "safety"]
+Selection = Literal["success", "safety", "missions"]
 Engine = Literal["kinematic", "bullet"]
 MethodName = Literal["td3", "td7", "rcpo", "sac-lag", "wcsac", "cvar-cpo", "via"]
 
@@ -167,6 +168,11 @@ class TrainingConfiguration(BaseModel):
         True,
         "'progress' never pays more for a step than a step in the open earns, so that long metres are not a bait",
     )
+    clearance_margin: NonNegative = _option(
+        0.0,
+        "metres that are added to the collision and the danger clearance while robots learn; evaluations have the "
+        "map's",
+    )
     curriculum_start: Positive = _option(
         20.0, "metres, largest distance of the goal at the start of the training"
     )
@@ -196,7 +202,8 @@ class TrainingConfiguration(BaseModel):
     )
     select_by: Selection = _option(
         "success",
-        "the exported policy has the best 'success', or among those about as good the best 'safety'",
+        "the exported policy has the best 'success', or among those about as good the best 'safety', or of the "
+        "finalists about as good the most proved 'missions'",
     )
     selection_tolerance: Fraction = _option(
         0.01, "how much success (minus collisions) a candidate may lack to be about as good as the best"
@@ -205,6 +212,11 @@ class TrainingConfiguration(BaseModel):
         0, "validation scenarios whose states are verified at every evaluation; 0 is off"
     )
     verification_eps: NonNegative = _option(0.01, "sensor error of that verification")
+
+    mission_scenarios: Whole = _option(
+        0, "further random scenarios whose missions are tried to be proved for each finalist; 0 is off"
+    )
+    mission_parts: Count = _option(1500, "most parts of the set of such a mission, which bounds its time")
 
     # Evaluation and records
     evaluation_interval: Count = _option(3, "epochs between evaluations")
@@ -229,6 +241,8 @@ class TrainingConfiguration(BaseModel):
             raise ValueError("give exactly one of epoch_steps and epoch_episodes, and null for the other")
         if self.select_by == "safety" and not self.verification_scenarios:
             raise ValueError("select_by: safety needs verification_scenarios, for example 20")
+        if self.select_by == "missions" and not self.mission_scenarios:
+            raise ValueError("select_by: missions needs mission_scenarios, for example 20")
         if self.reachability_weight and self.actor_activation not in ENCLOSED:
             raise ValueError(f"reachability_weight needs actor_activation {' or '.join(ENCLOSED)}")
         if self.noise_highest < self.noise_lowest:
@@ -237,9 +251,9 @@ class TrainingConfiguration(BaseModel):
             raise ValueError(
                 f"replay_capacity {self.replay_capacity} holds less than learning_starts or one step"
             )
-        if self.test_seed in (self.validation_seed, self.validation_seed + 1):
+        if self.test_seed in range(self.validation_seed, self.validation_seed + 3):
             raise ValueError(
-                "test_seed must differ from validation_seed and the next number: they choose the policy"
+                "test_seed must differ from validation_seed and the next two numbers: they choose the policy"
             )
         return self
 
@@ -254,78 +268,6 @@ class TrainingConfiguration(BaseModel):
 
         text: str = yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False)
         return text
-
-
-_PAPER: dict[str, Any] = {
-    "seeds": 5,
-    "epochs": 100,
-    "discount": 0.99,
-    "mirror": False,
-    "cost_limit": 10.0,
-    "multiplier_step": 0.01,
-    "multiplier_maximum": 0.3,
-    "epoch_steps": None,
-    "epoch_episodes": 70,
-    "robots": 14,
-    "updates_per_step": 7,
-    "warmup_episodes": 70,
-    "learning_starts": 1000,
-    "critic_hidden": (26, 26),
-    "near_features": False,
-    "learning_rate": 1e-4,
-    "final_learning_rate": 1.0,
-    "return_steps": 1,
-    "batch_size": 40,
-    "cost_critic_delay": 1,
-    "saturation_penalty": 0.0,
-    "var_step": 1.0,
-    "multiplier_initial": 0.0,
-    "noise_lowest": 0.2,
-    "noise_highest": 0.2,
-    "constraint_noise": 0.2,
-    "turn_penalty": 0.5,
-    "proximity_penalty": 0.5,
-    "steering_penalty": 0.0,
-    "standing_penalty": 0.0,
-    "budget_rule": "recursive",
-    "shaping_narrow": 0.0,
-    "shaping_capped": False,
-    "shaping": 0.0,
-    "shaping_form": "potential",
-    "shaping_path": "straight",
-    "evaluation_interval": 5,
-    "evaluation_start": 0.0,
-    "checkpoint_interval": 10,
-}
-
-_STUDY: dict[str, Any] = {
-    "seeds": 5,
-    "epochs": 60,
-    "evaluation_start": 0.6,
-    "validation_scenarios": 1000,
-}
-
-# As it was when policies/via-64.onnx was trained; the wider actor passes narrow gaps.
-_BEST: dict[str, Any] = {
-    "budget_rule": "recursive",
-    "standing_penalty": 0.0,
-    "shaping_narrow": 0.0,
-    "shaping_capped": False,
-    "seeds": 4,
-    "epochs": 80,
-    "actor_hidden": (64, 64),
-    "cost_limit": 0.4,
-    "batch_size": 256,
-    "replay_capacity": 400_000,
-    "final_scenarios": 4000,
-    "finalists": 8,
-    "evaluation_start": 0.6,
-    "validation_scenarios": 1000,
-}
-
-PRESETS: dict[str, dict[str, Any]] = {"quick": {}, "paper": _PAPER, "study": _STUDY, "best": _BEST}
-"""What each preset changes of the defaults: a policy in minutes, the paper's schedule, the comparison of methods
-over five seeds, the best policy."""
 
 
 def make_configuration(

@@ -79,7 +79,12 @@ class TrainingRun:
         if self.collector is None or self.returns is None:
             options = self.configuration
             self.collector = Collector(
-                options, self.world_map, self.scaling, self.learner.method, self.var, self.epoch
+                options,
+                with_margin(self.world_map, options.clearance_margin),
+                self.scaling,
+                self.learner.method,
+                self.var,
+                self.epoch,
             )
             self.returns = NStepReturns(options.return_steps, options.discount)
         return self.collector, self.returns
@@ -119,6 +124,12 @@ def begin_run(configuration: TrainingConfiguration, world_map: WorldMap | None =
         var = _warm_up(configuration, world_map, scaling, agent.actor.weights)
     multiplier = np.full(configuration.seeds, configuration.multiplier_initial if method.constrained else 0.0)
     return TrainingRun(configuration, world_map, scaling, learner, var, multiplier)
+
+
+def with_margin(world_map: WorldMap, margin: float) -> WorldMap:
+    """Return a map whose clearances are larger by a margin, in metres."""
+    asked = world_map.clearance
+    return world_map.with_clearance(asked.collision + margin, asked.danger + margin)
 
 
 def _check_lidar(options: TrainingConfiguration, lidar: Lidar) -> None:

@@ -1,4 +1,4 @@
-"""Verification in the loop: how many of the states that a policy visits are proved safe."""
+"""Verification in the loop: how many states that a policy visits are proved safe, and how many missions."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
+from viatool.missions import MissionLimits, mission
+from viatool.policy import Policy
 from viatool.train.configuration import TrainingConfiguration
 from viatool.train.export import export_actor
 from viatool.train.networks import Weights
@@ -13,6 +15,9 @@ from viatool.train.observation import UnitScaling, make_specification
 from viatool.train.selection import random_scenarios
 from viatool.verification import verify
 from viatool.world import WorldMap
+
+START_ERROR = (0.02, 0.02)
+"""Metres and radians by which missions may begin elsewhere."""
 
 
 @dataclass(frozen=True, order=True)
@@ -64,3 +69,36 @@ def score_safety(
             seed=options.validation_seed,
         )
     return Safety(float(result.safety_rate), float(result.danger_rate))
+
+
+def proved_missions(policy: Policy, world_map: WorldMap, options: TrainingConfiguration) -> float:
+    """Return the share of missions that are proved, as ``viatool mission`` does, with cells of one size.
+
+    Parameters
+    ----------
+    policy : Policy
+        With its specification.
+    world_map : WorldMap
+        Of the training.
+    options : TrainingConfiguration
+        Says how many scenarios, the sensor error, and how many parts a set may have.
+    """
+    found = mission(
+        policy,
+        world_map,
+        eps=options.verification_eps,
+        start_error=START_ERROR,
+        scenarios=random_scenarios(world_map, options.mission_scenarios, options.validation_seed + 2),
+        limits=MissionLimits(options.horizon, parts=options.mission_parts, finer=0),
+    )
+    return found.counts["proved"] / len(found)
+
+
+def score_missions(
+    actor: Weights, budget: float, world_map: WorldMap, scaling: UnitScaling, options: TrainingConfiguration
+) -> float:
+    """Export the policy of one seed, and return its `proved_missions`."""
+    with tempfile.TemporaryDirectory() as directory:
+        specification = make_specification(world_map.robot, budget, {}, scaling.layout)
+        policy = export_actor(actor, scaling, specification, Path(directory) / "policy.onnx")
+        return proved_missions(policy, world_map, options)

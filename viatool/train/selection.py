@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol, TypeVar
 
@@ -90,14 +90,20 @@ def choose(
     world_map: WorldMap,
     scaling: UnitScaling,
     configuration: TrainingConfiguration,
+    proved: Callable[[Candidate], float] | None = None,
 ) -> Candidate:
-    """Compare the finalists on scenarios of their own: the best of many noisy scores flatters."""
+    """Compare the finalists on scenarios of their own: the best of many noisy scores flatters.
+
+    Where the share of missions that are `proved` of a candidate is given, it decides among those about as good.
+    """
     if len(candidates) == 1:
         return candidates[0]
     scenarios = random_scenarios(world_map, configuration.final_scenarios, configuration.validation_seed + 1)
     commands = [actor_command(one.weights, scaling, one.var) for one in candidates]
     outcome = drive(commands, world_map, scenarios, configuration)
     judged = [replace(one, score=score) for one, score in zip(candidates, outcome.score(), strict=True)]
+    if proved is not None:
+        judged = [replace(one, safety=(proved(one),)) for one in judged]
     return best_candidates(judged, 1, configuration.selection_tolerance)[0]
 
 

@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -32,7 +33,7 @@ from viatool.train.records import (
     write_text,
 )
 from viatool.train.run import TrainingRun, begin_run, checkpoint, resume_run, run_state, var_ceiling
-from viatool.train.scoring import score_safety
+from viatool.train.scoring import score_missions, score_safety
 from viatool.train.selection import Candidate, best_candidates, choose, evaluate_policy, validate
 from viatool.whole_file import remove_drafts
 from viatool.world import WorldMap
@@ -398,11 +399,17 @@ def _verified(run: TrainingRun, candidate: Candidate, row: dict[str, float]) -> 
     return replace(candidate, safety=(safety.collision, safety.danger)) if decides else candidate
 
 
+def _proved(run: TrainingRun, candidate: Candidate) -> float:
+    """Return the share of missions that are proved for a candidate."""
+    return score_missions(candidate.weights, candidate.var, run.world_map, run.scaling, run.configuration)
+
+
 def _finish(run: TrainingRun, directory: Path, progress: Progress, started: float) -> TrainingResult:
     """Choose, export and test."""
     options = run.configuration
     progress("choosing", 1, 1)
-    chosen = choose(run.candidates, run.world_map, run.scaling, options)
+    proved = partial(_proved, run) if options.select_by == "missions" else None
+    chosen = choose(run.candidates, run.world_map, run.scaling, options, proved)
     training = training_record(options, chosen.seed, chosen.epoch)
     specification = make_specification(run.world_map.robot, chosen.var, training, run.scaling.layout)
     path = directory / "policy.onnx"
