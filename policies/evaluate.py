@@ -70,7 +70,8 @@ def record_of(policy: Policy) -> dict[str, Any]:
 
 def actor_of(policy: Policy) -> str:
     """Return the shape of the actor, without the affine maps around it."""
-    hidden = [node for node in policy.network.nodes if isinstance(node, Activation)][:-1]
+    activations = [node for node in policy.network.nodes if isinstance(node, Activation)]
+    hidden = [node for node in activations if node.function.name != "Clip"][:-1]
     sizes = " x ".join(str(node.size) for node in hidden)
     return f"{sizes} {hidden[0].function.name}, tanh output"
 

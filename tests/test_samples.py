@@ -81,7 +81,7 @@ def test_the_hint_of_a_missing_file_lists_the_names(tmp_path: Path, monkeypatch:
     monkeypatch.chdir(tmp_path)
     with pytest.raises(PolicyError) as error:
         viatool.load_policy("vai")
-    assert "td3, td7, via, via-256, via-64, via-tanh" in error.value.hint
+    assert "td3, td7, via, via-256, via-64, via-mission, via-tanh" in error.value.hint
     with pytest.raises(MapError) as mistake:
         viatool.load_map("lub")
     assert "corridor, " in mistake.value.hint
