@@ -29,6 +29,8 @@ _ROUNDS = 3
 _STEPS = 4
 _CONFIRMED = 6
 _CHUNK = 256
+_BETWEEN = 1.5
+"""Times what the corners and middles of a box of commands differ by that others of its commands may be nearer."""
 
 
 class SearchablePolicy(Protocol):
@@ -106,12 +108,12 @@ def search_witnesses(
         easy = confirm(policy, some, seen[:, None])
         parts.append(_of_states(easy, rows))
         hard = np.setdiff1d(np.arange(len(rows)), easy.state)
+        aimed = some if aims is None else aims.select(rows)
         ends = lower[rows[hard]], upper[rows[hard]]
-        hard = hard[_may_fail(policy, some.select(hard), *ends)]
+        hard = hard[_may_fail(policy, some.select(hard), aimed.select(hard), *ends)]
         if len(hard):
-            rows, some, seen = rows[hard], some.select(hard), seen[hard]
+            rows, some, aimed, seen = rows[hard], some.select(hard), aimed.select(hard), seen[hard]
             around, ends = box.rows(rows), (lower[rows], upper[rows])
-            aimed = some if aims is None else aims.select(rows)
             found = _candidates(policy, aimed, seen, around, ends, generator)
             if shared is not None:
                 found = _of_one_reading(found, shared[rows])
@@ -122,17 +124,22 @@ def search_witnesses(
     return Witnesses.join(parts, observations.shape[1], lower.shape[1])
 
 
-def _may_fail(policy: SearchablePolicy, states: JudgedStates, lower: Floats, upper: Floats) -> Booleans:
+def _may_fail(
+    policy: SearchablePolicy, states: JudgedStates, aimed: JudgedStates, lower: Floats, upper: Floats
+) -> Booleans:
     """Tell in which states a search is not in vain, (B,): some command of the box comes about as near as it takes.
 
     A proof bounds more than any run does, the more so where motors and moving things leave much open: most of what is
-    not proved then fails by no command at all. Where a choice is made commands are no box, and nothing is told.
+    not proved then fails by no command at all. By how much commands of the box differ is told by the paths that are
+    aimed with. Where a choice is made commands are no box, and nothing is told.
     """
     if isinstance(policy, DrivenPolicy) and policy.choice is not None:
         return np.ones(len(states), dtype=bool)
-    left = states.clearance(states.rules.clip(_levels(lower, upper)), _FRACTIONS).min(axis=2)
-    spread = 0.5 * (left.max(axis=1) - left.min(axis=1))  # what commands in between may differ by
-    return np.asarray(~(left.min(axis=1) - spread >= states.rules.clearance.collision))
+    rules = states.rules
+    left = aimed.clearance(rules.clip(_levels(lower, upper)), _FRACTIONS).min(axis=2)
+    middle = states.clearance(rules.clip(0.5 * (lower + upper))[:, None], _FRACTIONS).min(axis=(1, 2))
+    spread = left.max(axis=1) - left.min(axis=1)
+    return np.asarray(~(middle - _BETWEEN * spread >= rules.clearance.collision))
 
 
 def _levels(lower: Floats, upper: Floats) -> Floats:
