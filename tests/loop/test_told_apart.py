@@ -27,10 +27,14 @@ RANGE, EPS = 1.5, 0.02
 @pytest.fixture(scope="module")
 def policy(tmp_path_factory):
     """A policy with large weights that sees 1.5 m far."""
-    layout = ActorLayout(RANGE, previous=False)
+    return seeing(RANGE, tmp_path_factory.mktemp("policy") / "near.onnx")
+
+
+def seeing(far, path):
+    """A policy with large weights that sees so far."""
+    layout = ActorLayout(far, previous=False)
     scaling = make_scaling(LAB.robot, 10.0, layout)
     actor = scaling.actor((26, 26), 1, "relu").draw(torch.Generator().manual_seed(3), 3.0)
-    path = tmp_path_factory.mktemp("policy") / "near.onnx"
     return export_actor(actor, scaling, make_specification(LAB.robot, 0.0, {}, layout), path)
 
 
@@ -75,6 +79,10 @@ def test_rays_are_followed_beyond_the_ceiling_by_what_they_err(policy):
     loop = ClosedLoop.of(policy, Setting.of(policy, LAB, EPS), SCENARIO)
     ((lidar, _),) = loop.sensors.quantities.lidars
     assert RANGE + EPS < lidar.farthest < RANGE + EPS + 1e-3
+
+
+def test_a_network_that_tells_nothing_apart_that_its_lidar_reads_is_followed(tmp_path):
+    assert beyond(seeing(0.1, tmp_path / "blind.onnx"), rounds=3) <= 1e-6
 
 
 def test_what_jumps_beyond_the_range_moves_no_bound(policy, monkeypatch):

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
+import jsonschema
 import numpy as np
 import pytest
 
@@ -64,6 +68,19 @@ def test_an_empty_file_states_nothing_and_assumes_an_ideal_robot(tmp_path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
+        ("timing: {interval: [0.0, 0.1]}", "timing.interval[0]: input should be greater than 0"),
+        (
+            "actuation: {linear: {acceleration: 0}}",
+            "linear.acceleration: input should be greater than 0, got 0",
+        ),
+        (
+            "actuation: {linear: {acceleration: [2, 1]}}",
+            "linear.acceleration: value error, the lower end 2 is above the upper end 1",
+        ),
+        ("actuation: {linear: {acceleration: yes}}", "linear.acceleration: value error, yes is not a number"),
+        ("actuation: {linear: {relative: no}}", "linear.relative: value error, no is not a number"),
+        ("sensor: {lidar: {missing: yes}}", "sensor.lidar.missing: value error, yes is not a number"),
+        ("sensor: {lidar: {angle: yes}}", "sensor.lidar.angle: value error, yes is not a number"),
         ("sensor: {lidar: {absolute: -0.1}}", "robot-errors.yaml:1: sensor.lidar.absolute"),
         ("timing: {delay: [0.2, 0.1]}", "lower end 0.2 is above the upper end 0.1"),
         ("timing:\n  delays: [0.1, 0.2]", "robot-errors.yaml:2: timing.delays: is not a known field"),
@@ -108,3 +125,21 @@ def test_a_job_refuses_every_term_that_it_does_not_take_into_account(policy, lab
         with pytest.raises(ConfigurationError) as caught:
             Setting.of(policy, lab, 0.01, Wishes(errors=model), job=job)
         assert all(place in str(caught.value) for place in left)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        {"sensor": {"lidar": {"absolute": -0.1}}},
+        {"sensor": {"lidar": {"missing": 17}}},
+        {"actuation": {"linear": {"relative": 1.0}}},
+        {"actuation": {"linear": {"acceleration": 0.0}}},
+        {"actuation": {"linear": {"acceleration": [0.0, 1.0]}}},
+        {"timing": {"interval": [0.0, 0.1]}},
+        {"pose": {"theta": 4.0}},
+    ],
+)
+def test_the_published_schema_refuses_numbers_out_of_their_range(content):
+    schema = json.loads(Path("docs/errors.schema.json").read_text())
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(content, schema)

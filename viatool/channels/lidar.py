@@ -17,6 +17,9 @@ from viatool.sets.forms import Forms
 from viatool.sight.scan import enclose_losing
 from viatool.world import Lidar
 
+_SHORTEST = 0.01
+"""Metres that a LiDAR sees beyond its least range, however little its network tells apart."""
+
 
 @observes("lidar")
 @dataclass(frozen=True, eq=False)
@@ -112,7 +115,7 @@ class LidarReadings(Quantity):
         """
         lidar = self.sensor
         plain = not self.channel.encoding and lidar.no_return is None and lidar.reduce != "mean"
-        return replace(self, farthest=max(reading, lidar.minimum_range)) if plain else self
+        return replace(self, farthest=max(reading, lidar.minimum_range + _SHORTEST)) if plain else self
 
     def bounds(self, extent: Extent) -> tuple[float, float]:
         """Return the limits of the LiDAR, and what it reads where nothing returns."""

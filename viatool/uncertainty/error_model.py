@@ -11,7 +11,16 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    model_validator,
+)
 
 from viatool.errors import ConfigurationError
 
@@ -28,12 +37,21 @@ def _number(value: Any) -> Any:
     return value
 
 
-Bound = Annotated[float, BeforeValidator(_number), Field(ge=0.0, allow_inf_nan=False)]
+Bound = Annotated[float, Field(ge=0.0, allow_inf_nan=False), BeforeValidator(_number)]
 """The largest size of an error."""
-Limit = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+Share = Annotated[float, Field(ge=0.0, lt=1.0), BeforeValidator(_number)]
+"""The largest share of something, below all of it."""
+Angle = Annotated[float, Field(ge=0.0, lt=math.pi), BeforeValidator(_number)]
+"""The largest size of an angle, below half a turn."""
+Limit = Annotated[float, Field(gt=0.0, allow_inf_nan=False), BeforeValidator(_number)]
 """What is never exceeded, or always reached."""
 Limits = Annotated[tuple[Limit, Limit], AfterValidator(_ordered)]
 """The least and the largest of what is never exceeded or always reached."""
+Rate = Annotated[
+    Annotated[Limit, Tag("one number")] | Annotated[Limits, Tag("two numbers")],
+    Discriminator(lambda value: "two numbers" if isinstance(value, list | tuple) else "one number"),
+]
+"""The least change of a velocity, or the least and the largest."""
 Times = Annotated[tuple[Bound, Bound], AfterValidator(_ordered)]
 """The least and the largest time, in seconds."""
 
@@ -53,16 +71,16 @@ class SensorTerms(ErrorTerms):
     """How the readings of one observation channel err; all of it at once."""
 
     absolute: Bound | None = _term("every reading, by itself", "the channel's unit", "as --eps says")
-    relative: Annotated[float, Field(ge=0.0, lt=1.0)] | None = _term(
+    relative: Share | None = _term(
         "share of the true value, every reading by itself", "share", "no error that grows with the reading"
     )
     bias: Bound | None = _term(
         "one error that all readings of an observation have in common", "the channel's unit", "no common bias"
     )
-    angle: Annotated[float, Field(ge=0.0, lt=math.pi)] | None = _term(
+    angle: Angle | None = _term(
         "a turn of the whole scan against the robot", "rad", "rays point where the specification says"
     )
-    missing: Annotated[int, Field(ge=0, le=16)] | None = _term(
+    missing: Annotated[int, Field(ge=0, le=16), BeforeValidator(_number)] | None = _term(
         "how many rays of a scan, whichever they are, return nothing", "rays", "every ray returns"
     )
     thin: Bound | None = _term(
@@ -75,35 +93,31 @@ class PoseTerms(ErrorTerms):
 
     x: Bound | None = _term("along x of the map", "m", "exact")
     y: Bound | None = _term("along y of the map", "m", "exact")
-    theta: Annotated[float, Field(ge=0.0, lt=math.pi)] | None = _term("of the heading", "rad", "exact")
+    theta: Angle | None = _term("of the heading", "rad", "exact")
 
 
 class CommandTerms(ErrorTerms):
     """How one acceleration follows its command; every error may change from instant to instant within its bounds."""
 
-    relative: Annotated[float, Field(ge=0.0, lt=1.0)] | None = _term(
-        "share of the acceleration that was commanded", "share", "no gain error"
-    )
+    relative: Share | None = _term("share of the acceleration that was commanded", "share", "no gain error")
     absolute: Bound | None = _term("acceleration beside the commanded one", "m/s^2 or rad/s^2", "no bias")
 
 
 class AxisTerms(ErrorTerms):
     """How one velocity follows its command; every error may change from instant to instant within its bounds."""
 
-    acceleration: Limit | Limits | None = _term(
+    acceleration: Rate | None = _term(
         "how fast the size of the velocity grows towards its command, at least; or from and to",
         "m/s^2 or rad/s^2",
         "commands are reached at once",
     )
-    deceleration: Limit | Limits | None = _term(
+    deceleration: Rate | None = _term(
         "how fast the size of the velocity falls towards its command, at least; or from and to",
         "m/s^2 or rad/s^2",
         "as the acceleration",
     )
     lag: Times | None = _term("time constant of a first-order lag, from and to", "s", "no lag")
-    relative: Annotated[float, Field(ge=0.0, lt=1.0)] | None = _term(
-        "share of the velocity that was commanded", "share", "no gain error"
-    )
+    relative: Share | None = _term("share of the velocity that was commanded", "share", "no gain error")
     absolute: Bound | None = _term("velocity beside the commanded one", "m/s or rad/s", "no bias")
 
 
@@ -129,7 +143,7 @@ class ActuationTerms(ErrorTerms):
 class TimingTerms(ErrorTerms):
     """When the policy acts, and on what."""
 
-    interval: Times | None = _term(
+    interval: Limits | None = _term(
         "time between two commands, from and to", "s", "exactly the control interval"
     )
     delay: Times | None = _term("time until a command acts, from and to", "s", "as --delay says")

@@ -16,7 +16,18 @@ Built = TypeVar("Built")
 
 _SHOWN = 8  # errors that are listed; the rest is counted
 # Steps in pydantic's locations that name a variant of a union instead of a key of the file.
-_VARIANTS = (*SHAPES, "point", "str", "RobotFile", "place", "states", "outline", "corners")
+_VARIANTS = (
+    *SHAPES,
+    "point",
+    "str",
+    "RobotFile",
+    "place",
+    "states",
+    "outline",
+    "corners",
+    "one number",
+    "two numbers",
+)
 # What pydantic says in terms of Python, in terms of the file.
 _PLAINER = {
     "union_tag_not_found": "has no 'shape'",
