@@ -262,7 +262,7 @@ class MissionWork(Work[Sequence[Scenario], tuple[Mission, ...]]):
             "scenarios": digest_of(scenarios),
             "rules": setting.rules.to_json(),
             "radii": setting.radii.tolist(),
-            "errors": dict(setting.uncertainty.premises()),
+            "errors": setting.uncertainty.exactly(),
             "start error": list(asked.start_error),
             "goal radius": asked.goal_radius,
             "limits": asdict(asked.limits),

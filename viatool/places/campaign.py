@@ -147,7 +147,7 @@ def describe(examination: RootExamination, scenario: Scenario) -> dict[str, Any]
         "goal": list(scenario.goal),
         "rules": setting.rules.to_json(),
         "radii": setting.radii.tolist(),
-        "errors": dict(setting.uncertainty.premises()),
+        "errors": setting.uncertainty.exactly(),
         "arithmetic": loop.arithmetic,
         "cells": {name: np.asarray(part).tolist() for name, part in vars(examination.lattice).items()},
         "seed": examination.seed,

@@ -297,6 +297,10 @@ class ErrorModel(ErrorTerms):
         """Return what is stated, in words: place, and value with unit."""
         return tuple((place, f"{_words(value)} {unit}".rstrip()) for place, _, value, unit in self.stated())
 
+    def exactly(self) -> dict[str, str]:
+        """Return what is stated to the last digit, by place: by it stored work is told from that of another model."""
+        return {place: repr(value) for place, _, value, _ in self.stated()}
+
     def assumed(self) -> dict[str, str]:
         """Return what the terms that are left out assume, by section, each in words."""
         parts: dict[str, ErrorTerms] = {

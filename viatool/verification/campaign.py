@@ -97,7 +97,7 @@ def describe(examination: StateExamination, states: States, versions: Mapping[st
         "states": digest_of(states),
         **rules,
         "radii": setting.radii.tolist(),
-        "errors": dict(setting.uncertainty.premises()),
+        "errors": setting.uncertainty.exactly(),
         "efforts": [dict(effort) for effort in examination.efforts],
         "everywhere": examination.everywhere,
         "only contested": examination.only_contested,
