@@ -20,6 +20,7 @@ from viatool.loop.horizon import Horizon
 from viatool.loop.keeping import clearance_kept
 from viatool.loop.successor import LoopStep
 from viatool.loop.tube import TubeFollower
+from viatool.motion import actuated_sets
 from viatool.sets.forms import Forms, PoseBoxes
 from viatool.sets.states import StateBoxes
 from viatool.setting.setting import Setting
@@ -233,6 +234,39 @@ def test_missions_hold_all_runs_from_the_start_to_the_goal(hall, dodging, name):
     left = nearest(hall, one.scenario, between).min(axis=2)
     assert (left[driving] >= one.clearance - ROUNDING).all()
     assert one.arrival[0] - 1e-9 <= one.driven_arrival[0] <= one.driven_arrival[1] <= one.arrival[1] + 1e-9
+
+
+def beyond_what_is_carried(dodging, hall, steps=12, count=200):
+    """By how much runs leave every part of their interval in pose, commands on their way or velocity, at most."""
+    terms, motors = ALL
+    (one,) = viatool.mission(
+        dodging, hall, eps=EPS, errors=asked(terms), scenarios=hall.scenarios[1:], time_limit=0.1022 * steps
+    )
+    oracle, none = Oracle(Motors(**motors), count), np.zeros((count, 3))
+    generator, radii = np.random.default_rng(0), Setting.of(dodging, hall, EPS).radii
+    decide = deciding(dodging, hall, one.scenario, sensor_errors(generator, radii, count, one.steps))
+    tube, worst = one.proof.tube, 0.0
+    older = (tube.lower.shape[1] - 5) // 2
+    now = oracle.begin(np.repeat([one.scenario.start], count, axis=0), none, np.zeros((count, 4, 3)))
+    for k in range(one.steps):
+        now = oracle.follow(now, decide(now.poses, now.commands[:, 0], k))
+        behind = now.commands[:, :older, ::2].reshape(count, -1), now.velocity[:, ::2]
+        here, parts = np.concatenate([now.poses, *behind], axis=1)[:, None], tube.step == k + 1
+        over = np.maximum(tube.lower[parts] - here, here - tube.upper[parts])
+        worst = max(worst, float(over.max(axis=2).min(axis=1).max()))
+    return worst
+
+
+def test_sets_hold_the_commands_on_their_way_and_the_velocity(hall, dodging, monkeypatch):
+    assert beyond_what_is_carried(dodging, hall) < ROUNDING
+    honest = actuated_sets._behind
+
+    def as_told(*given):
+        found = honest(*given)
+        return Forms(found.centre, found.slope, 0.0 * found.rest)
+
+    monkeypatch.setattr(actuated_sets, "_behind", as_told)
+    assert beyond_what_is_carried(dodging, hall) > 100 * ROUNDING
 
 
 @pytest.mark.parametrize("criterion", ["swept", "braking"])
