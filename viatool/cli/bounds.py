@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from viatool.cli import options
+from viatool.cli.command import Command
 from viatool.cli.terminal import open_console
 from viatool.errors import ConfigurationError
 
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
     from viatool.policy import Policy
 
 
-@click.command()
+@click.command(cls=Command)
 @options.policy_argument
 @click.argument("observations", type=options.READABLE)
 @options.eps_option

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from viatool.cli import options
+from viatool.cli.command import Command
 from viatool.cli.gating import build_gate, gate_options, leave_by_gate
 from viatool.cli.reporting import read_outputs, tell
 from viatool.cli.shapes import FootprintType, PointType
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from viatool.world import Scenario, WorldMap
 
 
-@click.command()
+@click.command(cls=Command)
 @options.policy_argument
 @options.map_option
 @options.unknown_option

@@ -7,10 +7,11 @@ from pathlib import Path
 import click
 
 from viatool.cli import options
+from viatool.cli.command import Command
 from viatool.cli.terminal import open_console
 
 
-@click.command()
+@click.command(cls=Command)
 @click.argument("before", type=options.READABLE)
 @click.argument("after", type=options.READABLE)
 def command(before: Path, after: Path) -> None:

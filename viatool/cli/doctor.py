@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from viatool.cli import options
+from viatool.cli.command import Command
 from viatool.cli.reporting import read_outputs, tell
 from viatool.cli.states import bag_settings, recording_options
 from viatool.cli.terminal import show_progress
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from viatool.doctor import Diagnosis
 
 
-@click.command()
+@click.command(cls=Command)
 @options.policy_argument
 @options.map_option
 @options.unknown_option

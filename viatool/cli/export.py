@@ -7,10 +7,11 @@ from pathlib import Path
 import click
 
 from viatool.cli import options
+from viatool.cli.command import Command
 from viatool.cli.terminal import open_console
 
 
-@click.command()
+@click.command(cls=Command)
 @click.argument("checkpoint", type=options.READABLE)
 @options.policy_output_option
 @click.option(

@@ -8,11 +8,12 @@ from typing import Any
 import click
 
 from viatool.cli import options
+from viatool.cli.command import Command
 from viatool.cli.gating import build_gate, gate_options, leave_by_gate
 from viatool.cli.terminal import open_console
 
 
-@click.command()
+@click.command(cls=Command)
 @click.argument("report", type=options.READABLE)
 @gate_options
 @options.quiet_option

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from viatool.cli import options
+from viatool.cli.command import Command
 from viatool.cli.numbers import finite
 from viatool.cli.terminal import open_console
 
@@ -36,7 +37,7 @@ class NumbersType(click.ParamType):  # type: ignore[type-arg]  # generic only in
         return tuple(number for number in numbers if number is not None)
 
 
-@click.command()
+@click.command(cls=Command)
 @click.argument("model", type=options.READABLE)
 @options.policy_output_option
 @click.option(

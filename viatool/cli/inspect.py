@@ -8,13 +8,14 @@ from typing import Any
 import click
 
 from viatool.cli import options
+from viatool.cli.command import Command
 from viatool.cli.failures import explain
 from viatool.cli.terminal import open_console
 
 STDOUT = Path("-")
 
 
-@click.command()
+@click.command(cls=Command)
 @click.argument("policies", metavar="POLICY...", type=options.POLICY, nargs=-1, required=True)
 @options.spec_option
 @options.graph_options

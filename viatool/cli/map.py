@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING
 import click
 
 from viatool.cli import options
+from viatool.cli.command import Command
 from viatool.cli.terminal import open_console
 
 if TYPE_CHECKING:
     from viatool.world.map_file import Unknown
 
 
-@click.command()
+@click.command(cls=Command)
 @click.argument("maps", metavar="MAP...", type=options.MAP, nargs=-1, required=True)
 @click.option(
     "--output",

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from viatool.cli import options
+from viatool.cli.command import Command
 from viatool.cli.states import topic_options
 from viatool.cli.terminal import open_console
 
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     from viatool.policy import PolicySpecification
 
 
-@click.command("measure-errors")
+@click.command("measure-errors", cls=Command)
 @click.argument("recording", type=options.READABLE)
 @options.map_option
 @options.unknown_option

@@ -216,7 +216,6 @@ explain_errors_option = click.option(
 pose_error_option = click.option(
     "--pose-error",
     type=PoseErrorType(),
-    default=(0.0, 0.0),
     help="How far x and y, and the heading, that localisation gives may be off in each control interval, such as "
     "0.01,0.01; the same as pose in an error model.",
 )
@@ -361,7 +360,7 @@ def stated_errors(given: Mapping[str, Any]) -> ErrorModel:
     from viatool.uncertainty import as_error_model
 
     model = as_error_model(given["errors"])
-    return model.with_pose_error(*given["pose_error"]) if any(given["pose_error"]) else model
+    return model if given["pose_error"] is None else model.with_pose_error(*given["pose_error"])
 
 
 def bounds_options(command: Command) -> Command:

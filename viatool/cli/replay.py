@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from viatool.cli import options
+from viatool.cli.command import Command
 from viatool.cli.failures import GATE_FAILED
 from viatool.cli.terminal import open_console
 
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
     from viatool.verification.witness_file import WitnessFile
 
 
-@click.command()
+@click.command(cls=Command)
 @click.argument("witnesses", metavar="FILE", type=options.READABLE)
 @click.option("--policy", type=options.POLICY, metavar="FILE", help="A policy other than the file's.")
 @click.option("--map", "map_path", type=options.MAP, metavar="FILE", help="A map other than the file's.")

@@ -7,10 +7,11 @@ from pathlib import Path
 import click
 
 from viatool.cli import options
+from viatool.cli.command import Command
 from viatool.cli.reporting import read_outputs, tell
 
 
-@click.command()
+@click.command(cls=Command)
 @click.argument("report", type=options.READABLE)
 @click.option(
     "--output",

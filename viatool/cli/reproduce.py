@@ -8,12 +8,13 @@ from typing import Literal
 import click
 
 from viatool.cli import options
+from viatool.cli.command import Command
 from viatool.cli.terminal import open_console
 from viatool.cli.work import keeping, worker_options
 from viatool.studies import STUDIES
 
 
-@click.command()
+@click.command(cls=Command)
 @click.argument("studies", nargs=-1, required=True, type=click.Choice([*STUDIES, "all"]), metavar="STUDY...")
 @click.option(
     "--preset",

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from viatool.cli import options
+from viatool.cli.command import Command
 from viatool.cli.condition_options import condition_options, engine_options
 from viatool.cli.gating import build_gate, gate_options, leave_by_gate
 from viatool.cli.reporting import read_outputs, tell
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from viatool.simulate import Conditions, Simulation
 
 
-@click.command()
+@click.command(cls=Command)
 @options.policy_argument
 @options.map_option
 @options.unknown_option

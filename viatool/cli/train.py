@@ -9,11 +9,12 @@ from typing import Literal
 import click
 
 from viatool.cli import options
+from viatool.cli.command import Command
 from viatool.cli.terminal import open_console, show_progress
 from viatool.cli.work import keeping, worker_options
 
 
-@click.command()
+@click.command(cls=Command)
 @click.option(
     "--preset",
     type=click.Choice(["quick", "paper", "study", "best"]),

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from viatool.cli import options
+from viatool.cli.command import Command
 from viatool.cli.gating import build_gate, gate_options, leave_by_gate
 from viatool.cli.reporting import read_outputs, tell
 from viatool.cli.states import bag_settings, choose_scenarios, sampled_places, state_options
@@ -45,7 +46,7 @@ _PASSED_ON = (
 )
 
 
-@click.command()
+@click.command(cls=Command)
 @options.policy_argument
 @options.map_option
 @options.unknown_option

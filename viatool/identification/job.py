@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ from viatool.identification.ranges import RangeErrors
 from viatool.identification.tracking import signals_of, tracking_findings
 from viatool.policy import PolicySpecification
 from viatool.trajectory import BagSettings, is_bag
-from viatool.trajectory.bag import BagParts, RecordedOdometry, open_parts
+from viatool.trajectory.bag import BagParts, RecordedOdometry, are_stamped, open_parts
 from viatool.trajectory.placing import Placing
 from viatool.trajectory.transforms import turns_between
 from viatool.world import WorldMap
@@ -103,7 +103,7 @@ def _scans(
         return none, none, None
     if parts.odometry is None:
         reason = parts.missing["odometry"]
-    elif not _stamped(parts.odometry.stamps):
+    elif not are_stamped(parts.odometry.stamps):
         reason = "the odometry has no stamps"
     else:
         placing = Placing(parts.odometry, parts.transforms, bag.frame.removeprefix("/"), bag.gap)
@@ -111,7 +111,7 @@ def _scans(
     stamps = []
     for scans in parts.scans:
         stamps.append((scans.stamps, scans.received))
-        if ranges is not None and not _stamped(scans.stamps):
+        if ranges is not None and not are_stamped(scans.stamps):
             ranges, reason = None, "the scans have no stamps"
         if ranges is not None:
             try:
@@ -134,15 +134,15 @@ def _commanded(
     if commands is None:
         yield UnmeasuredTerm("actuation, timing", parts.missing["command"])
         return
-    if len(commands.stamps) == 0 or not _stamped(commands.stamps):
+    if len(commands.stamps) == 0 or not are_stamped(commands.stamps):
         yield UnmeasuredTerm("actuation, timing", "the commands have no stamps, or there are none")
         return
     yield from interval_findings(commands, bounding)
-    if len(measured) and _stamped(measured):
+    if len(measured) and are_stamped(measured):
         yield from sensing_findings(commands, measured, received, bounding)
     elif len(measured):
         yield UnmeasuredTerm("timing.sensing", "the scans have no stamps")
-    if odometry is None or len(odometry.stamps) < 3 or not _stamped(odometry.stamps):
+    if odometry is None or len(odometry.stamps) < 3 or not are_stamped(odometry.stamps):
         reason = parts.missing.get("odometry", "the odometry has no stamps, or fewer than 3 messages")
         yield UnmeasuredTerm("actuation, timing.delay", reason)
         return
@@ -152,10 +152,6 @@ def _commanded(
     yield from tracking_findings(
         signals_of(given, commands.values, (at - start) * 1e-9, velocities), bounding
     )
-
-
-def _stamped(stamps: Sequence[int] | Indices) -> bool:
-    return bool(len(stamps)) and bool(np.any(np.asarray(stamps) != 0))
 
 
 def _velocities(odometry: RecordedOdometry, notes: list[str]) -> tuple[Indices, Floats]:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from viatool.report.records import FileIdentity
 
 BAR_WIDTH = 60
+_NAME_WIDTH = 45  # of what may stand in the first column of a table without a break
 _GLYPHS = {"safe": "█", "unknown": "▓", "unsafe": "▒", "": "░"}
 
 
@@ -133,7 +134,12 @@ def _table(section: Table) -> RenderableType:
     table = _grid()
     for index, name in enumerate(section.head):
         is_text = index == 0 or index >= len(section.head) - section.texts
-        table.add_column(Text(shown(name)), justify="left" if is_text else "right")
+        # Names in the first column are looked up: they are shown whole, others make room.
+        words = (word for row in section.rows for word in shown(row[0]).split()) if index == 0 else ()
+        least = min(max(map(len, words), default=0), _NAME_WIDTH) or None
+        table.add_column(
+            Text(shown(name)), justify="left" if is_text else "right", min_width=least, overflow="fold"
+        )
     for row in section.rows:
         table.add_row(*(Text(shown(text)) for text in row))
     body = Group(Text(f"{shown(section.remark)}:"), table) if section.remark else table

@@ -157,6 +157,13 @@ class Rules:
         return self.asked.path(held, self.deceleration, self.footprint)
 
     @property
+    def moves_as(self) -> str:
+        """Return in words what moves, and whether its wheels slip."""
+        slips = self.actuation.slip > 0.0
+        words = self.kinematics.description
+        return words.replace("without slip", "with slip as the error model says") if slips else words
+
+    @property
     def varies(self) -> bool:
         """Tell whether velocities differ from what is commanded, or commands from when they are expected."""
         return self.timing is not None or not self.actuation.is_ideal

@@ -100,7 +100,12 @@ def _absolute(model: ErrorModel, spec: PolicySpecification, given: Mapping[str, 
     """Return the radii that an error model states, by channel; refuse what contradicts --eps or names no channel."""
     stated = {}
     for name, terms in model.sensor.items():
-        spec.channel(name)
+        known = [channel.name for channel in spec.observation]
+        if name not in known:
+            raise ConfigurationError(
+                f"{model.source}: sensor.{name}: there is no observation channel '{name}'",
+                f"name one of {', '.join(known)}",
+            )
         if terms.absolute is None:
             continue
         if given.get(name, terms.absolute) != terms.absolute:

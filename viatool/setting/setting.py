@@ -359,8 +359,16 @@ def _premises(world_map: WorldMap, rules: Rules, wishes: Wishes) -> tuple[Premis
             if wishes.clearance is None
             else "map and --clearance",
         ),
-        Premise("delay", f"{rules.delay:g} s", "--delay" if rules.delay else "default"),
+        _delay_premise(rules, wishes),
     )
+
+
+def _delay_premise(rules: Rules, wishes: Wishes) -> Premise:
+    """Return the dead time; of an error model that states it, both of its ends."""
+    if wishes.errors.timing.delay is not None:
+        least, most = wishes.errors.timing.delay
+        return Premise("delay", f"{least:g} to {most:g} s", wishes.errors.source)
+    return Premise("delay", f"{rules.delay:g} s", "--delay" if rules.delay else "default")
 
 
 def _stated(model: ErrorModel) -> tuple[Premise, ...]:

@@ -373,6 +373,11 @@ def _read_transforms(reader: AnyReader) -> Transforms:
     return found
 
 
+def are_stamped(stamps: Sequence[int] | Indices) -> bool:
+    """Tell whether somebody stamped messages: those that nobody did bear the time 0."""
+    return bool(len(stamps)) and bool(np.any(np.asarray(stamps) != 0))
+
+
 def _ordered(stamps: Indices, what: str, before: int = 0) -> Indices:
     """Return stamps, refusing a clock that goes back; so many messages stand before them."""
     back = np.flatnonzero(np.diff(stamps) < 0)

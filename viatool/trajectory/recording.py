@@ -10,8 +10,8 @@ import numpy as np
 
 from viatool.arrays import Booleans, Floats, Indices
 from viatool.channels import Channel, Quantities, RecordedInstants
-from viatool.errors import ConfigurationError, EmptyEvaluationError, PolicyError
-from viatool.trajectory.bag import Bag, Topics, open_bag
+from viatool.errors import ConfigurationError, EmptyEvaluationError, PolicyError, TrajectoryError
+from viatool.trajectory.bag import Bag, Topics, are_stamped, open_bag
 from viatool.trajectory.placing import Mount, Placing
 from viatool.trajectory.rows import Rows
 from viatool.trajectory.scans import Readings, Scans, bin_scans
@@ -169,6 +169,16 @@ class _Gathered:
         self.mounted: Mount | None = None
         self.seen: dict[str, Readings] = {}
 
+    def _require_stamps(self, scans: Scans) -> None:
+        """Refuse messages that nobody stamped: which pose belongs to which scan is then not known."""
+        parts = {"scans": scans.stamps, "odometry": self.bag.odometry.stamps}
+        bare = [name for name, stamps in parts.items() if len(stamps) > 1 and not are_stamped(stamps)]
+        if bare:
+            raise TrajectoryError(
+                f"the headers of {' and '.join(bare)} have no stamps (all are 0), which tell what belongs together",
+                "stamp the messages where they are published, and record again",
+            )
+
     def states(self, scans: Scans) -> tuple[Indices, Floats, Floats, Indices]:
         """Return stamps (K,), poses (K, 3) and observations (K, n) of those scans of which all is known.
 
@@ -176,6 +186,7 @@ class _Gathered:
         """
         if not self.scans:
             self.first = int(scans.stamps[0])
+        self._require_stamps(scans)
         self.scans += len(scans)
         if not len(self.bag.odometry.stamps):
             return scans.stamps[:0], np.zeros((0, 3)), np.zeros((0, 0)), scans.stamps[:0]

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
 
 from viatool.errors import ConfigurationError, MapError
 from viatool.samples import ERRORS
 from viatool.uncertainty.error_model import ErrorModel
-from viatool.world.complaints import validated
-from viatool.world.yaml_text import read_yaml
+from viatool.world.complaints import validated, wrong
+from viatool.world.yaml_text import YamlDocument, read_yaml
 
-_HINT = "see docs/errors.md for the layout"
+_HINT = "correct the named terms, in m, s, rad and shares of 1; docs/errors.md lists them"
 
 
 def load_errors(path: str | os.PathLike[str]) -> ErrorModel:
@@ -33,10 +34,13 @@ def load_errors(path: str | os.PathLike[str]) -> ErrorModel:
     try:
         document = read_yaml(path, text)
         if document.content is None:
-            return ErrorModel(source=str(path))
-        found = validated(document, ErrorModel)
+            raise ConfigurationError(
+                f"{path}: is empty, so it states no error at all", "state a term, or leave --errors out"
+            )
+        _refuse_forgotten(document, document.content)
+        found = validated(document, ErrorModel, _HINT)
     except MapError as error:
-        raise ConfigurationError(error.message, _HINT) from error
+        raise ConfigurationError(error.message, error.hint) from error
     return found.model_copy(update={"source": str(path)})
 
 
@@ -44,4 +48,20 @@ def as_error_model(given: ErrorModel | str | os.PathLike[str] | None) -> ErrorMo
     """Return an error model that was given as such, as a file, or not at all."""
     if given is None:
         return ErrorModel()
-    return given if isinstance(given, ErrorModel) else load_errors(given)
+    if isinstance(given, ErrorModel):
+        return given
+    if not isinstance(given, str | os.PathLike):
+        raise ConfigurationError(
+            f"errors is of type {type(given).__name__}, expected a viatool.ErrorModel, or the path of a file",
+            "write viatool.ErrorModel(pose={'x': 0.02}), or give the file",
+        )
+    return load_errors(given)
+
+
+def _refuse_forgotten(document: YamlDocument, content: Any, location: tuple[str, ...] = ()) -> None:
+    """Refuse a term without a number, which would be none at all; a section may be left empty."""
+    for key, value in content.items() if isinstance(content, dict) else ():
+        place = (*location, str(key))
+        if value is None and location:
+            raise wrong(document, place, "has no number", "give it one, or take the line out")
+        _refuse_forgotten(document, value, place)

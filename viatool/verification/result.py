@@ -359,9 +359,8 @@ class Result(Asked):
         machine = self.rules.machine
         slow = f" (is no faster than {STANDING:g} m/s)" if machine is not None and machine.lag else ""
         passive = f", and counts until the robot stands{slow}" if self.rules.manoeuvre.passive else ""
-        return (
-            f"what {' and '.join(places)} tell of may move, in any direction from where it is shown{passive}"
-        )
+        tell = "tells" if len(places) == 1 else "tell"
+        return f"what {' and '.join(places)} {tell} of may move, in any direction from where it is shown{passive}"
 
     @property
     def _sensor_words(self) -> str:
@@ -388,7 +387,7 @@ class Result(Asked):
             "footprint": rules.footprint.words,
             "clearance": f"more than {rules.clearance.collision:g} m (danger: {rules.clearance.danger:g} m)",
             "commands": (f"clipped to {rules.kinematics.range_words(rules.lower, rules.upper)}, {reached}"),
-            "motion": f"{rules.kinematics.description}, from {self._from}{self._begun_words}",
+            "motion": f"{rules.moves_as}, from {self._from}{self._begun_words}",
             "horizon": f"one command, held for {held:g} s; each state by itself, not the whole run"
             + ("" if self.horizon is None else f". {self.horizon.meaning}"),
             "delay": (f"{rules.delay:g} s" if rules.delay else "none")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from typing import Any, TypeVar
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
@@ -33,14 +33,20 @@ _PLAINER = {
     "union_tag_not_found": "has no 'shape'",
     "model_type": "expected a mapping",
     "model_attributes_type": "expected a mapping",
+    "dict_type": "expected a mapping",
+    "mapping_type": "expected a mapping",
     "list_type": "expected a list",
     "tuple_type": "expected a list",
     "extra_forbidden": "is not a known field",
 }
 
 
-def validated(document: YamlDocument, model: type[Model]) -> Model:
-    """Return a document as a typed model.
+def validated(
+    document: YamlDocument,
+    model: type[Model],
+    hint: str = "correct the named fields; lengths are metres, angles radians",
+) -> Model:
+    """Return a document as a typed model; `hint` says how to mend one that is wrong.
 
     Raises
     ------
@@ -51,12 +57,10 @@ def validated(document: YamlDocument, model: type[Model]) -> Model:
         return model.model_validate(document.content)
     except ValidationError as error:
         problems = error.errors(include_url=False)
-        lines = [_explain(document, problem) for problem in problems[:_SHOWN]]
+        lines = [_explain(document, problem, model) for problem in problems[:_SHOWN]]
         if len(problems) > _SHOWN:
             lines.append(f"and {len(problems) - _SHOWN} more")
-        raise MapError(
-            "\n".join(lines), "correct the named fields; lengths are metres, angles radians"
-        ) from error
+        raise MapError("\n".join(lines), hint) from error
 
 
 def wrong(document: YamlDocument, location: Sequence[str | int], what: str, hint: str) -> MapError:
@@ -86,12 +90,32 @@ def shortened(value: Any) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def _explain(document: YamlDocument, problem: Any) -> str:
+def _explain(document: YamlDocument, problem: Any, model: type[BaseModel]) -> str:
     """Return one line for one problem that pydantic found."""
     location = [step for step in problem["loc"] if step not in _VARIANTS]
-    message = problem["msg"]
-    what = _PLAINER.get(problem["type"], message[0].lower() + message[1:])
-    given = problem["input"]
-    if problem["type"] not in ("missing", "extra_forbidden") and not isinstance(given, dict | list):
+    kind, message, given = problem["type"], problem["msg"].removeprefix("Value error, "), problem["input"]
+    what = _PLAINER.get(kind, message[0].lower() + message[1:])
+    if kind == "extra_forbidden" and (known := _known_fields(model, location[:-1])):
+        what += f", which are {', '.join(known)}"
+    if kind not in ("missing", "extra_forbidden") and not isinstance(given, dict | list | bool):
         what += f", got {shortened(given)}"
-    return f"{document.place(location)}: {field_name(location)}: {what}"
+    return ": ".join([document.place(location), *([field_name(location)] if location else []), what])
+
+
+def _known_fields(model: type[BaseModel], location: Sequence[str | int]) -> tuple[str, ...]:
+    """Return the fields of the model that stands at a place; none if it may be one of several."""
+    annotation: Any = model
+    for step in location:
+        if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+            field = annotation.model_fields.get(str(step))
+            annotation = None if field is None else field.annotation
+        elif get_origin(annotation) is Mapping:
+            annotation = get_args(annotation)[1]
+        else:
+            return ()
+    is_model = isinstance(annotation, type) and issubclass(annotation, BaseModel)
+    return (
+        tuple(name for name, field in annotation.model_fields.items() if not field.exclude)
+        if is_model
+        else ()
+    )

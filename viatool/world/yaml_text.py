@@ -54,7 +54,7 @@ def read_yaml(path: Path, text: bytes) -> YamlDocument:
     try:
         loader = yaml.SafeLoader(text.decode("utf-8"))
     except (UnicodeDecodeError, yaml.reader.ReaderError) as error:
-        raise MapError(f"{path}: is not a UTF-8 text file ({error})", "give a map in YAML") from error
+        raise MapError(f"{path}: is not a UTF-8 text file ({error})", "save it as YAML in UTF-8") from error
     try:
         root = loader.get_single_node()
         if root is None:
@@ -64,7 +64,13 @@ def read_yaml(path: Path, text: bytes) -> YamlDocument:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         place = f"{path}:{mark.line + 1}" if mark else str(path)
-        raise MapError(f"{place}: is not YAML: {error.problem}", "correct the syntax of this line") from error
+        tab = "'\\t'" in (error.problem or "")
+        hint = (
+            "indent with spaces, not with tabs"
+            if tab
+            else "correct the syntax of this line or of those before it"
+        )
+        raise MapError(f"{place}: is not YAML: {error.problem}", hint) from error
     except (ValueError, TypeError, RecursionError) as error:
         raise MapError(f"{path}: is not YAML: {error}", "correct the syntax of the file") from error
     finally:

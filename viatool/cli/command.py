@@ -1,0 +1,29 @@
+"""A command that takes each option once, unless the option says that it is repeatable."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import click
+
+
+class Command(click.Command):
+    """A click command that refuses an option which is given twice, of which click would silently keep the last."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Read the arguments; what is repeated is refused before anything else is checked."""
+        if not ctx.resilient_parsing:
+            _, _, order = self.make_parser(ctx).parse_args(args=list(args))
+            for param, times in Counter(order).items():
+                if times > 1 and isinstance(param, click.Option) and _takes_one_value(param):
+                    raise click.BadParameter(
+                        f"it is given {'twice' if times == 2 else f'{times} times'}, and takes one value; "
+                        "leave all but one of them out",
+                        ctx=ctx,
+                        param=param,
+                    )
+        return super().parse_args(ctx, args)
+
+
+def _takes_one_value(option: click.Option) -> bool:
+    return not (option.multiple or option.is_flag or option.count)
