@@ -113,3 +113,26 @@ def test_wrong_usage_exits_2_with_one_message_and_no_traceback(arguments: list[s
 def test_no_arguments_show_the_help() -> None:
     result = CliRunner().invoke(main, [])
     assert (result.exit_code, "verify" in result.stdout) == (0, True)
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        (("--errors", "husky", "--errors", "jackal"), "--errors"),
+        (("--pose-error", "0.1,0.1", "--pose-error", "0.01,0.01"), "--pose-error"),
+        (("--delay", "0.1", "--delay=0.2"), "--delay"),
+        (("-q", "-q", "--seed", "1", "--seed", "1"), "--seed"),
+    ],
+)
+def test_an_option_that_takes_one_value_is_given_once(options: tuple[str, ...], named: str) -> None:
+    run = CliRunner().invoke(main, ["verify", "via", "--map", "room", "--eps", "0.01", *options])
+    assert run.exit_code == 2
+    assert f"'{named}': it is given twice" in run.stderr
+
+
+def test_a_heading_that_errs_by_half_a_turn_is_refused_before_any_work() -> None:
+    run = CliRunner().invoke(
+        main, ["verify", "via", "--map", "room", "--eps", "0.01", "--pose-error", "0.1,5.7"]
+    )
+    assert run.exit_code == 2
+    assert "5.7 degrees are 0.09948 rad" in run.stderr

@@ -233,6 +233,16 @@ def test_names_that_are_not_the_usual_ones_are_found_or_asked_for(tmp_path, plai
     assert (states.observations[:, 23:25] == 0.0).all()
 
 
+@pytest.mark.parametrize(("topic", "name"), [("/scan", "scans"), ("/odom", "odometry")])
+def test_messages_that_nobody_stamped_are_refused(tmp_path, plain, topic, name):
+    messages = copy.deepcopy(plain[0])
+    for message in messages:
+        if message.topic == topic:
+            message.fields["header"]["stamp"] = {"sec": 0, "nanosec": 0}
+    with pytest.raises(TrajectoryError, match=f"the headers of {name} have no stamps"):
+        read(tmp_path, messages)
+
+
 @pytest.mark.parametrize("topic", ["/scan", "/odom", "/cmd_vel", "/tf_static"])
 def test_a_missing_topic_is_named(tmp_path, plain, topic):
     with pytest.raises(TrajectoryError, match={"/tf_static": "no transform"}.get(topic, "the bag has no")):

@@ -13,7 +13,7 @@ import viatool
 from viatool.errors import ConfigurationError
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
-from viatool.uncertainty import ErrorModel, load_errors
+from viatool.uncertainty import ErrorModel, as_error_model, load_errors
 from viatool.uncertainty.supported import SUPPORTED
 
 EVERY_TERM = """
@@ -54,11 +54,13 @@ def test_every_term_is_read_and_stated_with_its_unit(tmp_path):
     assert told["sensor.lidar.bias"] == "0.02 the channel's unit"
     assert told["actuation.linear.lag"] == "0.05 to 0.15 s"
     assert told["obstacles.named.crate"] == "0.4 m/s"
+    assert told["actuation.linear.acceleration"] == "1 m/s^2"
+    assert told["actuation.angular.acceleration"] == "3 rad/s^2"
     assert len(told) == 30
     assert model.assumed() == {}
 
 
-def test_an_empty_file_states_nothing_and_assumes_an_ideal_robot(tmp_path):
+def test_an_empty_section_states_nothing_and_assumes_an_ideal_robot(tmp_path):
     model = load_errors(written(tmp_path, "actuation:\n"))
     assert not model
     assert "obstacles do not move" in model.assumed()["moving things"]
@@ -75,25 +77,43 @@ def test_an_empty_file_states_nothing_and_assumes_an_ideal_robot(tmp_path):
         ),
         (
             "actuation: {linear: {acceleration: [2, 1]}}",
-            "linear.acceleration: value error, the lower end 2 is above the upper end 1",
+            "linear.acceleration: the lower end 2 is above the upper end 1",
         ),
-        ("actuation: {linear: {acceleration: yes}}", "linear.acceleration: value error, yes is not a number"),
-        ("actuation: {linear: {relative: no}}", "linear.relative: value error, no is not a number"),
-        ("sensor: {lidar: {missing: yes}}", "sensor.lidar.missing: value error, yes is not a number"),
-        ("sensor: {lidar: {angle: yes}}", "sensor.lidar.angle: value error, yes is not a number"),
+        ("actuation: {linear: {acceleration: yes}}", "linear.acceleration: yes is not a number"),
+        ("actuation: {linear: {relative: no}}", "linear.relative: no is not a number"),
+        ("sensor: {lidar: {missing: yes}}", "sensor.lidar.missing: yes is not a number"),
+        ("sensor: {lidar: {angle: yes}}", "sensor.lidar.angle: yes is not a number"),
         ("sensor: {lidar: {absolute: -0.1}}", "robot-errors.yaml:1: sensor.lidar.absolute"),
         ("timing: {delay: [0.2, 0.1]}", "lower end 0.2 is above the upper end 0.1"),
         ("timing:\n  delays: [0.1, 0.2]", "robot-errors.yaml:2: timing.delays: is not a known field"),
         ("actuation: {linear: {acceleration: .nan}}", "actuation.linear.acceleration"),
         ("obstacles: {speed: .inf}", "obstacles.speed"),
         ("obstacles: {people: yes}", "yes is not a number"),
-        ("- a", "expected a mapping"),
+        ("- a", "robot-errors.yaml:1: expected a mapping"),
+        ("", "robot-errors.yaml: is empty"),
+        ("# absolute: 0.1\n", "robot-errors.yaml: is empty"),
+        ("sensor:\n  lidar:\n    absolute:\n", "robot-errors.yaml:3: sensor.lidar.absolute: has no number"),
+        ("sensor:\n\tlidar: {}", "hint: indent with spaces"),
+        (
+            "pose: {x: 0.1}\npose: {x: 0.2}",
+            "robot-errors.yaml:2: 'pose' appears twice in one mapping\nhint: remove",
+        ),
+        ("sensors: {}", "sensors: is not a known field, which are version, sensor, pose, start, actuation"),
+        ("sensor: {lidar: {abs: 1}}", "abs: is not a known field, which are absolute, relative, bias"),
+        ("timing: {interval: 0.1}", "timing.interval: expected two numbers, the least and the largest"),
+        ("timing: {delay: [0.1, 0.2, 0.3]}", "timing.delay: expected two numbers"),
+        ("obstacles: {named: [crate]}", "obstacles.named: expected a mapping"),
     ],
 )
 def test_what_is_wrong_is_named_with_file_and_field(tmp_path, text, said):
     with pytest.raises(ConfigurationError) as caught:
         load_errors(written(tmp_path, text))
     assert said in str(caught.value)
+
+
+def test_what_is_no_error_model_is_refused_with_a_way_to_write_one():
+    with pytest.raises(ConfigurationError, match="errors is of type dict"):
+        as_error_model({"pose": {"x": 0.1}})
 
 
 def test_a_missing_file_is_named(tmp_path):
@@ -113,8 +133,33 @@ def test_absolute_errors_are_the_radii_of_their_channels(policy, lab):
 
 def test_a_channel_that_the_policy_lacks_is_refused(policy, lab):
     model = ErrorModel.model_validate({"sensor": {"radar": {"absolute": 0.03}}})
-    with pytest.raises(ConfigurationError, match="radar"):
+    with pytest.raises(ConfigurationError, match=r"the error model: sensor\.radar: there is no"):
         Setting.of(policy, lab, 0.01, Wishes(errors=model), job="verify")
+
+
+@pytest.mark.parametrize("delay", [[0.05, 0.1], [0.1, 0.1]])
+def test_a_delay_that_the_model_states_is_said_to_come_from_it(policy, lab, delay):
+    model = ErrorModel.model_validate({"timing": {"delay": delay}})
+    setting = Setting.of(policy, lab, 0.01, Wishes(errors=model), job="verify")
+    told = {premise.name: premise for premise in setting.premises}
+    assert told["delay"].source == "the error model"
+    assert told["delay"].value == f"{delay[0]:g} to {delay[1]:g} s"
+
+
+def test_a_bias_is_told_in_the_unit_of_its_channel(policy, lab):
+    model = ErrorModel.model_validate({"sensor": {"lidar": {"absolute": 0.03, "bias": 0.01}}})
+    setting = Setting.of(policy, lab, 0.01, Wishes(errors=model), job="verify")
+    told = {premise.name: premise.value for premise in setting.premises}
+    assert told["sensor.lidar.bias"] == "0.01 m"
+    assert "sensor.lidar.absolute" not in told
+    assert told["eps of lidar"] == "0.03 m"
+
+
+def test_what_slips_is_not_said_to_be_without_slip(policy, lab):
+    model = ErrorModel.model_validate({"actuation": {"slip": 0.02}})
+    rules = Setting.of(policy, lab, 0.01, Wishes(errors=model), job="verify").rules
+    assert "without slip" not in rules.moves_as
+    assert "without slip" in Setting.of(policy, lab, 0.01, job="verify").rules.moves_as
 
 
 @pytest.mark.parametrize("job", ["", *SUPPORTED])

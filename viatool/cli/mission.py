@@ -87,7 +87,9 @@ if TYPE_CHECKING:
     metavar="N",
     help="How often the cells are halved where a set has too many parts.",
 )
-@click.option("--budget-seconds", type=options.QuantityType("s"), help="Stop this long after the start.")
+@click.option(
+    "--budget-seconds", type=options.QuantityType("s"), help="Begin no mission this long after the start."
+)
 @options.clearance_option
 @options.deceleration_option
 @options.interval_option

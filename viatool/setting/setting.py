@@ -174,7 +174,7 @@ class Setting:
         chosen = world_map.scenarios if scenarios is None else tuple(scenarios)
         if job != "mission":
             require_plain(chosen)
-        premises += _premises(world_map, rules, wishes) + errors.premises() + _stated(wishes.errors)
+        premises += _premises(world_map, rules, wishes) + errors.premises() + _stated(wishes.errors, errors)
         setting = cls(
             spec,
             world_map,
@@ -371,13 +371,17 @@ def _delay_premise(rules: Rules, wishes: Wishes) -> Premise:
     return Premise("delay", f"{rules.delay:g} s", "--delay" if rules.delay else "default")
 
 
-def _stated(model: ErrorModel) -> tuple[Premise, ...]:
+def _stated(model: ErrorModel, errors: SensorErrors) -> tuple[Premise, ...]:
     """Return the terms of an error model; absolute sensor errors are named as eps."""
-    return tuple(
-        Premise(place, words, model.source)
-        for place, words in model.premises()
-        if not (place.startswith("sensor.") and place.endswith(".absolute"))
-    )
+    told = []
+    for place, words in model.premises():
+        sensor, _, term = place.removeprefix("sensor.").rpartition(".")
+        if not place.startswith("sensor."):
+            told.append(Premise(place, words, model.source))
+        elif term != "absolute":
+            value = words.replace("the channel's unit", errors.units[sensor]).rstrip()
+            told.append(Premise(place, value, model.source))
+    return tuple(told)
 
 
 def _check_goals(setting: Setting) -> None:

@@ -31,6 +31,12 @@ def _ordered(ends: tuple[float, float]) -> tuple[float, float]:
     return ends
 
 
+def _two(ends: Any) -> Any:
+    if not isinstance(ends, list | tuple) or len(ends) != 2:
+        raise ValueError("expected two numbers, the least and the largest, such as [0.1, 0.2]")
+    return ends
+
+
 def _number(value: Any) -> Any:
     if isinstance(value, bool):
         raise ValueError(f"{'yes' if value else 'no'} is not a number")
@@ -45,14 +51,14 @@ Angle = Annotated[float, Field(ge=0.0, lt=math.pi), BeforeValidator(_number)]
 """The largest size of an angle, below half a turn."""
 Limit = Annotated[float, Field(gt=0.0, allow_inf_nan=False), BeforeValidator(_number)]
 """What is never exceeded, or always reached."""
-Limits = Annotated[tuple[Limit, Limit], AfterValidator(_ordered)]
+Limits = Annotated[tuple[Limit, Limit], BeforeValidator(_two), AfterValidator(_ordered)]
 """The least and the largest of what is never exceeded or always reached."""
 Rate = Annotated[
     Annotated[Limit, Tag("one number")] | Annotated[Limits, Tag("two numbers")],
     Discriminator(lambda value: "two numbers" if isinstance(value, list | tuple) else "one number"),
 ]
 """The least change of a velocity, or the least and the largest."""
-Times = Annotated[tuple[Bound, Bound], AfterValidator(_ordered)]
+Times = Annotated[tuple[Bound, Bound], BeforeValidator(_two), AfterValidator(_ordered)]
 """The least and the largest time, in seconds."""
 
 
@@ -243,7 +249,11 @@ class ErrorModel(ErrorTerms):
         for section in ("pose", "start", "timing"):
             yield from _stated(getattr(self, section), section, section)
         for axis in ("linear", "lateral", "angular", "linear_acceleration", "angular_acceleration"):
-            yield from _stated(getattr(self.actuation, axis), f"actuation.{axis}", "actuation")
+            for place, term, value, unit in _stated(
+                getattr(self.actuation, axis), f"actuation.{axis}", "actuation"
+            ):
+                straight, _, turning = unit.partition(" or ")
+                yield place, term, value, turning if turning and axis.startswith("angular") else straight
         yield from _stated(self.actuation, "actuation", "actuation")
         for name, speed in self.obstacles.named.items():
             yield f"obstacles.named.{name}", "obstacles.named", speed, "m/s"
@@ -261,10 +271,12 @@ class ErrorModel(ErrorTerms):
         """
         left = [place for place, term, _, _ in self.stated() if term not in supported]
         if left:
+            these, them = ("this", "it") if len(left) == 1 else ("these", "them")
             raise ConfigurationError(
-                f"{self.source}: {', '.join(left)}: {job} does not take {'this' if len(left) == 1 else 'these'} into "
-                "account, so its verdicts would not hold for such a robot",
-                "leave the term out, if a verdict about a robot that is ideal in it says what you need",
+                f"{self.source}: {', '.join(left)}: {job} does not take {these} into account, so what it says would "
+                "not hold for such a robot",
+                f"leave {them} out, if a robot that is ideal in {them} says what you need; docs/errors.md lists which "
+                "job takes what",
             )
 
     def with_pose_error(self, position: float, heading: float) -> ErrorModel:
@@ -273,11 +285,16 @@ class ErrorModel(ErrorTerms):
         Raises
         ------
         ConfigurationError
-            If it states one already.
+            If it states one already, or nothing is known of the heading.
         """
         if self.pose != PoseTerms():
             raise ConfigurationError(
                 f"{self.source} states a pose error, and so does --pose-error", "leave one of them out"
+            )
+        if not heading < math.pi:
+            raise ConfigurationError(
+                f"--pose-error has a heading that errs by {heading:g} rad, expected less than half a turn",
+                f"state it in radians; {heading:g} degrees are {math.radians(heading):.4g} rad",
             )
         source = "--pose-error" if not self else f"{self.source} and --pose-error"
         pose = PoseTerms(x=position, y=position, theta=heading)
