@@ -229,6 +229,7 @@ def test_simulate_takes_a_model_and_verify_its_trajectory(tmp_path: Path) -> Non
     run = CliRunner().invoke(main, [*asked, "-o", f"json:{tmp_path / 'run.json'}"])
     assert run.exit_code == 0, run.output
     assert "chosen by an adversary" in " ".join(run.output.split())
+    assert "by an adversary; no other but by the conditions" in " ".join(run.output.split())
     assert "actuation.linear.lag" in run.output
     assert '"chosen_by": "an adversary"' in (tmp_path / "run.json").read_text()
     checked = CliRunner().invoke(

@@ -85,6 +85,7 @@ def test_a_term_costs_verdicts_and_its_counterexamples_are_driven_again(
     assert (found.judgement.safe <= bare.judgement.safe).all()
     assert (found.contested.collision >= bare.contested.collision).all()
     assert "obstacles." in found.assumptions()["obstacles"]
+    assert "anywhere within its region where it roams" in found.assumptions()["obstacles"]
     moved = found.witnesses.mover != ""
     assert moved.any()
     path = tmp_path / "witnesses.json"

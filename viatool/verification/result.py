@@ -351,16 +351,17 @@ class Result(Asked):
     @property
     def _moving(self) -> str:
         """Return in words whether obstacles move."""
-        places = [
-            place for place, _, _, _ in self.setting.uncertainty.stated() if place.startswith("obstacles.")
-        ]
+        places = [place for place, _ in self.setting.uncertainty.premises() if place.startswith("obstacles.")]
         if not places:
             return "do not move"
         machine = self.rules.machine
         slow = f" (is no faster than {STANDING:g} m/s)" if machine is not None and machine.lag else ""
         passive = f", and counts until the robot stands{slow}" if self.rules.manoeuvre.passive else ""
-        tell = "tells" if len(places) == 1 else "tell"
-        return f"what {' and '.join(places)} {tell} of may move, in any direction from where it is shown{passive}"
+        told = ", ".join(places)
+        return (
+            f"what is bounded by {told} may move in any direction from where it was observed, or be anywhere within "
+            f"its region where it roams, and nothing else does{passive}"
+        )
 
     @property
     def _sensor_words(self) -> str:

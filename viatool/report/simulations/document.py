@@ -154,9 +154,15 @@ class SimulationDocument(Cased, Annotated, Located, Tabled):
     @property
     def assumptions(self) -> Mapping[str, str]:
         """Return what was simulated, with the robot's limits."""
-        robot, clearance = self.record.robot, self.record.clearance
+        robot, clearance, errors = self.record.robot, self.record.clearance, self.record.errors
+        drawn = (
+            ""
+            if errors is None
+            else f"within {errors.source}, by {errors.chosen_by}; no other but by the conditions"
+        )
         return {
             **self.terms,
+            **({"errors": drawn} if drawn else {}),
             "commands": robot.speeds
             or f"v {robot.min_linear:g} to {robot.max_linear:g} m/s, |omega| up to {robot.max_angular:g} rad/s",
             "clearance": f"collision {clearance.collision:g} m, danger {clearance.danger:g} m",
