@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from itertools import count
 
 import numpy as np
 import pytest
@@ -15,8 +16,9 @@ from tests.missions.dodging import write_dodging_policy
 from viatool import load_map, load_policy
 from viatool.cli import main
 from viatool.errors import ConfigurationError
+from viatool.loop import successor
 from viatool.loop.closed_loop import ClosedLoop
-from viatool.missions import MissionLimits, mission
+from viatool.missions import MissionLimits, follow, mission
 from viatool.missions.cells import CellSides
 from viatool.missions.follow import MissionFollower
 from viatool.missions.work import MissionExamination
@@ -264,6 +266,18 @@ def test_what_is_not_begun_in_time_is_unknown(hall, dodging):
     found = mission(dodging, hall, eps=EPS, until=Deadline.after(0.0))
     assert [one.verdict for one in found] == ["unknown", "unknown"]
     assert found.to_json()["mission_rate"] == {"safe": 0, "total": 2, "rate": 0.0}
+
+
+def test_a_mission_is_given_up_within_an_interval(monkeypatch, hall, dodging):
+    """Sets of an interval are followed some at a time, and the time is looked at before each."""
+    monkeypatch.setattr(successor, "_MOST_NUMBERS", 1)  # one set at a time
+    monkeypatch.setattr(follow, "check_time", lambda: None)  # not only between intervals
+    looks = count()
+    until = Deadline.after(100.0, lambda: float(next(looks)))
+    found = mission(dodging, hall, eps=EPS, start_error=START, scenarios=hall.scenarios[:1], until=until)
+    assert found.missions[0].verdict == "unknown"
+    assert "before it was done" in found.missions[0].reason
+    assert next(looks) < 200
 
 
 def test_a_stopped_run_goes_on_from_its_checkpoint(hall, dodging, proved, tmp_path):

@@ -88,7 +88,9 @@ if TYPE_CHECKING:
     help="How often the cells are halved where a set has too many parts.",
 )
 @click.option(
-    "--budget-seconds", type=options.QuantityType("s"), help="Begin no mission this long after the start."
+    "--budget-seconds",
+    type=options.QuantityType("s"),
+    help="Give up missions that are not done so long after the start, or a tenth later.",
 )
 @options.clearance_option
 @options.deceleration_option

@@ -24,6 +24,7 @@ from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.told import NOTHING, Told
 from viatool.motion.actuated_sets import enclose_next
 from viatool.rounding import SIGHT_ROUNDING, SLIGHTLY_MORE, SPARE
+from viatool.schedule import check_time
 from viatool.sets.bounds import require_ordered
 from viatool.sets.forms import Forms, PoseBoxes
 from viatool.sets.states import StateBoxes
@@ -112,7 +113,10 @@ def step(loop: ClosedLoop, states: Forms, told: Told = NOTHING) -> LoopStep:
     chunk = max(1, _MOST_NUMBERS // ((symbols + len(loop.setting.radii)) * 64))
     firsts = range(0, max(count, 1), chunk)
     chunks = [slice(first, first + chunk) for first in firsts]
-    parts = [_step(loop, select(states, some), told.select(some)) for some in chunks]
+    parts = []
+    for some in chunks:
+        check_time()
+        parts.append(_step(loop, select(states, some), told.select(some)))
     return parts[0] if len(parts) == 1 else _join(parts, firsts)
 
 

@@ -91,7 +91,7 @@ def mission(
     campaign : Campaign, optional
         Who does the work, and where finished missions are kept.
     until : Deadline
-        When to stop; missions that were not begun then are unknown.
+        When to stop; missions that are not done then, or a tenth of the budget later, are unknown.
     seed : int
         Of the runs that are driven against the missions.
     progress : callable, optional

@@ -23,7 +23,7 @@ from viatool.world import Scenario
 
 SCHEMA_VERSION = 1
 MISSION_VERDICTS = ("proved", "refuted", "unknown")
-_NOT_BEGUN = "the time was up before it was begun"
+_NOT_BEGUN = "the time was up before it was done"
 
 
 @dataclass(frozen=True, eq=False)
