@@ -15,6 +15,7 @@ from viatool.policy import load_policy
 from viatool.policy.specification import ObservationChannel
 from viatool.simulate import Agreement, compare_with_map, navigation_channels, roll_out
 from viatool.trajectory import Trajectory
+from viatool.uncertainty import ErrorModel
 from viatool.world import Obstacles, WorldMap, load_map
 
 LAB = load_map("maps/lab.yaml")
@@ -65,6 +66,18 @@ def test_an_honest_recording_is_not_in_doubt(
     assert found.readings == 20 * min(len(driven), 2_000)
     assert found.off > 0  # noise of a standard deviation of eps goes beyond eps
     assert found.median_difference < 0.02
+
+
+def test_what_the_error_model_allows_is_no_contradiction(driven: Trajectory) -> None:
+    biased = seen_as(driven, lambda readings: np.minimum(1.1 * readings + 0.1, 7.0))
+    assert compare(biased).doubtful
+    model = ErrorModel.model_validate({"sensor": {"lidar": {"relative": 0.1, "bias": 0.1}}})
+    (found,) = compare_with_map(CHANNELS, biased, LAB, RADII, errors=model)
+    assert not found.doubtful
+    astray = replace(driven, poses=driven.poses + np.array([0.1, 0.05, 0.0]))
+    model = ErrorModel.model_validate({"pose": {"x": 0.1, "y": 0.05}})
+    (found,) = compare_with_map(CHANNELS, astray, LAB, RADII, errors=model)
+    assert found.contradicting < 0.5 * compare(astray).contradicting  # what is left is seen past edges
 
 
 def test_what_the_map_shows_is_not_off_at_all(driven: Trajectory) -> None:

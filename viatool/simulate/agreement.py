@@ -17,11 +17,13 @@ import numpy as np
 
 from viatool.arrays import Floats, Indices
 from viatool.channels import Frames, LidarReadings, Quantities, View
+from viatool.uncertainty.error_model import SensorTerms
 from viatool.world import Scenes, WorldMap
 
 if TYPE_CHECKING:
     from viatool.policy import ObservationChannel
     from viatool.trajectory import Trajectory
+    from viatool.uncertainty import ErrorModel
 
 MARGIN = 0.05
 """Metres beyond eps from which on a reading contradicts the map: less is what maps and poses are off by anyway."""
@@ -116,6 +118,7 @@ def compare_with_map(
     world_map: WorldMap,
     radii: Floats,
     frames: Frames | None = None,
+    errors: ErrorModel | None = None,
 ) -> tuple[Agreement, ...]:
     """Compare the LiDAR readings of recorded states with what a map shows there.
 
@@ -131,6 +134,8 @@ def compare_with_map(
         (n,) eps of every entry of an observation.
     frames : Frames, optional
         How many whole observations are stacked.
+    errors : ErrorModel, optional
+        What else readings and poses may be off by, which is then no contradiction.
 
     Returns
     -------
@@ -157,7 +162,10 @@ def compare_with_map(
             continue
         sight, columns = _Sight(lidar, scenes), quantities.inputs.newest(lidar.channel.name)
         recorded, eps = (least[:, columns], most[:, columns]), radii[columns]
-        apart = _apart(recorded, sight.shows(poses, scene))
+        shown = sight.shows(poses, scene)
+        apart = _apart(recorded, shown)
+        if errors is not None:
+            apart = np.maximum(apart - _allowed(errors, lidar.channel.name, shown), 0.0)
         agreement = Agreement(
             channel=lidar.channel.name,
             compared=len(chosen),
@@ -180,6 +188,14 @@ def _apart(recorded: tuple[Floats, Floats], shown: Floats) -> Floats:
     """Return how far what a map shows is from what was recorded, of which the least and the largest are known."""
     least, most = recorded
     return np.maximum(np.maximum(least - shown, shown - most), 0.0)  # NaN stays NaN
+
+
+def _allowed(errors: ErrorModel, channel: str, shown: Floats) -> Floats:
+    """Return how far readings (B, bins) may be from what a map shows beside eps, about: at edges turns do more."""
+    stated, pose = errors.sensor.get(channel, SensorTerms()), errors.pose
+    turned = (stated.angle or 0.0) + (pose.theta or 0.0)
+    moved = np.hypot(pose.x or 0.0, pose.y or 0.0)
+    return np.asarray((stated.bias or 0.0) + moved + ((stated.relative or 0.0) + turned) * shown)
 
 
 def _contradicting(apart: Floats, eps: Floats) -> int:

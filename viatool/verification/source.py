@@ -66,7 +66,12 @@ class Source:
         if self.trajectory is None:
             return ()
         return compare_with_map(
-            setting.spec.observation, states, setting.world_map, setting.radii, setting.spec.frames
+            setting.spec.observation,
+            states,
+            setting.world_map,
+            setting.radii,
+            setting.spec.frames,
+            setting.uncertainty,
         )
 
     def words(self, setting: Setting) -> str:
