@@ -69,7 +69,6 @@ def test_counterexamples_of_real_motors_drive_again_from_their_file(policy, worl
         ({"timing": {"delay": [0.0, 0.1]}}, {"delay": 0.1}, "timing.delay"),
         ({"timing": {"interval": [0.2, 0.3]}}, {}, "control interval"),
         ({"actuation": {"lateral": {"absolute": 0.1}}}, {}, "actuation.lateral"),
-        ({"actuation": {"slip": 0.1}}, {"horizon": 3}, "horizon"),
     ],
 )
 def test_what_contradicts_is_refused_before_any_work(policy, world, errors, given, message):
