@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from tests.choosing import write_choosing
-from tests.hall import MAP, write_policy
+from tests.hall import write_policy
 from tests.loop.noisy_runs import runs, sensor_errors
-from tests.missions.dodging import write_dodging_policy
-from viatool import load_map, load_policy
+from viatool import load_policy
 from viatool.cli import main
 from viatool.errors import ConfigurationError
 from viatool.loop import successor
@@ -32,18 +31,6 @@ EPS, START = 0.01, (0.02, 0.02)
 LIMIT = 9.0
 ROUNDING = 1e-7
 RUNS = 1500
-
-
-@pytest.fixture(scope="module")
-def hall(tmp_path_factory):
-    path = tmp_path_factory.mktemp("hall") / "hall.yaml"
-    path.write_text(MAP, encoding="utf-8")
-    return load_map(path)
-
-
-@pytest.fixture(scope="module")
-def dodging(tmp_path_factory):
-    return load_policy(write_dodging_policy(tmp_path_factory.mktemp("policies") / "dodging.onnx"))
 
 
 @pytest.fixture(scope="module")

@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 import viatool
-from tests.hall import MAP
 from tests.loop.motor_runs import Motors, Oracle, drive
 from tests.loop.noisy_runs import sensor_errors
-from tests.missions.dodging import write_dodging_policy
 from tests.sight.ray_oracle import outlines, scan
 from viatool.cli import main
 from viatool.errors import ConfigurationError, PolicyError
@@ -84,18 +82,6 @@ ALL = (
         "sensing": 0.002,
     },
 )
-
-
-@pytest.fixture(scope="module")
-def hall(tmp_path_factory):
-    path = tmp_path_factory.mktemp("hall") / "hall.yaml"
-    path.write_text(MAP, encoding="utf-8")
-    return viatool.load_map(path)
-
-
-@pytest.fixture(scope="module")
-def dodging(tmp_path_factory):
-    return viatool.load_policy(write_dodging_policy(tmp_path_factory.mktemp("policies") / "dodging.onnx"))
 
 
 def deciding(policy, world, scenario, errors):

@@ -10,7 +10,6 @@ import pytest
 import viatool
 from tests.hall import MAP
 from tests.loop.noisy_runs import arc, sensor_errors
-from tests.missions.dodging import write_dodging_policy
 from tests.missions.test_motors_over_time import in_tube
 from tests.sight.ray_oracle import outlines, ranges
 from viatool.errors import ConfigurationError
@@ -41,11 +40,6 @@ def hall(tmp_path_factory):
     path = tmp_path_factory.mktemp("hall") / "hall.yaml"
     path.write_text(WITH_CART, encoding="utf-8")
     return viatool.load_map(path)
-
-
-@pytest.fixture(scope="module")
-def dodging(tmp_path_factory):
-    return viatool.load_policy(write_dodging_policy(tmp_path_factory.mktemp("policies") / "dodging.onnx"))
 
 
 def cart_seen(poses, places, lidar):

@@ -78,7 +78,7 @@ def test_volumes_are_exact_and_add_up(certificate):
 
 
 def test_workers_and_interruptions_change_nothing(monkeypatch, tmp_path):
-    monkeypatch.setattr(campaign, "_ROOTS_AT_ONCE", 2)
+    monkeypatch.setattr(campaign.RootWork, "piece", 2)
     share = SearchBudget(share=0.4)  # four pieces
 
     def run(scheduler, budget, *, resume):
@@ -147,7 +147,7 @@ def test_a_budget_too_short_for_one_root_is_named_as_the_cause(seconds, schedule
 
 
 def test_a_budget_of_cells_is_the_same_for_every_scheduler(monkeypatch):
-    monkeypatch.setattr(campaign, "_ROOTS_AT_ONCE", 1)
+    monkeypatch.setattr(campaign.RootWork, "piece", 1)
     run = {"eps": 0.01, "resolution": Resolution(0.25, 0), "budget": SearchBudget(cells=1000), "seed": 3}
     found = [
         certify(POLICY, ROOM, SCENARIO, campaign=Campaign(who), **run) for who in (Serial(), Processes(2))

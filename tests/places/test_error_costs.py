@@ -131,8 +131,8 @@ def test_cells_and_the_document_say_what_each_fails_by(certificate):
 
 
 def test_workers_and_interruptions_answer_the_same(certificate, monkeypatch, tmp_path):
-    monkeypatch.setattr(campaign, "_ROOTS_AT_ONCE", 2)
-    monkeypatch.setattr(explaining, "_CELLS_AT_ONCE", 40)
+    monkeypatch.setattr(campaign.RootWork, "piece", 2)
+    monkeypatch.setattr(explaining.RejudgedCells, "piece", 40)
     for resume in (False, True):
         kept = Campaign(Processes(2) if resume else Serial(), tmp_path / "kept", resume)
         found = certified(campaign=kept)

@@ -211,13 +211,13 @@ def test_a_coarser_cell_is_as_bad_as_the_worst_leaf_in_it(certificate):
 
 
 def test_workers_change_nothing(look, monkeypatch):
-    monkeypatch.setattr(over_time, "_CELLS_AT_ONCE", 500)
+    monkeypatch.setattr(over_time.FollowWork, "piece", 500)
     alone, shared = look(intervals=1), look(Campaign(Processes(2)), intervals=1)
     np.testing.assert_array_equal(shared.intervals, alone.intervals)
 
 
 def test_cells_that_were_followed_are_kept_and_not_followed_again(tmp_path, look, straight, monkeypatch):
-    monkeypatch.setattr(over_time, "_CELLS_AT_ONCE", 500)
+    monkeypatch.setattr(over_time.FollowWork, "piece", 500)
     first = look(Campaign(checkpoint=tmp_path / "kept"))
     kept = sorted((tmp_path / "kept").glob("follow-*/units-*"))
     assert len(kept) > 4
@@ -253,7 +253,7 @@ class Looks:
     ],
 )
 def test_what_was_not_followed_in_time_is_not_claimed(look, straight, seconds, monkeypatch):
-    monkeypatch.setattr(over_time, "_CELLS_AT_ONCE", 50)
+    monkeypatch.setattr(over_time.FollowWork, "piece", 50)
     found = look(until=Deadline.after(seconds, Looks()))
     assert (found.intervals <= straight.intervals).all()
     assert (found.intervals < straight.intervals).any()

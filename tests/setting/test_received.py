@@ -7,13 +7,14 @@ import pytest
 
 from tests.hall import write_policy
 from viatool import load_map, load_policy
-from viatool.errors import ConfigurationError
+from viatool.errors import ConfigurationError, TrajectoryError
 from viatool.setting.received import commands_before, commands_under_way
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
 from viatool.simulate import Conditions
 from viatool.simulate.roll_out import drive
 from viatool.trajectory import Trajectory
+from viatool.uncertainty import ErrorModel
 
 LAB = load_map(Path("maps/lab.yaml"))
 COMMANDS = np.stack([np.linspace(0.0, 0.45, 10), np.linspace(-0.9, 0.9, 10)], axis=1)
@@ -41,6 +42,18 @@ def recording(policy, *, observed=True, recorded=True, time=None, **more):
         scenarios=(None,),
         **more,
     )
+
+
+@pytest.mark.parametrize(
+    "stated", [{"delay": 1.5}, {"timing": {"delay": [0.0, 1.5]}}], ids=["option", "model"]
+)
+def test_a_delay_longer_than_the_recording_is_refused(policy, stated):
+    """Its ten states last 0.9 s."""
+    errors = ErrorModel.model_validate({key: value for key, value in stated.items() if key == "timing"})
+    wishes = Wishes(delay=stated.get("delay", 0.0), errors=errors)
+    asked = Setting.of(policy, LAB, 0.01, wishes, job="verify")
+    with pytest.raises(TrajectoryError, match=r"up to 1\.5 s .* takes 0\.9 s"):
+        commands_under_way(asked, recording(policy))
 
 
 def setting(policy, delay, **spec):

@@ -18,7 +18,6 @@ PASSES = {
     "policy/maps.py": {"_step"},
     "policy/network.py": {"_evaluate", "_problem_of_sizes"},
     "policy/self_check.py": {"_error"},
-    "policy/summing.py": {"_reading"},
     "policy/told_apart.py": {"_copies", "_taken"},
     "taylor/derivatives.py": {"_bounds_pulled_back", "_pulled_back"},
     "taylor/deviation.py": {"_exact_on_program", "_image", "_passed_on"},

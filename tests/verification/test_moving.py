@@ -17,8 +17,10 @@ from viatool.setting.wishes import Wishes
 from viatool.trajectory import load_trajectory
 from viatool.trajectory.files import write_trajectory
 from viatool.uncertainty import ErrorModel
+from viatool.verification.observing import BlockSensors
 from viatool.verification.source import Source
 from viatool.verification.witness_file import load_witnesses, replay, witness_document
+from viatool.world.seen import RETURN
 
 TERMS = {
     "speed": {"speed": 1.2},
@@ -174,6 +176,37 @@ def test_what_was_seen_is_where_its_readings_err_to(policy, office, states, name
     path.write_text(json.dumps(witness_document(both)), encoding="utf-8")
     assert len(both.witnesses)
     assert replay(policy, office, load_witnesses(path)).violates.all()
+
+
+def from_elsewhere(found):
+    """By how much the things of counterexamples are elsewhere than what was seen from where the robot then was."""
+    w, states = found.witnesses, found.trajectory
+    seen = np.isin(w.mover, [RETURN])
+    at, start = w.state[seen], w.start[seen]
+    assert seen.sum() > 2
+    (around,) = movers_around(
+        found.setting, states.scenarios, start, states.episode[at], states.observations[at], states.people[at]
+    )
+    origin = w.origin[seen] @ np.array([1.0, 1j])
+    return around.capsules.clearance(origin, around.index, np.zeros(len(at)))[0]
+
+
+def test_a_counterexample_has_what_was_seen_around_the_pose_where_the_robot_was(
+    policy, office, states, monkeypatch
+):
+    errors = ErrorModel.model_validate({**SEEN["pose"], "obstacles": {"returns": 1.0}})
+
+    def found():
+        return viatool.verify(
+            policy, office, eps=0.01, errors=errors, trajectory=states.select(np.arange(0, len(states), 2)),
+            criterion="braking", only_contested=True, refine="none",
+        )  # fmt: skip
+
+    assert (from_elsewhere(found()) < 1e-9).all()
+    monkeypatch.setattr(
+        BlockSensors, "_really", lambda self, at, rows, true: replace(at, poses=true, radii=None)
+    )
+    assert from_elsewhere(found()).max() > 0.01
 
 
 MADE_OF = {"relative": 0.1, "bias": 0.05, "absolute": 0.06, "angle": 0.08}

@@ -17,12 +17,10 @@ from viatool.loop.closed_loop import ClosedLoop
 from viatool.places.findings import CellFindings
 from viatool.places.search import search
 from viatool.places.tree import Lattice
-from viatool.schedule import NEVER, Deadline, Span, Work, digest_of
+from viatool.schedule import NEVER, Deadline, EvenWork, Span, digest_of
 from viatool.versions import result_versions
 from viatool.world import Scenario
 
-_ROOTS_AT_ONCE = 512
-"""Of a piece that is kept; always the same, as the search for counterexamples draws for many cells at once."""
 _MOST_ROOTS = 20_000_000
 
 
@@ -65,7 +63,7 @@ class RootExamination:
 
 
 @dataclass(frozen=True, eq=False)
-class RootWork(Work[Indices, CellFindings]):
+class RootWork(EvenWork[Indices, CellFindings]):
     """The examination of roots in random order, so that the first ones are a fair sample; a unit is a root.
 
     Parameters
@@ -87,6 +85,7 @@ class RootWork(Work[Indices, CellFindings]):
     share: float
     about: Mapping[str, Any]
     stage = "roots"
+    piece = 512  # the search for counterexamples draws for many cells at once
 
     @cached_property
     def order(self) -> Indices:
@@ -109,14 +108,6 @@ class RootWork(Work[Indices, CellFindings]):
     def content(self, span: Span) -> Indices:
         """Return the numbers of some roots."""
         return np.sort(self.order[span.first : span.last])
-
-    def at_once(self, workers: int) -> int:
-        """Return the roots of a piece, always the same."""
-        return _ROOTS_AT_ONCE
-
-    def whole(self, span: Span) -> bool:
-        """Tell whether a piece is one of those into which the order is always cut."""
-        return span.first % _ROOTS_AT_ONCE == 0 and span.last == min(span.first + _ROOTS_AT_ONCE, len(self))
 
     def describe(self) -> Mapping[str, Any]:
         """Return what the findings depend on."""

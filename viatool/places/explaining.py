@@ -14,12 +14,9 @@ from viatool.loop.certifying import prove_cells
 from viatool.loop.closed_loop import ClosedLoop
 from viatool.places.findings import REFUTED, CellFindings
 from viatool.places.tree import Lattice, Nodes
-from viatool.schedule import NEVER, Campaign, Deadline, Progress, Span, Work, digest_of, ignore
+from viatool.schedule import NEVER, Campaign, Deadline, EvenWork, Progress, Span, digest_of, ignore
 from viatool.setting.error_costs import MOST, Alternatives, ErrorCosts
 from viatool.setting.setting import Setting
-
-_CELLS_AT_ONCE = 128
-"""Of a piece that is kept; always the same, as sums of floating-point numbers depend on what is computed together."""
 
 Loop = Callable[[Setting], ClosedLoop]
 """Asks of a cell what a setting asks."""
@@ -98,7 +95,7 @@ class Rejudgement:
 
 
 @dataclass(frozen=True, eq=False)
-class RejudgedCells(Work[Nodes, Booleans]):
+class RejudgedCells(EvenWork[Nodes, Booleans]):
     """Cells that are judged again, in random order.
 
     Parameters
@@ -115,6 +112,7 @@ class RejudgedCells(Work[Nodes, Booleans]):
     nodes: Nodes
     terms: tuple[tuple[str, str], ...]
     stage = "cells judged again"
+    piece = 128  # sums of floating-point numbers depend on what is computed together
 
     def __len__(self) -> int:
         """Return C."""
@@ -128,14 +126,6 @@ class RejudgedCells(Work[Nodes, Booleans]):
     def content(self, span: Span) -> Nodes:
         """Return some cells."""
         return self.nodes.select(slice(span.first, span.last))
-
-    def at_once(self, workers: int) -> int:
-        """Return the cells of a piece, always the same."""
-        return _CELLS_AT_ONCE
-
-    def whole(self, span: Span) -> bool:
-        """Tell whether a piece is one of those into which the cells are always cut."""
-        return span.first % _CELLS_AT_ONCE == 0 and span.last == min(span.first + _CELLS_AT_ONCE, len(self))
 
     def describe(self) -> dict[str, str]:
         """Return everything that the answers depend on beside the search, in whose folder they are kept."""

@@ -25,10 +25,10 @@ from viatool.schedule import (
     NEVER,
     Campaign,
     Deadline,
+    EvenWork,
     Progress,
     Span,
     TimeUp,
-    Work,
     digest_of,
     ignore,
     within,
@@ -36,7 +36,6 @@ from viatool.schedule import (
 from viatool.setting.rules import Rules
 from viatool.simulate.task import NavigationTask
 
-_CELLS_AT_ONCE = 8192
 _POSES_AT_ONCE = 1 << 17
 _MOST_CELLS = 60_000_000
 _GOAL_ROUNDING = 1e-9
@@ -324,7 +323,7 @@ def look_ahead(
 
 
 @dataclass(frozen=True, eq=False)
-class FollowWork(Work[Indices, Passages]):
+class FollowWork(EvenWork[Indices, Passages]):
     """The cells that one round follows.
 
     Parameters
@@ -344,6 +343,7 @@ class FollowWork(Work[Indices, Passages]):
     cells: Indices
     intervals: int
     known: Booleans
+    piece = 8192
 
     @property
     def stage(self) -> str:
@@ -363,14 +363,6 @@ class FollowWork(Work[Indices, Passages]):
     def content(self, span: Span) -> Indices:
         """Return the numbers of some cells."""
         return self.cells[span.first : span.last]
-
-    def at_once(self, workers: int) -> int:
-        """Return the cells of a piece, always the same."""
-        return _CELLS_AT_ONCE
-
-    def whole(self, span: Span) -> bool:
-        """Tell whether a piece is one of those into which the cells are always cut."""
-        return span.first % _CELLS_AT_ONCE == 0 and span.last == min(span.first + _CELLS_AT_ONCE, len(self))
 
     def describe(self) -> dict[str, str | int]:
         """Return everything that the passages depend on beside the search, in whose folder they are kept."""

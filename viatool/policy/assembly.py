@@ -411,7 +411,7 @@ def pruned(nodes: Sequence[Node], output: int, calls: Sequence[str]) -> Network:
     return Network(tuple(renumbered(nodes[old], number) for old in kept), tuple(calls[old] for old in kept))
 
 
-def renumbered(node: Node, number: Mapping[int, int]) -> Node:
+def renumbered(node: Node, number: Mapping[int, int] | Sequence[int]) -> Node:
     """Return a node that reads other nodes, by their new numbers."""
     match node:
         case Input():

@@ -8,24 +8,14 @@ hold for what programs make of the joined nodes hold for what they make of the s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
+from viatool.policy.assembly import renumbered
 from viatool.policy.identity import is_same
-from viatool.policy.network import (
-    Activation,
-    Affine,
-    Cast,
-    Input,
-    Maximum,
-    Minimum,
-    Network,
-    Node,
-    Product,
-)
+from viatool.policy.network import Affine, Network, Node
 from viatool.policy.weights import is_scaling
 
 
@@ -69,7 +59,7 @@ def with_constants_in_sums(network: Network) -> Network:
     nodes: list[Node] = []
     place: list[int] = []
     for node in network.nodes:
-        moved = _reading(node, place)
+        moved = renumbered(node, place)
         if isinstance(moved, Affine) and _adds_constants(moved) and readers[node.sources[0]] == 1:
             before = nodes[moved.sources[0]]
             if isinstance(before, Affine) and before.precision == moved.precision and _is_bare_sum(before):
@@ -94,16 +84,3 @@ def _is_bare_sum(node: Affine) -> bool:
 def _as_written(node: Affine) -> bool:
     """Tell whether weights and constants are those of the program, each one term."""
     return node.roundings == 0 and node.merged_weights is None and node.merged_bias is None
-
-
-def _reading(node: Node, place: Sequence[int]) -> Node:
-    """Return a node that reads the nodes at other places."""
-    match node:
-        case Input():
-            return node
-        case Affine():
-            return replace(node, sources=tuple(place[source] for source in node.sources))
-        case Activation() | Cast():
-            return replace(node, source=place[node.source])
-        case Product() | Maximum() | Minimum():
-            return replace(node, left=place[node.left], right=place[node.right])

@@ -20,7 +20,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 from numpy.typing import NDArray
 
@@ -101,6 +101,21 @@ class Work(ABC, Generic[Content, Part]):
     def whole(self, span: Span) -> bool:
         """Tell whether what is found in these units together is the same in every run, and may be kept."""
         return True
+
+
+class EvenWork(Work[Content, Part]):
+    """Work that is always cut into the same pieces, as what is found in a unit depends on the others of its piece."""
+
+    piece: ClassVar[int]
+    """Units of a piece."""
+
+    def at_once(self, workers: int) -> int:
+        """Return the units of a piece, always the same."""
+        return self.piece
+
+    def whole(self, span: Span) -> bool:
+        """Tell whether some units are one of the pieces into which all are always cut."""
+        return span.first % self.piece == 0 and span.last == min(span.first + self.piece, len(self))
 
 
 @dataclass(frozen=True)

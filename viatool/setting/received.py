@@ -90,6 +90,8 @@ def commands_under_way(setting: Setting, trajectory: Trajectory) -> Floats:
     ------
     ConfigurationError
         If commands matter, but are neither observed nor recorded.
+    TrajectoryError
+        If commands are longer on their way than the whole recording lasts, so that none of its states tells them.
 
     Notes
     -----
@@ -118,7 +120,24 @@ def commands_under_way(setting: Setting, trajectory: Trajectory) -> Floats:
         queue[known, count - 1 - back] = newest[at[known]]
         queue[known & begins[at], : count - 1 - back] = 0.0
         known = known & follows[at]
+    _require_told(setting, trajectory, queue)
     return queue
+
+
+def _require_told(setting: Setting, trajectory: Trajectory, queue: Floats) -> None:
+    """Refuse recordings in no state of which it is known what is on its way, as the delay is longer than they are."""
+    machine = setting.rules.machine
+    acting = queue.shape[1] if machine is None else machine.timing.commands
+    delay = setting.rules.delay if machine is None else machine.timing.delay[1]
+    last = np.append(np.flatnonzero(np.diff(trajectory.episode)), len(trajectory) - 1)
+    first = np.append(0, last[:-1] + 1)
+    longest = float((trajectory.time[last] - trajectory.time[first]).max())
+    if delay > longest and np.isnan(queue[:, queue.shape[1] - acting :]).any(axis=(1, 2)).all():
+        raise TrajectoryError(
+            f"commands act up to {delay:g} s after their observation, and the longest episode of the recording takes "
+            f"{longest:g} s, so no state of it tells which commands were on their way",
+            "give a longer recording, or a delay in seconds that the robot really has",
+        )
 
 
 def commands_observed(setting: Setting, trajectory: Trajectory) -> Floats:
