@@ -167,7 +167,12 @@ def precise_values(network: Network, point: Sequence[Any]) -> list[list[Any]]:
 
 def exact(network: Network, point: Sequence[float]) -> list[Fraction]:
     """Return the actions at one point as fractions; networks of `RATIONAL` activations only."""
-    return _values(network, point, Fraction, _exactly)[-1]
+    return exact_values(network, point)[-1]
+
+
+def exact_values(network: Network, point: Sequence[float]) -> list[list[Fraction]]:
+    """Return the values of every node at one point as fractions; networks of `RATIONAL` activations only."""
+    return _values(network, point, Fraction, _exactly)
 
 
 def gradient(network: Network, point: Sequence[float], action: int) -> list[Any]:

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from viatool import engine
 from viatool.samples import ERRORS, MAPS, POLICIES
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -50,6 +51,7 @@ def test_the_wheel_verifies_a_sample_away_from_the_checkout(built: Path, tmp_pat
     page = ("--output", "html:report.html")  # the page's script and style are in the wheel
     report = python("-m", "viatool", "verify", "via", "--map", "lab-grid", "--eps", "0.01", *page)
     assert report.startswith("via on lab-grid, eps 0.01")
+    assert f"engine {engine.chosen_engine()}" in python("-m", "viatool", "--version").splitlines()
 
 
 def test_the_source_archive_holds_what_the_checks_need(built: Path) -> None:

@@ -6,15 +6,17 @@ import platform
 from importlib.metadata import PackageNotFoundError, version
 
 import viatool
+from viatool.engine import chosen_engine
 
 NEEDED = ("numpy", "onnx", "onnxruntime")
 OPTIONAL = ("torch", "pybullet", "gymnasium", "rosbags")
 
 
 def result_versions() -> dict[str, str]:
-    """Return the versions that the repetition of a verification would need."""
+    """Return the versions that the repetition of a verification would need, and which engine runs."""
     libraries = {name: version(name) for name in NEEDED}
-    return {"viatool": viatool.__version__, "python": platform.python_version(), **libraries}
+    python = platform.python_version()
+    return {"viatool": viatool.__version__, "engine": chosen_engine(), "python": python, **libraries}
 
 
 def installed_versions() -> dict[str, str]:

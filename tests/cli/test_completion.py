@@ -63,7 +63,7 @@ def test_versions_are_those_that_are_installed() -> None:
     assert lines[0] == f"viatool {viatool.__version__}"
     assert f"onnxruntime {version('onnxruntime')}" in lines
     assert [line.split()[0] for line in lines] == [
-        *("viatool", "python", "numpy", "onnx", "onnxruntime"),
+        *("viatool", "engine", "python", "numpy", "onnx", "onnxruntime"),
         *("torch", "pybullet", "gymnasium", "rosbags"),
     ]
 

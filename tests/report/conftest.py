@@ -32,7 +32,7 @@ def content(safe: int = 97, unsafe: int = 1, unknown: int = 2) -> dict[str, Any]
         "eps": 0.01,
         "criterion": "swept",
         "arithmetic": "float32",
-        "engine": {"order": 1, "approximation": "chebyshev", "refine": "monotone"},
+        "engine": {"order": 1, "approximation": "chebyshev", "refine": "monotone", "passes": "numpy"},
         "states": total,
         "verdicts": {"safe": safe, "unsafe": unsafe, "unknown": unknown},
         "safety_rate": rates(safe, total),

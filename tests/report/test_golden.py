@@ -43,6 +43,7 @@ CHANGING = (
     (r'(time|timestamp)="[^"]*"', r'\1="TIME"'),
     (r'"(load|trajectory|geometry|reach|judge|search|total)": [0-9]+\.[0-9e-]+', r'"\1": SECONDS'),
     (r"float32, [0-9.]+ m?s", "float32, SECONDS"),
+    (r'"(passes|engine)": "(compiled|numpy)"', r'"\1": "ENGINE"'),
     (r"onnxruntime \d+\.\d+\.\d+\S*", "onnxruntime VERSION"),
 )
 """What depends on the machine and the moment."""

@@ -93,6 +93,7 @@ def test_the_errors_of_a_wide_network_are_those_of_each_state_by_itself(
     np.testing.assert_allclose(runtime_deviation(network, hulls), together, rtol=1e-9)
 
 
+@pytest.mark.usefixtures("numpy_engine")
 def test_symbols_that_gain_less_than_a_tenth_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     """Behind a wide sum nearly all of a deviation is what that sum errs by itself."""
     generator = np.random.default_rng(5)

@@ -173,6 +173,7 @@ def _crossed(enclosure: Enclosure) -> Enclosure:
 
 
 @pytest.mark.parametrize("refine", ["none", "monotone", "split"])
+@pytest.mark.usefixtures("numpy_engine")
 def test_a_hull_of_a_hidden_node_that_is_crossed_ends_the_run(
     monkeypatch: pytest.MonkeyPatch, refine: Any
 ) -> None:
@@ -183,6 +184,7 @@ def test_a_hull_of_a_hidden_node_that_is_crossed_ends_the_run(
         reach(Bare(asked), [[0.0]], 1.0, refine=refine)
 
 
+@pytest.mark.usefixtures("numpy_engine")
 def test_crossed_bounds_of_an_action_end_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
     def crossed(network: Network, points: NDArray[np.float64], seed: NDArray[np.float64]) -> Any:
         return np.full(points.shape[0], -1e3)
@@ -193,6 +195,7 @@ def test_crossed_bounds_of_an_action_end_the_run(monkeypatch: pytest.MonkeyPatch
     assert "bug" in caught.value.hint
 
 
+@pytest.mark.usefixtures("numpy_engine")
 def test_a_bound_that_is_not_a_number_is_not_cut_to_the_range_of_the_squash(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -88,6 +88,7 @@ def test_no_action_of_a_deep_network_escapes(hidden):
     assert (actions <= found.upper[:, None]).all()
 
 
+@pytest.mark.usefixtures("numpy_engine")
 def test_folding_only_widens():
     rng = np.random.default_rng(5)
     policy, states = Bare(deep_network(4, 130, "Elu", rng)), rng.uniform(-1, 1, (3, 6))

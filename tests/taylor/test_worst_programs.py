@@ -165,7 +165,7 @@ def test_a_tangent_at_any_point_bounds_a_bent_curve(
     curve = curve_of(activation(name))
     ends = np.array([lower]), np.array([upper])
     slope = (curve.value(ends[1]) - curve.value(ends[0])) / (upper - lower)
-    found = approximation._residual_range(curve, *ends, slope)
+    found = approximation.residual_range(curve, *ends, slope)
     x = np.linspace(lower, upper, 4001)
     residual = curve.value(x) - slope * x
     assert found.lower[0] <= residual.min()

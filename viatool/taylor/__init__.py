@@ -1,5 +1,6 @@
 """The engine: a network and boxes of observations give guaranteed bounds of the actions."""
 
+from viatool.taylor.kernel import engine_of
 from viatool.taylor.memory import bounds_in_passing
 from viatool.taylor.propagation import Box
 from viatool.taylor.reach import Arithmetic, ReachableSet, Refinement, efforts_of, reach
@@ -13,6 +14,7 @@ __all__ = [
     "SymbolicAction",
     "bounds_in_passing",
     "efforts_of",
+    "engine_of",
     "reach",
     "symbolic_actions",
 ]

@@ -99,7 +99,7 @@ def _bent_lines(
     curve: Curve, lower: Floats, upper: Floats, rule: Approximation, centre: Floats
 ) -> tuple[Floats, Floats]:
     slope = _pick_slope(curve, lower, upper, rule)
-    residual = _residual_range(curve, lower, upper, slope)
+    residual = residual_range(curve, lower, upper, slope)
     if not (np.isfinite(residual.lower).all() and np.isfinite(residual.upper).all()):
         worst = int(np.argmax(~np.isfinite(residual.upper - residual.lower)))
         raise EnclosureError(
@@ -138,7 +138,7 @@ def _touches(breaks: Floats, lower: Floats, upper: Floats) -> Booleans:
     return np.asarray(first != np.searchsorted(breaks, upper, side="right"))
 
 
-def _residual_range(curve: Curve, lower: Floats, upper: Floats, slope: Floats) -> Interval:
+def residual_range(curve: Curve, lower: Floats, upper: Floats, slope: Floats) -> Interval:
     """Enclose ``f(x) - slope*x`` on each interval, cell by cell of constant convexity."""
     if curve.lines is not None:  # straight between the ends and where lines meet
         points = [lower, upper, *(np.clip(edge, lower, upper) for edge in curve.breaks)]

@@ -132,6 +132,14 @@ class Curve:
                 upper[here] = np.maximum(upper[here], result.upper)
         return Interval(lower, upper)
 
+    def enclose_piece(self, piece: int, x: Interval, derivative: int = 0) -> Interval:
+        """Enclose a derivative over intervals that lie on one smooth piece, by interval arithmetic. **Sound:** yes."""
+        return _checked(self._pieces(derivative)[piece], x)
+
+    def operations(self, derivative: int) -> int:
+        """Return how many operations the longest expression of a derivative has."""
+        return max(int(sympy.count_ops(expression)) for expression in self._derived(derivative))
+
     def range(self, lower: Floats, upper: Floats, derivative: int = 0) -> Interval:
         """Enclose a derivative over intervals ``[lower, upper]``.
 

@@ -33,7 +33,9 @@ from viatool.policy.network import (
 from viatool.rounding import ENGINE_ROUNDOFF, LARGEST, SLIGHTLY_MORE, UNIT_ROUNDOFF
 from viatool.taylor.curve import curve_of
 from viatool.taylor.forms import Diagonal, Form, fold_symbols, join_forms
+from viatool.taylor.head import split_head
 from viatool.taylor.interval import step_down, step_up
+from viatool.taylor.kernel import kernel_of
 from viatool.taylor.propagation import interval_image
 from viatool.taylor.rounding import affine_size, floors_of, gamma, magnitude, own_error
 
@@ -160,10 +162,9 @@ def enclose_program(
     done to each value alone, such as a squash at the end, is bounded by its range as well: where it is flat the program
     cannot stray far.
     """
-    by_norms = _Carried(network, hulls, engine=engine, with_symbols=False)
-    found, problem = by_norms.to_actions(), by_norms.problem
+    found, may_cancel, problem = _by_norms(network, hulls, engine=engine)
     for given, gains in (
-        (lambda rows: [(lower[rows], upper[rows]) for lower, upper in hulls], by_norms.may_cancel()),
+        (lambda rows: [(lower[rows], upper[rows]) for lower, upper in hulls], may_cancel),
         (finer, True),
     ):
         if given is None:
@@ -176,6 +177,30 @@ def enclose_program(
     if not np.isfinite(found.deviation).all():
         raise EnclosureError(*(problem or _UNKNOWN))
     return found
+
+
+def _by_norms(
+    network: Network, hulls: Sequence[Hull], *, engine: bool
+) -> tuple[ProgramEnclosure, Booleans, tuple[str, str] | None]:
+    """Return what norms alone say, in which states symbols may say more, and why nothing is known of some."""
+    kernel = None if engine else kernel_of(network, len(split_head(network)[0].nodes))
+    last = _last_sum(network)
+    known = kernel.deviation(hulls, last) if kernel else None
+    if known is not None:
+        lower, upper, deviation, own, bound = known
+        return ProgramEnclosure(lower, upper, deviation), _may_cancel(last, own, bound), None
+    by_norms = _Carried(network, hulls, engine=engine, with_symbols=False)
+    return by_norms.to_actions(), by_norms.may_cancel(), by_norms.problem
+
+
+def _may_cancel(last: int | None, own: Floats, bound: Floats) -> Booleans:
+    """Tell in which states symbols may make a deviation less by more than a tenth, (B,).
+
+    They do not where nearly all of it is what the last sum errs by itself: no error before it matters then.
+    """
+    if last is None:
+        return np.ones(len(bound), dtype=bool)
+    return np.asarray(~(own >= _FRESH * bound).all(axis=1))
 
 
 def _is_worth_more(network: Network, actions: Hull, deviation: Floats) -> Booleans:
@@ -237,15 +262,10 @@ class _Carried:
         return ProgramEnclosure(lower - unknown, upper + unknown, deviation + unknown)
 
     def may_cancel(self) -> Booleans:
-        """Tell in which states symbols may make a deviation less by more than a tenth, (B,).
-
-        They do not where nearly all of it is what the last sum errs by itself: no error before it matters then.
-        """
+        """Tell in which states symbols may make a deviation less by more than a tenth, (B,)."""
         last = _last_sum(self._network)
-        if last is None:
-            return np.ones(len(self._overflows), dtype=bool)
-        bound = self._deviations[last].bound
-        return np.asarray(~(self._own[last] >= _FRESH * bound).all(axis=1))
+        place = -1 if last is None else last
+        return _may_cancel(last, self._own[place], self._deviations[place].bound)
 
     def _enter(self, index: int, node: Node) -> None:
         self._images.append(self._image(node))

@@ -15,9 +15,9 @@ from viatool.errors import ConfigurationError, EnclosureError
 from viatool.policy.network import Network
 from viatool.policy.summing import without_other_orders
 from viatool.taylor.approximation import Approximation
-from viatool.taylor.attained import attained_actions
 from viatool.taylor.choices import Choices, Program, enclose_choices
 from viatool.taylor.deviation import enclose_program
+from viatool.taylor.first_order import Effort, enclose_first_order
 from viatool.taylor.head import hulls_through, split_head, values_through
 from viatool.taylor.higher_order import higher_hulls
 from viatool.taylor.memory import (
@@ -27,25 +27,14 @@ from viatool.taylor.memory import (
     blocks_of_states,
     refines_at_once,
 )
-from viatool.taylor.propagation import Box, propagate
-from viatool.taylor.refinement import (
-    extrema_of,
-    refine_by_order,
-    refine_by_pieces,
-    refine_by_squares,
-    refine_monotone,
-    unfold,
-)
+from viatool.taylor.propagation import Box
+from viatool.taylor.refinement import extrema_of, refine_by_order, unfold
 from viatool.taylor.rounding import widen
 from viatool.taylor.splitting import SplittingEffort, refine_by_splitting
 from viatool.taylor.watch import require_program_within
 
 Refinement = Literal["none", "monotone", "split"]
 Arithmetic = Literal["float32", "real"]
-
-_WIDE = 128
-"""Neurons of a layer from which on the dual bound costs little beside the pass itself, even without refinement."""
-
 
 _LIGHT_EFFORT = SplittingEffort(tolerance=0.03, parts=3, exact=False)
 """After a monotone collapse the few bounds that stay loose are split once."""
@@ -373,17 +362,10 @@ def _choices(
 def _reach_chunk(network: Network, box: Box, settings: _Settings) -> tuple[ReachableSet, Floats]:
     """Return the reachable sets of some boxes, and observations (K, B, n) in them: the middle, and extreme ones."""
     trunk, head = split_head(network)
-    passes = propagate(trunk, box, rule=settings.rule)
-    hulls = [enclosure.hull for enclosure in passes]
-    extrema = extrema_of(box, *hulls[-1])
-    if max(node.size for node in trunk.nodes) >= _WIDE:
-        extrema = refine_by_pieces(trunk, extrema, passes)
-    if settings.refine != "none":
-        extrema = refine_by_squares(trunk, extrema, passes, rule=settings.rule)
     one_by_one = settings.refines_one_by_one(trunk)
-    if one_by_one:
-        extrema = refine_monotone(trunk, extrema, passes, rule=settings.rule)
-    points, found = attained_actions(trunk, box, extrema, steps=1 if settings.refine == "none" else 4)
+    effort = Effort(settings.rule, settings.refine != "none", one_by_one)
+    first = enclose_first_order(network, trunk, box, effort)
+    hulls, extrema, points, found = first.hulls, first.extrema, first.points, first.found
     if one_by_one:
         extrema, found = refine_by_splitting(
             trunk, extrema, found, rule=settings.rule, effort=settings.effort

@@ -29,7 +29,9 @@ from viatool.taylor.memory import (
 from viatool.taylor.propagation import Box, Enclosure, is_curved, propagate
 from viatool.taylor.squares import SquareProblem
 
-_ROUNDS = 4
+ROUNDS = 4
+"""How often the box of a question is shrunk."""
+
 _NEURONS_OF_A_STATE = 96
 """Neurons of one layer that the dual bounds of one state look at, over all questions, when nothing else is refined."""
 
@@ -157,12 +159,12 @@ def _refined(
     """Refine P questions together, given passes and where in them the box of each stands, (P,)."""
     lower, upper, bound = extrema.box.lower.copy(), extrema.box.upper.copy(), extrema.bound.copy()
     rows: Indices = np.arange(bound.size)
-    for turn in range(_ROUNDS):
+    for turn in range(ROUNDS):
         seed = extrema.seed[rows]
         hulls = [(enclosure.lower[places], enclosure.upper[places]) for enclosure in passes]
         face = collapse_monotone(network, Box(lower[rows], upper[rows]), hulls, seed)
         shrank = ((face.lower > lower[rows]) | (face.upper < upper[rows])).any(axis=1)
-        stopped = np.flatnonzero(~shrank) if turn + 1 < _ROUNDS else np.arange(rows.size)
+        stopped = np.flatnonzero(~shrank) if turn + 1 < ROUNDS else np.arange(rows.size)
         ended = rows[stopped]
         dual = bound_by_pieces(network, [e.rows(places[stopped]) for e in passes], seed[stopped])
         bound[ended] = np.minimum(bound[ended], dual)
@@ -173,7 +175,7 @@ def _refined(
         bound[points] = np.minimum(
             bound[points], bound_at_points(network, lower[points], extrema.seed[points])
         )
-        if not rows.size or turn + 1 == _ROUNDS:
+        if not rows.size or turn + 1 == ROUNDS:
             break
         passes = propagate(network, Box(lower[rows], upper[rows]), rule=rule)
         bound[rows] = np.minimum(bound[rows], seeded_upper(passes[-1].hull, extrema.seed[rows]))
@@ -190,11 +192,16 @@ def refine_by_pieces(network: Network, extrema: Extrema, passes: Sequence[Enclos
     """
     bound = extrema.bound.copy()
     batch = passes[0].lower.shape[0]
-    effort = DualEffort(sweeps=1, neurons=max(1, _NEURONS_OF_A_STATE * batch // max(bound.size, 1)))
+    effort = effort_in_passing(batch, bound.size)
     for start in range(0, bound.size, batch):
         block = slice(start, start + batch)
         bound[block] = np.minimum(bound[block], bound_by_pieces(network, passes, extrema.seed[block], effort))
     return Extrema(extrema.box, extrema.seed, bound)
+
+
+def effort_in_passing(states: int, questions: int) -> DualEffort:
+    """Return how hard to try where nothing else is refined, for the questions of some states."""
+    return DualEffort(sweeps=1, neurons=max(1, _NEURONS_OF_A_STATE * states // max(questions, 1)))
 
 
 def refine_by_squares(
@@ -210,16 +217,23 @@ def refine_by_squares(
     batch, actions = model.constant.shape
     questions = 2 * actions
     box = Box(*passes[0].hull)
-    rows = np.flatnonzero(floats_of_order(network, box, 2) > CACHED_FLOATS)
+    rows = sees_squares(network, box)
     symbols = model.linear.symbols + sum(form.symbols for form in model.symbols.values())
     neurons = affordable_squares(symbols, questions)
-    if not is_curved(network) or not rows.size or not neurons:
+    if not rows.size or not neurons:
         return extrema
     seed = np.swapaxes(extrema.seed.reshape(questions, batch, actions), 0, 1)[rows]
     problem = SquareProblem.of(network, [e.rows(rows) for e in passes], seed, neurons=neurons, rule=rule)
     bound = np.full((questions, batch), np.inf)
     bound[:, rows] = problem.upper().T
     return extrema.met(bound.ravel())
+
+
+def sees_squares(network: Network, box: Box) -> Indices:
+    """Return the boxes for which curvature is looked at in a pass of order 1, as one of order 2 would be too large."""
+    if not is_curved(network):
+        return np.empty(0, dtype=np.intp)
+    return np.flatnonzero(floats_of_order(network, box, 2) > CACHED_FLOATS)
 
 
 def refine_by_order(

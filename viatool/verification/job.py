@@ -21,7 +21,7 @@ from viatool.setting.received import as_received, commands_observed, commands_un
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
 from viatool.simulate import Places
-from viatool.taylor import Arithmetic, Refinement, bounds_in_passing, efforts_of
+from viatool.taylor import Arithmetic, Refinement, bounds_in_passing, efforts_of, engine_of
 from viatool.taylor.approximation import Approximation
 from viatool.trajectory import BagSettings, Trajectory
 from viatool.uncertainty import ErrorModel, as_error_model
@@ -195,6 +195,7 @@ def verify(
     efforts = efforts_of(commanding, {**engine, "arithmetic": arithmetic})
     if len(efforts) > 1:
         engine["refined"] = "where a verdict depends on it"
+    engine["passes"] = engine_of(commanding.network)
     everywhere = not only_contested and bounds_in_passing(commanding.network)
     if not (everywhere or only_contested):
         engine["bounded"] = "contested states alone"

@@ -157,6 +157,17 @@ class StatesDocument(Verified):
         }
 
     @property
+    def settings(self) -> Mapping[str, str]:
+        """Return what a comparison has to agree in, which of the two engines ran left out."""
+        engine = self.record.engine
+        asked = (
+            {name: value for name, value in engine.items() if name != "passes"}
+            if isinstance(engine, dict)
+            else engine
+        )
+        return {**super().settings, "engine": describe_value(asked)}
+
+    @property
     def rates(self) -> Mapping[str, Share]:
         """Return every rate; that over the horizon only if there is one."""
         record = self.record

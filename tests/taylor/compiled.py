@@ -1,0 +1,131 @@
+"""Checks of the compiled engine: how far what a network can do leaves what the kernel says of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from fractions import Fraction
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tests import oracles, runtimes
+from viatool.policy.activations import ActivationFunction, activation
+from viatool.policy.network import Activation, Affine, Input, Network, Node
+from viatool.taylor.kernel import Kernel
+from viatool.taylor.packed import packed
+
+Floats = NDArray[np.float64]
+
+STRAIGHT = (
+    activation("Relu"),
+    activation("LeakyRelu", alpha=float(np.float32(0.01))),
+    activation("Clip", min=-0.75, max=1.25),
+    activation("HardSigmoid", alpha=float(np.float32(0.2))),
+    activation("Abs"),
+)
+BENT = tuple(map(activation, ("Tanh", "Elu", "Sigmoid", "Softplus", "Gelu", "Mish", "Selu", "HardSwish")))
+
+
+def layered(
+    rng: np.random.Generator, *widths: int, hidden: ActivationFunction, scale: float = 1.0, last: bool = False
+) -> Network:
+    """Return layers of random weights, the first scaled number by number, as a normaliser does."""
+    size = widths[0]
+    nodes: list[Node] = [Input(size)]
+    nodes.append(Affine((0,), (np.diag(rng.uniform(-2, 2, size)),), rng.normal(size=size)))
+    for before, after in pairwise(widths):
+        weight = scale * rng.normal(size=(after, before)) / np.sqrt(before)
+        nodes.append(Affine((len(nodes) - 1,), (weight,), scale * rng.normal(size=after)))
+        nodes.append(Activation(len(nodes) - 1, hidden, after))
+    return Network(tuple(nodes if last else nodes[:-1]))
+
+
+def branched(rng: np.random.Generator, hidden: ActivationFunction) -> Network:
+    """Return a network that reads its input twice, as one with a clipped part does."""
+    first, second, out = (rng.normal(size=shape) for shape in ((3, 4), (5, 4), (5, 3)))
+    return Network(
+        (
+            Input(4),
+            Affine((0,), (first,), rng.normal(size=3)),
+            Activation(1, hidden, 3),
+            Affine((0, 2), (second, out), rng.normal(size=5)),
+            Activation(3, hidden, 5),
+            Affine((4,), (rng.normal(size=(2, 5)),), rng.normal(size=2)),
+        )
+    )
+
+
+def kernel_over(network: Network, **allowances: float) -> Kernel:
+    """Return the kernel of a whole network, with some allowances for rounding changed."""
+    read = packed(network, len(network.nodes))
+    assert read is not None
+    for name, value in allowances.items():
+        assert hasattr(read.allowances, name)
+        setattr(read.allowances, name, value)
+    return Kernel(network, len(network.nodes), read)
+
+
+def escape(
+    kernel: Kernel, lower: Floats, upper: Floats, seed: int = 0, samples: int = 4, **effort: int
+) -> float:
+    """Return how far exact values of any node at points of boxes (B, n) leave their hulls, or a question's bound."""
+    found = kernel.bound(lower, upper, **effort)
+    assert found.done.all()
+    rng = np.random.default_rng(seed)
+    actions = kernel.network.output_size
+    bounds = found.bound.reshape(2 * actions, -1)
+    points = found.points.reshape(2 * actions, *lower.shape)
+    worst = 0.0
+    for b in range(len(lower)):
+        drawn = [rng.uniform(lower[b], upper[b]).clip(lower[b], upper[b]) for _ in range(samples)]
+        corners = [
+            np.where(rng.uniform(size=lower[b].size) < 0.5, lower[b], upper[b]) for _ in range(samples)
+        ]
+        for point in [*drawn, *corners, *points[:, b]]:
+            values = _values_of(kernel.network, point)
+            flat = [value for node in values for value in node]
+            for value, low, high in zip(flat, found.lower[b], found.upper[b], strict=True):
+                worst = max(worst, _excess(value, low, high))
+            for q, bound in enumerate(bounds[:, b]):
+                value = values[-1][q % actions]
+                worst = max(worst, _excess(value if q < actions else -value, -np.inf, bound))
+    return worst
+
+
+def _values_of(network: Network, point: Floats) -> Any:
+    if oracles.is_rational(network):
+        return oracles.exact_values(network, point.tolist())
+    return oracles.precise_values(network, point.tolist())
+
+
+def _excess(value: Any, low: float, high: float) -> float:
+    number = Fraction if isinstance(value, Fraction) else oracles.MP.mpf
+    gaps = [value - number(float(high))] + ([number(float(low)) - value] if np.isfinite(low) else [])
+    return max(float(max(gaps)), 5e-324) if max(gaps) > 0 else 0.0
+
+
+def escape_of_programs(kernel: Kernel, lower: Floats, upper: Floats, seed: int = 0) -> float:
+    """Return how far float32 programs, in any order of sums, fused or not, and onnxruntime leave the deviation."""
+    network = kernel.network
+    found = kernel.bound(lower, upper)
+    known = kernel.deviation(kernel.hulls(found.lower, found.upper), None)
+    assert known is not None
+    low, high = known[:2]
+    rng = np.random.default_rng(seed)
+    points = np.concatenate([rng.uniform(lower, upper, (24, *lower.shape)), lower[None], upper[None]])
+    flat = points.reshape(-1, lower.shape[1])
+    outputs = [runtimes.run_in_any_order(network, flat, rng, fused=fused) for fused in (False, True)]
+    outputs.append(runtimes.run_onnx(network, flat))
+    values = np.stack(outputs).reshape(-1, *low.shape)
+    return float(np.maximum(values - high, low - values).max())
+
+
+@contextmanager
+def engine_chosen(monkeypatch: Any, name: str) -> Iterator[None]:
+    """Run with one of the engines."""
+    with monkeypatch.context() as patch:
+        patch.setenv("VIATOOL_ENGINE", name)
+        yield

@@ -1,0 +1,169 @@
+/* Activations: straight lines, or bent curves as Python has tabulated them, see K3 and K5.
+ *
+ * The grid of a bent curve has GRID_HALF units on each side of 0, cut into cells. Of each it holds a polynomial of
+ * degree 5 for the value and one of degree 4 for the slope, both in the distance from the middle of the cell, and what they err by. Behind the grid
+ * a line takes their place: slope, shift, error, and the least and the largest slope of the curve.
+ */
+#include "kernel.h"
+
+enum { FALLING = -1, CONSTANT = 0, RISING = 1, UNKNOWN = 2 };
+enum { GRID_HALF = 32, OF_CELL = 13, OF_TAIL = 5, NEWTON_STEPS = 5 };
+
+static const double FAR = 1e6; /* up to where the lines behind the grid are known to hold */
+
+typedef struct {
+    double middle, error;
+} Around;
+
+static const double *tail_at(const Network *net, const Curve *curve, double x) {
+    if (x >= -GRID_HALF && x <= GRID_HALF) return NULL;
+    return net->numbers + curve->tails + (x > 0 ? OF_TAIL : 0);
+}
+
+static const double *cell_at(const Network *net, const Curve *curve, double x, double *away) {
+    const double steps = (double)curve->steps;
+    integer cell = (integer)((x + GRID_HALF) * steps); /* rounded: the neighbour may be meant */
+    const integer cells = 2 * GRID_HALF * curve->steps;
+    if (cell >= cells) cell = cells - 1;
+    if (x < (double)cell / steps - GRID_HALF && cell > 0) cell--;
+    *away = x - (((double)cell + 0.5) / steps - GRID_HALF);
+    return net->numbers + curve->grid + OF_CELL * cell;
+}
+
+static Around enclose_value(const Network *net, const Curve *curve, double x) {
+    const double *tail = tail_at(net, curve, x);
+    if (tail) {
+        const double moved = tail[0] == 0.0 ? 0.0 : tail[0] * x;
+        return (Around){moved + tail[1], (tail[2] + 4 * UNIT * (fabs(moved) + fabs(tail[1]))) * net->allow->lines};
+    }
+    double t;
+    const double *c = cell_at(net, curve, x, &t);
+    const double value = ((((c[5] * t + c[4]) * t + c[3]) * t + c[2]) * t + c[1]) * t + c[0];
+    return (Around){value, c[6] * net->allow->lines};
+}
+
+static Around enclose_slope(const Network *net, const Curve *curve, double x) {
+    const double *tail = tail_at(net, curve, x);
+    if (tail) return (Around){tail[3] / 2 + tail[4] / 2, outward(net, tail[4] - tail[3]) * net->allow->lines};
+    double t;
+    const double *c = cell_at(net, curve, x, &t);
+    const double slope = (((c[11] * t + c[10]) * t + c[9]) * t + c[8]) * t + c[7];
+    return (Around){slope, c[12] * net->allow->lines};
+}
+
+static integer cells_below(const Network *net, const Cells *cells, double x) {
+    integer cell = 0;
+    while (cell + 1 < cells->count && x > net->numbers[cells->edges + cell + 1]) cell++;
+    return cell;
+}
+
+static integer cells_up_to(const Network *net, const Cells *cells, double x) {
+    integer cell = 0;
+    while (cell + 1 < cells->count && x >= net->numbers[cells->edges + cell + 1]) cell++;
+    return cell;
+}
+
+/* The hull of what is known at both ends and of what lies between them. */
+static void hull_over(const Network *net, const Cells *cells, double lower, double upper, Around left, Around right,
+                      double *low, double *high) {
+    const integer place = cells_below(net, cells, lower) * cells->count + cells_up_to(net, cells, upper);
+    *low = least(least(left.middle - left.error, right.middle - right.error), net->numbers[cells->lowest + place]);
+    *high = most(most(left.middle + left.error, right.middle + right.error), net->numbers[cells->highest + place]);
+}
+
+int is_known(const Curve *curve, double lower, double upper) {
+    return curve->pieces ? is_finite(lower) && is_finite(upper) : lower >= -FAR && upper <= FAR;
+}
+
+double value_on(const Network *net, const Curve *curve, double x) {
+    return curve->pieces ? value_on_lines(net, curve, x) : enclose_value(net, curve, x).middle;
+}
+
+double slope_on(const Network *net, const Curve *curve, double x) {
+    if (curve->pieces) return net->numbers[curve->slopes + piece_at(net, curve, x)];
+    return enclose_slope(net, curve, x).middle;
+}
+
+void range_on(const Network *net, const Curve *curve, double lower, double upper, double *low, double *high) {
+    if (curve->pieces)
+        range_on_lines(net, curve, lower, upper, low, high);
+    else
+        hull_over(net, &curve->values, lower, upper, enclose_value(net, curve, lower), enclose_value(net, curve, upper),
+                  low, high);
+}
+
+void slopes_on(const Network *net, const Curve *curve, double lower, double upper, double *low, double *high) {
+    if (curve->pieces)
+        slopes_on_lines(net, curve, lower, upper, low, high);
+    else
+        hull_over(net, &curve->derivative, lower, upper, enclose_slope(net, curve, lower),
+                  enclose_slope(net, curve, upper), low, high);
+}
+
+static double picked_slope(const Network *net, const Curve *curve, double lower, double upper) {
+    const double span = upper - lower, middle = lower / 2 + upper / 2;
+    if (!(span > 1e-9 * (fabs(lower) + fabs(upper)) + 1e-200)) return slope_on(net, curve, middle);
+    const integer first = cells_below(net, &curve->derivative, lower);
+    const integer last = cells_up_to(net, &curve->derivative, upper);
+    const double half = first == last ? span / 2 : sqrt(0.75) * span / 2; /* bent both ways: the Chebyshev nodes */
+    return (value_on(net, curve, middle + half) - value_on(net, curve, middle - half)) / (2 * half);
+}
+
+/* Bound sign (f(x) - slope x), convex on [left, right], from below by a tangent near its least point. */
+static double tangent_bound(const Network *net, const Curve *curve, double left, double right, double slope, int sign) {
+    double low = left, high = right, point = left / 2 + right / 2;
+    for (int step = 0; step < NEWTON_STEPS; step++) {
+        const double excess = sign * (slope_on(net, curve, point) - slope);
+        if (excess < 0) low = point;
+        if (excess > 0) high = point;
+        const double apart = 1e-3 * (right - left);
+        const double bend = sign * (slope_on(net, curve, point + apart) - slope_on(net, curve, point - apart)) / (2 * apart);
+        const double next = point - excess / bend;
+        const double before = point;
+        point = next >= low && next <= high ? next : low / 2 + high / 2;
+        if (fabs(point - before) <= 1e-6 * (right - left)) break;
+    }
+    point = least(most(point, left), right);
+    const Around value = enclose_value(net, curve, point), derivative = enclose_slope(net, curve, point);
+    const double tilted = sign * (value.middle - slope * point), steep = sign * (derivative.middle - slope);
+    const double drop = least(least((steep - derivative.error) * (right - point), -(steep + derivative.error) * (point - left)), 0.0);
+    const double size = fabs(value.middle) + fabs(slope * point) + (fabs(derivative.middle) + fabs(slope)) * (right - left);
+    return tilted + drop - value.error - 8 * UNIT * net->allow->lines * size;
+}
+
+/* Extend what f(x) - slope x may be by a point. */
+static void take_in(const Network *net, const Curve *curve, double x, double slope, double *low, double *high) {
+    const Around value = enclose_value(net, curve, x);
+    const double tilted = value.middle - slope * x;
+    const double slack = value.error + 4 * UNIT * net->allow->lines * (fabs(value.middle) + fabs(slope * x));
+    *low = least(*low, tilted - slack), *high = most(*high, tilted + slack);
+}
+
+Line line_on(const Network *net, const Curve *curve, double lower, double upper) {
+    if (curve->pieces) return line_on_lines(net, curve, lower, upper);
+    double slope = picked_slope(net, curve, lower, upper);
+    if (!is_finite(slope)) slope = 0.0;
+    const Cells *cells = &curve->derivative;
+    const integer first = cells_below(net, cells, lower), last = cells_up_to(net, cells, upper);
+    double low = INFINITY, high = -INFINITY;
+    for (integer k = first; k <= last; k++) {
+        const double left = k > first ? net->numbers[cells->edges + k] : lower;
+        const double right = k < last ? net->numbers[cells->edges + k + 1] : upper;
+        const double kind = net->numbers[cells->kinds + k];
+        take_in(net, curve, left, slope, &low, &high);
+        take_in(net, curve, right, slope, &low, &high);
+        if (kind == RISING && right > left) low = least(low, tangent_bound(net, curve, left, right, slope, 1));
+        if (kind == FALLING && right > left) high = most(high, -tangent_bound(net, curve, left, right, slope, -1));
+        if (kind == UNKNOWN) { /* from the left end on the residual keeps to its slopes */
+            double from = INFINITY, to = -INFINITY;
+            take_in(net, curve, left, slope, &from, &to);
+            const double below = net->numbers[cells->lowest + k * cells->count + k] - slope;
+            const double above = net->numbers[cells->highest + k * cells->count + k] - slope;
+            low = least(low, from + outward(net, least(below, 0.0) * (right - left)));
+            high = most(high, to + outward(net, most(above, 0.0) * (right - left)));
+        }
+    }
+    const double constant = low / 2 + high / 2;
+    return (Line){slope, constant, outward(net, most(high - constant, constant - low)),
+                  4 * UNIT * net->allow->lines * fabs(constant), 0};
+}

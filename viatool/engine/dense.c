@@ -1,0 +1,104 @@
+/* Sums of products, in whatever order the processor likes best: K2 covers every order. */
+#include "kernel.h"
+
+#if defined(VIATOOL_CLONES)
+#define EVERY_PROCESSOR __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
+#else
+#define EVERY_PROCESSOR
+#endif
+
+typedef double eight __attribute__((vector_size(64), aligned(8), may_alias));
+
+/* out[i] (width) = sum over active j of weight[i, j] in[j], for all rows i; widths are multiples of 8. */
+EVERY_PROCESSOR
+void multiply(double *out, integer stride, integer rows, const double *weight, integer columns, const double *in,
+              integer in_stride, integer width, const integer *active, integer count) {
+    for (integer i = 0; i < rows; i += 4) {
+        const integer some = rows - i < 4 ? rows - i : 4;
+        const double *w[4];
+        for (integer k = 0; k < 4; k++) w[k] = weight + (i + (k < some ? k : 0)) * columns;
+        integer s = 0;
+        for (; s + 16 <= width; s += 16) {
+            eight a0 = {0}, a1 = {0}, b0 = {0}, b1 = {0}, c0 = {0}, c1 = {0}, d0 = {0}, d1 = {0};
+            for (integer k = 0; k < count; k++) {
+                const integer j = active[k];
+                const eight *x = (const eight *)(in + j * in_stride + s);
+                const eight left = x[0], right = x[1];
+                a0 += w[0][j] * left, a1 += w[0][j] * right;
+                b0 += w[1][j] * left, b1 += w[1][j] * right;
+                c0 += w[2][j] * left, c1 += w[2][j] * right;
+                d0 += w[3][j] * left, d1 += w[3][j] * right;
+            }
+            eight *o = (eight *)(out + i * stride + s);
+            o[0] = a0, o[1] = a1;
+            if (some > 1) o = (eight *)((double *)o + stride), o[0] = b0, o[1] = b1;
+            if (some > 2) o = (eight *)((double *)o + stride), o[0] = c0, o[1] = c1;
+            if (some > 3) o = (eight *)((double *)o + stride), o[0] = d0, o[1] = d1;
+        }
+        if (s < width) {
+            eight a = {0}, b = {0}, c = {0}, d = {0};
+            for (integer k = 0; k < count; k++) {
+                const integer j = active[k];
+                const eight x = *(const eight *)(in + j * in_stride + s);
+                a += w[0][j] * x, b += w[1][j] * x, c += w[2][j] * x, d += w[3][j] * x;
+            }
+            double *o = out + i * stride + s;
+            *(eight *)o = a;
+            if (some > 1) *(eight *)(o + stride) = b;
+            if (some > 2) *(eight *)(o + 2 * stride) = c;
+            if (some > 3) *(eight *)(o + 3 * stride) = d;
+        }
+    }
+}
+
+/* The six sums of an affine node, see Sums: out[k] (padded size) += sum over active j of matrix_k[j] given[k, j]. */
+EVERY_PROCESSOR
+void six_sums(double *out, integer stride, const double *w, const double *a, const double *m, const double *given,
+              integer columns, const integer *active, integer count) {
+    for (integer i = 0; i < stride; i += 8) {
+        eight constant = {0}, size = {0}, rest = {0}, middle = {0}, reach = {0}, of_middle = {0};
+        for (integer k = 0; k < count; k++) {
+            const integer j = active[k];
+            const eight weight = *(const eight *)(w + j * stride + i);
+            const eight absolute = *(const eight *)(a + j * stride + i);
+            const eight merged = *(const eight *)(m + j * stride + i);
+            constant += weight * given[j], middle += weight * given[3 * columns + j];
+            rest += absolute * given[2 * columns + j], reach += absolute * given[4 * columns + j];
+            size += merged * given[columns + j], of_middle += merged * given[5 * columns + j];
+        }
+        *(eight *)(out + i) += constant, *(eight *)(out + stride + i) += size;
+        *(eight *)(out + 2 * stride + i) += rest, *(eight *)(out + 3 * stride + i) += middle;
+        *(eight *)(out + 4 * stride + i) += reach, *(eight *)(out + 5 * stride + i) += of_middle;
+    }
+}
+
+/* out (padded size) += sum over j of matrix[j] x[j]. */
+EVERY_PROCESSOR
+void add_product(double *out, integer stride, const double *matrix, const double *x, integer columns) {
+    for (integer i = 0; i < stride; i += 8) {
+        eight sum = *(const eight *)(out + i);
+        for (integer j = 0; j < columns; j++) sum += *(const eight *)(matrix + j * stride + i) * x[j];
+        *(eight *)(out + i) = sum;
+    }
+}
+
+EVERY_PROCESSOR
+void scaled_row(double *out, const double *in, double factor, integer count) {
+    for (integer k = 0; k < count; k++) out[k] = in[k] * factor;
+}
+
+EVERY_PROCESSOR
+void add_scaled(double *out, const double *in, double factor, integer count) {
+    for (integer k = 0; k < count; k++) out[k] += in[k] * factor;
+}
+
+EVERY_PROCESSOR
+double absolute_sum(const double *row, integer count) {
+    double lanes[8] = {0}, sum = 0.0;
+    integer k = 0;
+    for (; k + 8 <= count; k += 8)
+        for (integer l = 0; l < 8; l++) lanes[l] += fabs(row[k + l]);
+    for (; k < count; k++) sum += fabs(row[k]);
+    for (integer l = 0; l < 8; l++) sum += lanes[l];
+    return sum;
+}

@@ -1,0 +1,136 @@
+/* What Python calls: chunks of states, each by itself. A state that the kernel leaves to numpy has `done` 0. */
+#include <fenv.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "kernel.h"
+
+#define EXPORTED __attribute__((visibility("default")))
+
+EXPORTED const char *viatool_digest(void) { return VIATOOL_DIGEST; }
+
+static integer neurons_of_trunk(const Network *net) {
+    const Node *last = net->node + net->trunk - 1;
+    return last->offset + last->size;
+}
+
+static integer widest_of(const Network *net, integer nodes) {
+    integer widest = 0;
+    for (integer k = 0; k < nodes; k++)
+        if (net->node[k].size > widest) widest = net->node[k].size;
+    return widest;
+}
+
+/* What the questions about one state need, all in one piece of memory. */
+typedef struct {
+    Model *models, *shrunk;
+    Arena arena, shrunk_arena;
+    Search search;
+    Gradient gradient;
+    Dual dual;
+    void *memory;
+} Workspace;
+
+static int begin_work(const Network *net, integer neurons_of_dual, Workspace *work) {
+    const integer inputs = net->node[0].size, all = neurons_of_trunk(net), each = padded(widest_of(net, net->trunk));
+    const integer layers = net->trunk, most_conditions = 2 * neurons_of_dual * layers;
+    const integer stride = padded(symbols_of(net)), size = (integer)arena_size(net) / 8;
+    const integer models = (integer)sizeof(Model) / 8 * net->trunk;
+    const integer search = 2 * all + 3 * inputs + each, gradient = 2 * all + 3 * each;
+    const integer dual = (most_conditions + 5) * stride + 2 * most_conditions;
+    double *next = work->memory = aligned_alloc(64, (size_t)padded(2 * (size + models) + search + gradient + dual) * 8);
+    if (!next) return 0;
+    work->arena = (Arena){(char *)next, 0, (size_t)size * 8}, next += size;
+    work->shrunk_arena = (Arena){(char *)next, 0, (size_t)size * 8}, next += size;
+    work->models = (Model *)next, next += models;
+    work->shrunk = (Model *)next, next += models;
+    memset(next, 0, (size_t)(search + gradient) * 8);
+    double *point = next + 2 * all;
+    memset(point + 2 * inputs, 0xff, (size_t)inputs * 8); /* not a number: nothing is evaluated yet */
+    work->search = (Search){next, next + all, point, point + inputs, point + 2 * inputs, point + 3 * inputs};
+    next += search;
+    work->gradient = (Gradient){next, next + all, next + 2 * all}, next += gradient;
+    work->dual = (Dual){.neurons = neurons_of_dual, .stride = stride, .objective = next, .tilted = next + stride,
+                        .scratch = next + 2 * stride, .breaks = next + 3 * stride, .forms = next + 5 * stride};
+    work->dual.slack = next + (most_conditions + 5) * stride, work->dual.beta = work->dual.slack + most_conditions;
+    return fegetround() == FE_TONEAREST;
+}
+
+static double seeded(const Network *net, const Model *models, integer action, double sign) {
+    const Model *last = models + net->trunk - 1;
+    return sign > 0 ? last->upper[action] : -last->lower[action];
+}
+
+/* Shrink the box of a question while the action is monotone in inputs; returns the models of the last box. */
+static const Model *shrink(const Network *net, Workspace *work, integer rounds, integer action, double sign,
+                           double *lower, double *upper, double *bound) {
+    const Model *models = work->models;
+    for (integer round = 0; round < rounds; round++) {
+        if (!collapse(net, models, action, sign, lower, upper, &work->gradient)) break;
+        if (!pass(net, lower, upper, NULL, work->models, work->shrunk, &work->shrunk_arena)) return NULL;
+        models = work->shrunk;
+        *bound = least(*bound, seeded(net, models, action, sign));
+        if (!models[0].fresh) break;
+    }
+    return models;
+}
+
+EXPORTED int viatool_bound(const Network *net, integer count, const double *lower, const double *upper, integer rounds,
+                           integer sweeps, integer neurons_of_dual, integer climbs, double *hull_lower,
+                           double *hull_upper, double *face_lower, double *face_upper, double *bound, double *points,
+                           double *found, uint8_t *done) {
+    const integer inputs = net->node[0].size, neurons = neurons_of_trunk(net);
+    const integer actions = net->node[net->trunk - 1].size;
+    Workspace work;
+    const int ready = begin_work(net, neurons_of_dual, &work);
+    for (integer b = 0; ready && b < count; b++) {
+        const double *low = lower + b * inputs, *high = upper + b * inputs;
+        done[b] = (uint8_t)pass(net, low, high, NULL, NULL, work.models, &work.arena);
+        if (!done[b]) continue;
+        for (integer k = 0; k < net->trunk; k++) {
+            const integer at = b * neurons + net->node[k].offset;
+            memcpy(hull_lower + at, work.models[k].lower, (size_t)net->node[k].size * 8);
+            memcpy(hull_upper + at, work.models[k].upper, (size_t)net->node[k].size * 8);
+        }
+        for (integer q = 0; q < 2 * actions; q++) {
+            const integer at = q * count + b, action = q % actions;
+            const double sign = q < actions ? 1.0 : -1.0;
+            double *left = face_lower + at * inputs, *right = face_upper + at * inputs, *point = points + at * inputs;
+            memcpy(left, low, (size_t)inputs * 8), memcpy(right, high, (size_t)inputs * 8);
+            bound[at] = seeded(net, work.models, action, sign);
+            const Model *models = shrink(net, &work, rounds, action, sign, left, right, bound + at);
+            for (integer i = 0; i < inputs; i++) point[i] = left[i] / 2 + right[i] / 2;
+            found[at] = climb(net, low, high, action, sign, climbs, bound[at], point, &work.search);
+            if (sweeps && models && models[0].fresh && bound[at] > found[at] + 1e-12 * fabs(found[at]))
+                bound[at] = least(bound[at], bound_by_duality(net, models, action, sign, sweeps, &work.dual));
+        }
+    }
+    free(work.memory);
+    return ready;
+}
+
+EXPORTED int viatool_deviate(const Network *net, integer count, const double *lower, const double *upper, double *low,
+                             double *high, double *deviation, double *own, double *bound, integer last_sum) {
+    const integer actions = net->node[net->nodes - 1].size, sums = last_sum < 0 ? 0 : net->node[last_sum].size;
+    double *work = calloc((size_t)(4 * net->neurons + 3 * padded(widest_of(net, net->nodes))), 8);
+    int ready = work && fegetround() == FE_TONEAREST;
+    for (integer b = 0; ready && b < count; b++)
+        ready = deviate(net, lower + b * net->neurons, upper + b * net->neurons, work, low + b * actions,
+                        high + b * actions, deviation + b * actions, own + b * sums, bound + b * sums, last_sum);
+    free(work);
+    return ready;
+}
+
+/* The bound that given multipliers prove, by itself so that a test can compare it with exact arithmetic. */
+EXPORTED int viatool_dual(const Network *net, integer symbols, integer count, const double *constant,
+                          const double *objective, const double *forms, const double *slack, const double *beta,
+                          double *bound) {
+    double *tilted = malloc((size_t)symbols * 8);
+    if (!tilted) return 0;
+    Dual dual = {.symbols = symbols, .stride = symbols, .count = count, .objective = (double *)objective,
+                 .tilted = tilted, .forms = (double *)forms, .slack = (double *)slack, .beta = (double *)beta,
+                 .constant = *constant};
+    *bound = proved_value(net, &dual);
+    free(tilted);
+    return 1;
+}

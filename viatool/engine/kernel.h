@@ -1,0 +1,168 @@
+/* The compiled engine: one state at a time through a network, as Taylor models of order 1.
+ *
+ * What is computed, and why every rounding is covered, is derived in docs/kernel.md, section by section (K1, K2, ...).
+ * Python packs a network into arrays of the structs below (viatool/taylor/packed.py); all fields have 8 bytes.
+ */
+#ifndef VIATOOL_KERNEL_H
+#define VIATOOL_KERNEL_H
+
+#include <float.h>
+#include <math.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#if FLT_EVAL_METHOD != 0
+#error "every operation has to be rounded to double at once"
+#endif
+
+typedef int64_t integer;
+
+enum { INPUT, AFFINE, ACTIVATION };
+enum { EXACT, OF_THE_LARGEST, OF_THE_VALUE }; /* what a runtime's activation errs relative to */
+
+typedef struct {
+    integer kind, size, offset;    /* offset: where its neurons stand among those of all nodes */
+    integer source, sources;       /* which of the sources it reads */
+    integer bias, bias_size;       /* places in numbers, (size,) each */
+    integer curve;                 /* which curve an activation has */
+    integer elementwise;           /* of an affine node: each neuron reads one number */
+    integer factor, flushed, floor; /* places of what the program's row errs by, and of its least values */
+    integer error;                 /* EXACT, ... of an activation */
+} Node;
+
+typedef struct {
+    integer node;
+    integer weight, absolute, merged; /* places of matrices, a row for each neuron, padded to a multiple of 8 */
+    integer weight_t, absolute_t, merged_t; /* and transposed, padded likewise */
+} Source;
+
+typedef struct {
+    integer count, edges, kinds, lowest, highest; /* places: (count + 1,), (count,), (count, count) twice */
+} Cells;
+
+typedef struct {
+    integer pieces;                                   /* of a curve of straight lines; 0 where it is bent */
+    integer breaks, slopes, lowest, highest, rounded; /* of the lines: places, (pieces,) each */
+    integer rising, bend;                             /* never falls; convex 1, concave -1, else 0 */
+    integer grid, steps, tails;                       /* of a bent curve: places, see K5; steps to a unit */
+    Cells values, derivative;                         /* where the curve and where its slope turn */
+} Curve;
+
+typedef struct {
+    double gamma, backward;      /* relative errors of the engine's sums over what a node reads, and over its rows */
+    double unit, tiny, largest;  /* of the program's precision */
+    double error_units, amplitude;
+} Figure;
+
+typedef struct {
+    double sums, lines, underflow, slopes, tilts, program, errors; /* 1 each; a test may leave one out */
+} Allowances;
+
+typedef struct {
+    integer nodes, trunk, neurons; /* nodes of the trunk come first; neurons of all nodes together */
+    const Node *node;
+    const Source *source;
+    const Curve *curve;
+    const Figure *figure;
+    const double *numbers;
+    const Allowances *allow;
+} Network;
+
+#define UNIT 0x1p-53    /* relative error of one rounding */
+#define SLIGHTLY 0x1p-40 /* covers 2^13 roundings of a sum of numbers that are not negative */
+#define LEAST 1e-280    /* covers what underflows, even where it is flushed to zero; its roundings do not underflow */
+
+/* One node over one box: constant + rows . symbols + rest [-1, 1], and the hull, which may be tighter.
+ *
+ * A row has `width` coefficients, `stride` apart; behind them stand `fresh` symbols from `first` on that move one
+ * neuron each, neuron[k] by radius[k]. */
+typedef struct {
+    double *constant, *rest, *norm, *lower, *upper;
+    double *rows, *radius;
+    integer *neuron;
+    integer width, stride, first, fresh;
+} Model;
+
+/* Memory for the models of one pass. */
+typedef struct {
+    char *memory;
+    size_t used, size;
+} Arena;
+
+integer symbols_of(const Network *net); /* at most */
+size_t arena_size(const Network *net);  /* in bytes */
+void *take(Arena *arena, size_t count); /* of 8 bytes each */
+
+/* Conditions on arguments of activations, by the node that reads them: NULL where there is none. */
+typedef struct {
+    const double *lower, *upper; /* (neurons,), at the places of the activation */
+} Limits;
+
+static inline integer padded(integer count) { return (count + 7) & ~(integer)7; }
+static inline integer diagonal(integer i, integer size) { return i * (padded(size) + 1); }
+static inline double least(double a, double b) { return a < b ? a : b; }
+static inline double most(double a, double b) { return a > b ? a : b; }
+static inline int is_finite(double x) { return x >= -DBL_MAX && x <= DBL_MAX; }
+static inline double outward(const Network *net, double x) { return x * (1.0 + SLIGHTLY * net->allow->sums); }
+
+/* dense.c */
+void multiply(double *out, integer stride, integer rows, const double *weight, integer columns, const double *in,
+              integer in_stride, integer width, const integer *active, integer count);
+void six_sums(double *out, integer stride, const double *w, const double *a, const double *m, const double *given,
+              integer columns, const integer *active, integer count);
+void add_product(double *out, integer stride, const double *matrix, const double *x, integer columns);
+void scaled_row(double *out, const double *in, double factor, integer count);
+void add_scaled(double *out, const double *in, double factor, integer count);
+double absolute_sum(const double *row, integer count);
+
+/* curve.c */
+typedef struct {
+    double slope, constant, error, rounding; /* |f(x) - slope x - constant| <= error + rounding where it is looked at */
+    int exact;                               /* the argument itself, or 0 */
+} Line;
+int is_known(const Curve *curve, double lower, double upper); /* else numpy has to tell */
+double value_on(const Network *net, const Curve *curve, double x);
+double slope_on(const Network *net, const Curve *curve, double x);
+Line line_on(const Network *net, const Curve *curve, double lower, double upper);
+void range_on(const Network *net, const Curve *curve, double lower, double upper, double *low, double *high);
+void slopes_on(const Network *net, const Curve *curve, double lower, double upper, double *low, double *high);
+
+/* lines.c */
+integer piece_at(const Network *net, const Curve *curve, double x);
+double value_on_lines(const Network *net, const Curve *curve, double x);
+Line line_on_lines(const Network *net, const Curve *curve, double lower, double upper);
+void range_on_lines(const Network *net, const Curve *curve, double lower, double upper, double *low, double *high);
+void slopes_on_lines(const Network *net, const Curve *curve, double lower, double upper, double *low, double *high);
+
+/* search.c */
+typedef struct {
+    double *values, *adjoints;                /* (neurons,), of what was evaluated last */
+    double *point, *corner, *evaluated, *sum; /* (inputs,), and one padded node */
+} Search;
+double climb(const Network *net, const double *lower, const double *upper, integer action, double sign, integer steps,
+             double bound, double *best, Search *search);
+
+/* pass.c */
+int pass(const Network *net, const double *lower, const double *upper, const Limits *limits, const Model *known,
+         Model *models, Arena *arena);
+
+/* collapse.c */
+typedef struct {
+    double *centre, *radius, *sums; /* (neurons,) twice, and three padded nodes */
+} Gradient;
+int collapse(const Network *net, const Model *models, integer action, double sign, double *lower, double *upper,
+             Gradient *gradient); /* tells whether a box became smaller */
+
+/* dual.c */
+typedef struct {
+    integer neurons, symbols, stride, count; /* at most so many neurons of a node, and what there is */
+    double *objective, *tilted, *scratch, *forms, *slack, *beta, *breaks, constant;
+} Dual;
+double proved_value(const Network *net, Dual *dual); /* what the multipliers in it prove */
+double bound_by_duality(const Network *net, const Model *models, integer action, double sign, integer sweeps, Dual *dual);
+
+/* program.c */
+int deviate(const Network *net, const double *lower, const double *upper, double *work, double *low, double *high,
+            double *deviation, double *own_of, double *bound_of, integer last_sum);
+
+#endif

@@ -1,0 +1,146 @@
+"""Calls of the compiled engine, where it covers a network; numpy is its reference and takes over everywhere else."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from itertools import accumulate
+from typing import Any
+
+import numpy as np
+
+from viatool.arrays import Booleans, Floats, Hull
+from viatool.engine import Engine, chosen_engine, library
+from viatool.policy.network import Network
+from viatool.taylor.packed import PackedNetwork, packed
+
+
+def engine_of(network: Network) -> Engine:
+    """Return which engine bounds a network at order 1."""
+    return "numpy" if kernel_of(network, len(network.nodes)) is None else "compiled"
+
+
+def kernel_of(network: Network, trunk: int) -> Kernel | None:
+    """Return the kernel of a network of which the first `trunk` nodes are enclosed; None where numpy does it."""
+    return _packed_once(network, trunk) if chosen_engine() == "compiled" else None
+
+
+@lru_cache(maxsize=64)
+def _packed_once(network: Network, trunk: int) -> Kernel | None:
+    network_as_read = packed(network, trunk)
+    return None if network_as_read is None else Kernel(network, trunk, network_as_read)
+
+
+@dataclass(frozen=True, eq=False)
+class Bounded:
+    """What the kernel knows of B boxes; nothing of those that are not `done`, which numpy takes on.
+
+    Parameters
+    ----------
+    done : ndarray
+        ``(B,)`` bool.
+    lower, upper : ndarray
+        ``(B, N)``: hulls of all N neurons of the trunk.
+    face_lower, face_upper : ndarray
+        ``(2 A B, n)``: what is left of the box of each one-sided question, as `extrema_of` asks them.
+    bound, found : ndarray
+        ``(2 A B,)``: proved upper bounds, and what is attained.
+    points : ndarray
+        ``(2 A B, n)``: where.
+    """
+
+    done: Booleans
+    lower: Floats
+    upper: Floats
+    face_lower: Floats
+    face_upper: Floats
+    bound: Floats
+    found: Floats
+    points: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Kernel:
+    """One network in the compiled engine.
+
+    **Sound:** as docs/kernel.md derives; every state by itself, so that batches give what single states give.
+    """
+
+    network: Network
+    trunk: int
+    packed: PackedNetwork
+
+    @cached_property
+    def _ends(self) -> list[int]:
+        return list(accumulate(node.size for node in self.network.nodes))
+
+    def hulls(self, lower: Floats, upper: Floats) -> list[Hull]:
+        """Cut what is known of all neurons of the trunk into the hulls of its nodes."""
+        cuts = self._ends[: self.trunk - 1]
+        return list(zip(np.split(lower, cuts, axis=1), np.split(upper, cuts, axis=1), strict=True))
+
+    def bound(
+        self,
+        lower: Floats,
+        upper: Floats,
+        *,
+        rounds: int = 0,
+        sweeps: int = 0,
+        neurons: int = 1,
+        climbs: int = 1,
+    ) -> Bounded:
+        """Bound every action of the trunk over boxes (B, n).
+
+        Parameters
+        ----------
+        lower, upper : ndarray
+            ``(B, n)``.
+        rounds : int
+            How often the box of a question is shrunk where the action is monotone.
+        sweeps, neurons : int
+            How often each multiplier of the dual bound is improved, 0 for no dual bound; and how many neurons of a
+            layer have conditions in it.
+        climbs : int
+            Corners that the search for attained actions tries.
+        """
+        (batch, inputs), actions = lower.shape, self.network.nodes[self.trunk - 1].size
+        size, questions = self._ends[self.trunk - 1], 2 * actions * batch
+        faces, values = (questions, inputs), (questions,)
+        shapes = ((batch, size), (batch, size), faces, faces, values, values, faces)
+        result = Bounded(np.zeros(batch, dtype=bool), *map(np.empty, shapes))
+        self._call(
+            "viatool_bound", batch, _contiguous(lower), _contiguous(upper), rounds, sweeps, neurons, climbs,
+            result.lower, result.upper, result.face_lower, result.face_upper, result.bound, result.points, result.found,
+            result.done,
+        )  # fmt: skip
+        return result
+
+    def deviation(self, hulls: Sequence[Hull], last_sum: int | None) -> tuple[Floats, ...] | None:
+        """Bound by norms what the deployed program makes of boxes, given hulls of all nodes.
+
+        Returns
+        -------
+        tuple of ndarray or None
+            Lower and upper bounds of the program's actions and its deviation, (B, A) each; what the node `last_sum`
+            errs by itself, and its deviation, (B, K) each. None where a precision may not hold an intermediate result.
+        """
+        batch = hulls[0][0].shape[0]
+        actions = self.network.output_size
+        sums = 0 if last_sum is None else self.network.nodes[last_sum].size
+        lower, upper = (np.concatenate([hull[side] for hull in hulls], axis=1) for side in (0, 1))
+        found = [np.empty((batch, size)) for size in (actions, actions, actions, sums, sums)]
+        place = -1 if last_sum is None else last_sum
+        return tuple(found) if self._call("viatool_deviate", batch, lower, upper, *found, place) else None
+
+    def _call(self, name: str, *arguments: Any) -> bool:
+        passed = [
+            ctypes.c_void_p(each.ctypes.data) if isinstance(each, np.ndarray) else ctypes.c_int64(each)
+            for each in arguments
+        ]
+        return bool(getattr(library(), name)(ctypes.byref(self.packed), *passed))
+
+
+def _contiguous(values: Floats) -> Floats:
+    return np.ascontiguousarray(values, dtype=np.float64)
