@@ -107,6 +107,38 @@ def _excess(value: Any, low: float, high: float) -> float:
     return max(float(max(gaps)), 5e-324) if max(gaps) > 0 else 0.0
 
 
+def escape_of_parts(kernel: Kernel, lower: Floats, upper: Floats, seed: int = 0, samples: int = 40) -> float:
+    """Return how far exact values leave the bounds of parts, at points (of boxes (B, n)) that meet their conditions."""
+    network, rng = kernel.network, np.random.default_rng(seed)
+    activations = [index for index, node in enumerate(network.nodes) if isinstance(node, Activation)]
+    worst = 0.0
+    for b in range(len(lower)):
+        points = rng.uniform(lower[b], upper[b], (samples, lower.shape[1])).clip(lower[b], upper[b])
+        node = rng.choice(activations, 3)
+        neuron = np.array([rng.integers(network.nodes[index].size) for index in node])
+        side = rng.choice([-1, 0, 1], 3)
+        values = network.values(points)
+        arguments = [
+            values[network.nodes[index].sources[0]][:, i] for index, i in zip(node, neuron, strict=True)
+        ]
+        threshold = np.array([rng.choice(argument) for argument in arguments])
+        meets = np.all([s * (x - t) >= 0 for s, x, t in zip(side, arguments, threshold, strict=True)], axis=0)
+        action, sign = np.array([rng.integers(network.output_size)]), rng.choice([-1.0, 1.0], 1)
+        conditions = (node[None], neuron[None], side[None], threshold[None])
+        found = kernel.examine(lower[b : b + 1], upper[b : b + 1], action, sign, conditions)
+        assert found.done.all()
+        assert ((found.points[0] >= lower[b]) & (found.points[0] <= upper[b])).all()
+        for point in points[meets][:6]:
+            exact = _values_of(network, point)
+            held = [exact[network.nodes[index].sources[0]][i] for index, i in zip(node, neuron, strict=True)]
+            if all(
+                s * (x - Fraction(t)) >= 0
+                for s, x, t in zip(side.tolist(), held, threshold.tolist(), strict=True)
+            ):
+                worst = max(worst, _excess(int(sign[0]) * exact[-1][action[0]], -np.inf, found.bound[0]))
+    return worst
+
+
 def escape_of_programs(kernel: Kernel, lower: Floats, upper: Floats, seed: int = 0) -> float:
     """Return how far float32 programs, in any order of sums, fused or not, and onnxruntime leave the deviation."""
     network = kernel.network

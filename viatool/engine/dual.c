@@ -110,7 +110,10 @@ static double best_multiplier(const double *form, const double *direction, doubl
     return 0.0; /* falls for ever: no symbols meet the condition */
 }
 
-static void improve(Dual *dual, integer sweeps, Break *breaks) {
+void improve(Dual *dual, integer sweeps) {
+    Break *breaks = (Break *)dual->breaks;
+    memset(dual->beta, 0, (size_t)dual->count * 8);
+    memcpy(dual->tilted, dual->objective, (size_t)dual->symbols * 8);
     for (integer sweep = 0; sweep < (dual->count > 1 ? sweeps : 1); sweep++)
         for (integer d = 0; d < dual->count; d++) {
             const double *direction = dual->forms + d * dual->stride;
@@ -137,7 +140,7 @@ double proved_value(const Network *net, Dual *dual) {
     return dual->constant + slack + absolute_sum(dual->tilted, dual->symbols) + rounding;
 }
 
-double bound_by_duality(const Network *net, const Model *models, integer action, double sign, integer sweeps, Dual *dual) {
+void begin_dual(const Network *net, const Model *models, integer action, double sign, Dual *dual) {
     const Model *last = models + net->trunk - 1;
     dual->symbols = models[0].fresh, dual->count = 0;
     for (integer k = 0; k < net->trunk; k++)
@@ -145,11 +148,27 @@ double bound_by_duality(const Network *net, const Model *models, integer action,
     form_of(last, action, dual->objective, dual->symbols);
     scaled_row(dual->objective, dual->objective, sign, dual->symbols);
     dual->constant = sign * last->constant[action] + last->rest[action];
+}
+
+/* The argument of an activation lies on one side of a threshold: side (x - threshold) >= 0. */
+void add_known(const Network *net, const Model *argument, integer i, double side, double threshold, Dual *dual) {
+    double *form = dual->forms + dual->count * dual->stride;
+    form_of(argument, i, form, dual->symbols);
+    if (side < 0) scaled_row(form, form, -1.0, dual->symbols);
+    const double size = fabs(argument->constant[i]) + argument->norm[i] + fabs(threshold);
+    const double spare = outward(net, argument->rest[i] + 8 * UNIT * net->allow->tilts * size);
+    dual->slack[dual->count++] = side * (argument->constant[i] - threshold) + spare;
+}
+
+void add_pieces(const Network *net, const Model *models, Dual *dual) {
     for (integer k = 0; k < net->trunk; k++)
         if (net->node[k].kind == ACTIVATION && net->curve[net->node[k].curve].pieces) add_conditions(net, models, k, dual);
-    memset(dual->beta, 0, (size_t)dual->count * 8);
-    memcpy(dual->tilted, dual->objective, (size_t)dual->symbols * 8);
-    improve(dual, sweeps, (Break *)dual->breaks);
+}
+
+double bound_by_duality(const Network *net, const Model *models, integer action, double sign, integer sweeps, Dual *dual) {
+    begin_dual(net, models, action, sign, dual);
+    add_pieces(net, models, dual);
+    improve(dual, sweeps);
     const double bound = proved_value(net, dual);
     return bound == bound ? bound : INFINITY;
 }

@@ -31,9 +31,9 @@ typedef struct {
     void *memory;
 } Workspace;
 
-static int begin_work(const Network *net, integer neurons_of_dual, Workspace *work) {
+static int begin_work(const Network *net, integer neurons_of_dual, integer known, Workspace *work) {
     const integer inputs = net->node[0].size, all = neurons_of_trunk(net), each = padded(widest_of(net, net->trunk));
-    const integer layers = net->trunk, most_conditions = 2 * neurons_of_dual * layers;
+    const integer layers = net->trunk, most_conditions = known + 2 * neurons_of_dual * layers;
     const integer stride = padded(symbols_of(net)), size = (integer)arena_size(net) / 8;
     const integer models = (integer)sizeof(Model) / 8 * net->trunk;
     const integer search = 2 * all + 3 * inputs + each, gradient = 2 * all + 3 * each;
@@ -82,7 +82,7 @@ EXPORTED int viatool_bound(const Network *net, integer count, const double *lowe
     const integer inputs = net->node[0].size, neurons = neurons_of_trunk(net);
     const integer actions = net->node[net->trunk - 1].size;
     Workspace work;
-    const int ready = begin_work(net, neurons_of_dual, &work);
+    const int ready = begin_work(net, neurons_of_dual, 0, &work);
     for (integer b = 0; ready && b < count; b++) {
         const double *low = lower + b * inputs, *high = upper + b * inputs;
         done[b] = (uint8_t)pass(net, low, high, NULL, NULL, work.models, &work.arena);
@@ -106,6 +106,76 @@ EXPORTED int viatool_bound(const Network *net, integer count, const double *lowe
         }
     }
     free(work.memory);
+    return ready;
+}
+
+/* Conditions of one part: which neuron of which activation is on which side of what. */
+typedef struct {
+    const integer *node, *neuron, *side;
+    const double *threshold;
+} Conditions;
+
+/* Write limits of arguments, or take them away again; tells whether a neuron is held to nothing. */
+static void limit(const Network *net, const Conditions *known, integer depth, double *lower, double *upper, int away) {
+    for (integer d = 0; d < depth; d++) {
+        if (!known->side[d]) continue;
+        const integer at = net->node[known->node[d]].offset + known->neuron[d];
+        if (away)
+            lower[at] = -INFINITY, upper[at] = INFINITY;
+        else if (known->side[d] > 0)
+            lower[at] = most(lower[at], known->threshold[d]);
+        else
+            upper[at] = least(upper[at], known->threshold[d]);
+    }
+}
+
+static int is_empty(const Network *net, const Conditions *known, integer depth, const Model *models,
+                    const Limits *limits) {
+    for (integer d = 0; d < depth; d++) {
+        if (!known->side[d]) continue;
+        const Node *node = net->node + known->node[d];
+        const Model *argument = models + net->source[node->source].node;
+        const integer i = known->neuron[d], at = node->offset + i;
+        if (limits->lower[at] > argument->upper[i] || limits->upper[at] < argument->lower[i]) return 1;
+    }
+    return 0;
+}
+
+EXPORTED int viatool_examine(const Network *net, integer count, integer depth, const double *lower, const double *upper,
+                             const integer *action, const double *sign, const integer *node, const integer *neuron,
+                             const integer *side, const double *threshold, integer sweeps, integer neurons_of_dual,
+                             double *bound, double *points, integer *next_node, integer *next_neuron,
+                             double *next_threshold, uint8_t *done) {
+    const integer inputs = net->node[0].size, neurons = neurons_of_trunk(net);
+    Workspace work;
+    double *limits = malloc((size_t)neurons * 16);
+    const int ready = begin_work(net, neurons_of_dual, depth, &work) && limits;
+    for (integer i = 0; ready && i < neurons; i++) limits[i] = -INFINITY, limits[neurons + i] = INFINITY;
+    const Limits held = {limits, limits + neurons};
+    Dual *dual = &work.dual;
+    for (integer k = 0; ready && k < count; k++) {
+        const double *low = lower + k * inputs, *high = upper + k * inputs;
+        const Conditions known = {node + k * depth, neuron + k * depth, side + k * depth, threshold + k * depth};
+        limit(net, &known, depth, limits, limits + neurons, 0);
+        done[k] = (uint8_t)pass(net, low, high, &held, NULL, work.models, &work.arena);
+        if (done[k]) {
+            begin_dual(net, work.models, action[k], sign[k], dual);
+            for (integer d = 0; d < depth; d++)
+                if (known.side[d])
+                    add_known(net, work.models + net->source[net->node[known.node[d]].source].node, known.neuron[d],
+                              (double)known.side[d], known.threshold[d], dual);
+            add_pieces(net, work.models, dual);
+            improve(dual, sweeps);
+            const Split split = next_split(net, work.models, &held, dual);
+            next_node[k] = split.node, next_neuron[k] = split.neuron, next_threshold[k] = split.threshold;
+            relaxed_point(net, work.models, dual, low, high, points + k * inputs);
+            const double proved = proved_value(net, dual), plain = seeded(net, work.models, action[k], sign[k]);
+            bound[k] = proved < plain ? proved : plain;
+            if (is_empty(net, &known, depth, work.models, &held)) bound[k] = -INFINITY;
+        }
+        limit(net, &known, depth, limits, limits + neurons, 1);
+    }
+    free(work.memory), free(limits);
     return ready;
 }
 

@@ -42,7 +42,7 @@ typedef struct {
 
 typedef struct {
     integer pieces;                                   /* of a curve of straight lines; 0 where it is bent */
-    integer breaks, slopes, lowest, highest, rounded; /* of the lines: places, (pieces,) each */
+    integer kinks, breaks, slopes, lowest, highest, rounded; /* of the lines: places, (pieces,) each */
     integer rising, bend;                             /* never falls; convex 1, concave -1, else 0 */
     integer grid, steps, tails;                       /* of a bent curve: places, see K5; steps to a unit */
     Cells values, derivative;                         /* where the curve and where its slope turn */
@@ -159,7 +159,20 @@ typedef struct {
     double *objective, *tilted, *scratch, *forms, *slack, *beta, *breaks, constant;
 } Dual;
 double proved_value(const Network *net, Dual *dual); /* what the multipliers in it prove */
+void begin_dual(const Network *net, const Model *models, integer action, double sign, Dual *dual);
+void add_known(const Network *net, const Model *argument, integer i, double side, double threshold, Dual *dual);
+void add_pieces(const Network *net, const Model *models, Dual *dual); /* conditions that hold everywhere */
+void improve(Dual *dual, integer sweeps);
 double bound_by_duality(const Network *net, const Model *models, integer action, double sign, integer sweeps, Dual *dual);
+
+/* parts.c */
+typedef struct {
+    integer node, neuron;
+    double threshold;
+} Split;
+Split next_split(const Network *net, const Model *models, const Limits *limits, const Dual *dual);
+void relaxed_point(const Network *net, const Model *models, const Dual *dual, const double *lower, const double *upper,
+                   double *point);
 
 /* program.c */
 int deviate(const Network *net, const double *lower, const double *upper, double *work, double *low, double *high,

@@ -13,8 +13,7 @@ from viatool.arrays import Booleans, Floats, Hull, Indices
 from viatool.policy.network import Network
 from viatool.taylor.approximation import Approximation
 from viatool.taylor.attained import attained_actions
-from viatool.taylor.duality import DualEffort
-from viatool.taylor.kernel import Bounded, Kernel, kernel_of
+from viatool.taylor.kernel import EFFORT, Bounded, Kernel, kernel_of
 from viatool.taylor.propagation import Box, is_curved, propagate
 from viatool.taylor.refinement import (
     ROUNDS,
@@ -137,8 +136,7 @@ def _by_numpy(trunk: Network, box: Box, effort: Effort) -> FirstOrder:
 def _of_the_kernel(trunk: Network, effort: Effort) -> dict[str, int]:
     """Return how hard the kernel tries."""
     if effort.one_by_one:
-        thorough = DualEffort()
-        return {"rounds": ROUNDS, "sweeps": thorough.sweeps, "neurons": thorough.neurons}
+        return {"rounds": ROUNDS, "sweeps": EFFORT.sweeps, "neurons": EFFORT.neurons}
     if is_wide(trunk):
         light = effort_in_passing(1, 2 * trunk.output_size)
         return {"sweeps": light.sweeps, "neurons": light.neurons}

@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from viatool.arrays import Booleans, Floats, Hull
+from viatool.arrays import Booleans, Floats, Hull, Indices
 from viatool.engine import Engine, chosen_engine, library
 from viatool.policy.network import Network
+from viatool.taylor.duality import DualEffort
 from viatool.taylor.packed import PackedNetwork, packed
 
 
@@ -59,6 +60,36 @@ class Bounded:
     bound: Floats
     found: Floats
     points: Floats
+
+
+EFFORT = DualEffort(sweeps=4)
+"""How hard the kernel looks for multipliers, where numpy takes fewer sweeps, since they cost it more."""
+
+Conditions = tuple[Indices, Indices, Indices, Floats]
+
+
+@dataclass(frozen=True, eq=False)
+class ExaminedParts:
+    """What the kernel knows of K parts of boxes; nothing of those that are not `done`.
+
+    Parameters
+    ----------
+    done : ndarray
+        ``(K,)`` bool.
+    bound : ndarray
+        ``(K,)``: proved upper bounds; minus infinity where no point meets the conditions.
+    points : ndarray
+        ``(K, n)``: where the relaxation is largest.
+    node, neuron, threshold : ndarray
+        ``(K,)``: where to split next; node 0 where nothing is left to split.
+    """
+
+    done: Booleans
+    bound: Floats
+    points: Floats
+    node: Indices
+    neuron: Indices
+    threshold: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,6 +148,37 @@ class Kernel:
         )  # fmt: skip
         return result
 
+    def examine(
+        self,
+        lower: Floats,
+        upper: Floats,
+        action: Indices,
+        sign: Floats,
+        conditions: Conditions,
+    ) -> ExaminedParts:
+        """Bound ``sign action`` of the trunk from above over K boxes (K, n), as far as conditions on arguments hold.
+
+        Parameters
+        ----------
+        lower, upper : ndarray
+            ``(K, n)``.
+        action, sign : ndarray
+            ``(K,)``.
+        conditions : tuple of ndarray
+            ``(K, D)`` each: activation node, neuron, side -1 below and +1 above (0: no condition), threshold.
+        """
+        count, inputs = lower.shape
+        nodes, neurons, sides, thresholds = conditions
+        node, neuron = np.zeros((2, count), dtype=np.int64)
+        values, points = np.zeros((2, count)), np.empty((count, inputs))
+        found = ExaminedParts(np.zeros(count, dtype=bool), values[0], points, node, neuron, values[1])
+        self._call(
+            "viatool_examine", count, nodes.shape[1], _contiguous(lower), _contiguous(upper), _whole(action),
+            _contiguous(sign), _whole(nodes), _whole(neurons), _whole(sides), _contiguous(thresholds), EFFORT.sweeps,
+            EFFORT.neurons, found.bound, found.points, found.node, found.neuron, found.threshold, found.done,
+        )  # fmt: skip
+        return found
+
     def deviation(self, hulls: Sequence[Hull], last_sum: int | None) -> tuple[Floats, ...] | None:
         """Bound by norms what the deployed program makes of boxes, given hulls of all nodes.
 
@@ -140,6 +202,10 @@ class Kernel:
             for each in arguments
         ]
         return bool(getattr(library(), name)(ctypes.byref(self.packed), *passed))
+
+
+def _whole(values: Indices) -> Indices:
+    return np.ascontiguousarray(values, dtype=np.int64)
 
 
 def _contiguous(values: Floats) -> Floats:

@@ -56,7 +56,8 @@ _CELLS = ("count", "edges", "kinds", "lowest", "highest")
 _Curve = _struct(
     "_Curve",
     (
-        "pieces", "breaks", "slopes", "lowest", "highest", "rounded", "rising", "bend", "grid", "steps", "tails",
+        "pieces", "kinks", "breaks", "slopes", "lowest", "highest", "rounded", "rising", "bend", "grid", "steps",
+        "tails",
         *(f"values_{field}" for field in _CELLS), *(f"derivative_{field}" for field in _CELLS),
     ),
 )  # fmt: skip
@@ -220,11 +221,13 @@ class _Packing:
             places = [lines.breaks, lines.slopes, lines.lowest, lines.highest, ~exact]
             rising = bool((lines.slopes >= 0).all())
             return _Curve(
-                lines.slopes.size, *(self._place(np.array(part, float)) for part in places), rising, curve.overall_bend
+                lines.slopes.size, lines.breaks.size, *(self._place(np.array(part, float)) for part in places), rising,
+                curve.overall_bend,
             )  # fmt: skip
         table = tabulated(curve)
         assert isinstance(table, Tabulated)
-        fields = {
+        fields = {"kinks": curve.breaks.size, "breaks": self._place(curve.breaks)}
+        fields |= {
             "grid": self._place(table.cells.ravel()),
             "steps": STEPS,
             "tails": self._place(table.tails.ravel()),

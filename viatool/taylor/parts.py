@@ -25,6 +25,7 @@ from viatool.taylor.duality import (
     source_of,
 )
 from viatool.taylor.forms import Diagonal, Form
+from viatool.taylor.kernel import Kernel, kernel_of
 from viatool.taylor.propagation import Box, Enclosure, propagate
 from viatool.taylor.refinement import Extrema, seeded_upper
 
@@ -139,6 +140,37 @@ def examine(
     **Sound:** yes, by weak duality. Where nothing is left to split the relaxation is the network itself, and linear
     programming finds multipliers that make the bound exact.
     """
+    kernel = kernel_of(network, len(network.nodes)) if rule == "chebyshev" else None
+    if kernel is None or not parts.owner.size:
+        return _by_numpy(network, extrema, parts, target, rule)
+    examined, points, done = _by_kernel(kernel, extrema, parts)
+    left = ~done
+    if target is not None:  # linear programming is numpy's
+        left |= (examined.next_node == 0) & (examined.bound > target[parts.owner])
+    rows = np.flatnonzero(left)
+    if rows.size:
+        others, points[rows] = _by_numpy(network, extrema, parts.rows(rows), target, rule)
+        for each in ("bound", "next_node", "next_neuron", "next_threshold"):
+            getattr(examined, each)[rows] = getattr(others, each)
+    return examined, points
+
+
+def _by_kernel(kernel: Kernel, extrema: Extrema, parts: BoxParts) -> tuple[BoxParts, Floats, Booleans]:
+    box, seed = extrema.box.rows(parts.owner), extrema.seed[parts.owner]
+    action = np.abs(seed).argmax(axis=1)
+    sign = np.take_along_axis(seed, action[:, None], axis=1)[:, 0]
+    conditions = (parts.node, parts.neuron, parts.side, parts.threshold)
+    found = kernel.examine(box.lower, box.upper, action, sign, conditions)
+    bound = np.minimum(parts.bound, found.bound)
+    examined = replace(
+        parts, bound=bound, next_node=found.node, next_neuron=found.neuron, next_threshold=found.threshold
+    )
+    return examined, found.points, found.done
+
+
+def _by_numpy(
+    network: Network, extrema: Extrema, parts: BoxParts, target: Floats | None, rule: Approximation
+) -> tuple[BoxParts, Floats]:
     box, seed = extrema.box.rows(parts.owner), extrema.seed[parts.owner]
     passes = propagate(network, box, rule=rule, limits=_limits(network, parts))
     layout = SymbolLayout.of(passes[-1].model)
