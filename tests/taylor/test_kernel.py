@@ -29,7 +29,7 @@ from viatool import engine
 from viatool.errors import ConfigurationError, EnclosureError, ViatoolError
 from viatool.policy.activations import ActivationFunction, activation
 from viatool.policy.network import Activation, Affine, Input, Network, Node, Product
-from viatool.taylor import engine_of, reach
+from viatool.taylor import duality, engine_of, reach
 from viatool.taylor.kernel import kernel_of
 
 ROOT = Path(__file__).parents[2]
@@ -306,6 +306,21 @@ def test_both_engines_agree_on_shipped_policies(
         np.testing.assert_allclose(ours.attained_upper, theirs.attained_upper, atol=1e-9)
     assert ours.width.sum() <= theirs.width.sum() * (1 + 1e-6)
     assert (ours.width <= theirs.width * 1.01).all()  # which part is split next may differ
+
+
+def test_the_best_multipliers_are_found_without_linear_programming(monkeypatch: pytest.MonkeyPatch) -> None:
+    network = layered(np.random.default_rng(15), 6, 12, 12, 2, hidden=STRAIGHT[0])
+    observations = np.random.default_rng(16).normal(size=(6, 6))
+    with compiled.engine_chosen(monkeypatch, "numpy"):
+        theirs = reach(bare(network), observations, 0.2, refine="split")
+
+    def refused(*given: Any, **named: Any) -> Any:
+        raise AssertionError("a linear program")
+
+    monkeypatch.setattr(duality, "_linear_program", refused)
+    ours = reach(bare(network), observations, 0.2, refine="split")
+    assert (ours.width <= theirs.width * (1 + 1e-3)).all()
+    assert (ours.attained_width >= theirs.attained_width * (1 - 1e-3)).all()
 
 
 def test_wide_layers_get_the_dual_bound_of_numpy(monkeypatch: pytest.MonkeyPatch) -> None:

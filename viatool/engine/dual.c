@@ -129,7 +129,7 @@ double proved_value(const Network *net, Dual *dual) {
     memcpy(dual->tilted, dual->objective, (size_t)dual->symbols * 8);
     double size = fabs(dual->constant) + absolute_sum(dual->objective, dual->symbols), slack = 0.0;
     for (integer d = 0; d < dual->count; d++) {
-        if (dual->beta[d] == 0.0) continue;
+        if (!(dual->beta[d] > 0.0)) continue; /* what is no multiplier proves nothing */
         const double *form = dual->forms + d * dual->stride;
         add_scaled(dual->tilted, form, dual->beta[d], dual->symbols);
         size += dual->beta[d] * (absolute_sum(form, dual->symbols) + fabs(dual->slack[d]));

@@ -109,6 +109,8 @@ EXPORTED int viatool_bound(const Network *net, integer count, const double *lowe
     return ready;
 }
 
+enum { SOLVED_EXACTLY = 2 }; /* of what is done: no multipliers prove more */
+
 /* Conditions of one part: which neuron of which activation is on which side of what. */
 typedef struct {
     const integer *node, *neuron, *side;
@@ -144,12 +146,15 @@ static int is_empty(const Network *net, const Conditions *known, integer depth, 
 EXPORTED int viatool_examine(const Network *net, integer count, integer depth, const double *lower, const double *upper,
                              const integer *action, const double *sign, const integer *node, const integer *neuron,
                              const integer *side, const double *threshold, integer sweeps, integer neurons_of_dual,
+                             integer exactly,
                              double *bound, double *points, integer *next_node, integer *next_neuron,
                              double *next_threshold, uint8_t *done) {
     const integer inputs = net->node[0].size, neurons = neurons_of_trunk(net);
     Workspace work;
+    const integer most_conditions = depth + 2 * neurons_of_dual * net->trunk, stride = padded(symbols_of(net));
     double *limits = malloc((size_t)neurons * 16);
-    const int ready = begin_work(net, neurons_of_dual, depth, &work) && limits;
+    double *symbols = malloc((size_t)(6 * stride + most_conditions * (most_conditions + 4)) * 8);
+    const int ready = begin_work(net, neurons_of_dual, depth, &work) && limits && symbols;
     for (integer i = 0; ready && i < neurons; i++) limits[i] = -INFINITY, limits[neurons + i] = INFINITY;
     const Limits held = {limits, limits + neurons};
     Dual *dual = &work.dual;
@@ -168,14 +173,21 @@ EXPORTED int viatool_examine(const Network *net, integer count, integer depth, c
             improve(dual, sweeps);
             const Split split = next_split(net, work.models, &held, dual);
             next_node[k] = split.node, next_neuron[k] = split.neuron, next_threshold[k] = split.threshold;
-            relaxed_point(net, work.models, dual, low, high, points + k * inputs);
-            const double proved = proved_value(net, dual), plain = seeded(net, work.models, action[k], sign[k]);
-            bound[k] = proved < plain ? proved : plain;
+            for (integer s = 0; s < dual->symbols; s++)
+                symbols[s] = dual->tilted[s] > 0 ? 1.0 : dual->tilted[s] < 0 ? -1.0 : 0.0;
+            double proved = least(proved_value(net, dual), INFINITY);
+            if (exactly && !split.node && dual->count) {
+                const int solved = solve_dual(dual, symbols, symbols + stride);
+                proved = least(proved_value(net, dual), proved);
+                if (solved) done[k] = SOLVED_EXACTLY;
+            }
+            relaxed_point(net, work.models, symbols, low, high, points + k * inputs);
+            bound[k] = least(proved, seeded(net, work.models, action[k], sign[k]));
             if (is_empty(net, &known, depth, work.models, &held)) bound[k] = -INFINITY;
         }
         limit(net, &known, depth, limits, limits + neurons, 1);
     }
-    free(work.memory), free(limits);
+    free(work.memory), free(limits), free(symbols);
     return ready;
 }
 

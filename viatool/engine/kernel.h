@@ -165,13 +165,16 @@ void add_pieces(const Network *net, const Model *models, Dual *dual); /* conditi
 void improve(Dual *dual, integer sweeps);
 double bound_by_duality(const Network *net, const Model *models, integer action, double sign, integer sweeps, Dual *dual);
 
+/* solve.c: finds the best multipliers and symbols e, and tells whether it did; 5 strides and count (count + 4) of work */
+int solve_dual(Dual *dual, double *e, double *work);
+
 /* parts.c */
 typedef struct {
     integer node, neuron;
     double threshold;
 } Split;
 Split next_split(const Network *net, const Model *models, const Limits *limits, const Dual *dual);
-void relaxed_point(const Network *net, const Model *models, const Dual *dual, const double *lower, const double *upper,
+void relaxed_point(const Network *net, const Model *models, const double *e, const double *lower, const double *upper,
                    double *point);
 
 /* program.c */

@@ -34,12 +34,10 @@ Split next_split(const Network *net, const Model *models, const Limits *limits, 
     return split;
 }
 
-void relaxed_point(const Network *net, const Model *models, const Dual *dual, const double *lower, const double *upper,
+/* The point that symbols stand for. */
+void relaxed_point(const Network *net, const Model *models, const double *e, const double *lower, const double *upper,
                    double *point) {
     for (integer i = 0; i < net->node[0].size; i++) point[i] = models[0].constant[i];
-    for (integer k = 0; k < models[0].fresh; k++) {
-        const double tilt = dual->tilted[k];
-        point[models[0].neuron[k]] += tilt > 0 ? models[0].radius[k] : tilt < 0 ? -models[0].radius[k] : 0.0;
-    }
+    for (integer k = 0; k < models[0].fresh; k++) point[models[0].neuron[k]] += e[k] * models[0].radius[k];
     for (integer i = 0; i < net->node[0].size; i++) point[i] = least(most(point[i], lower[i]), upper[i]);
 }

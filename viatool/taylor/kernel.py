@@ -65,6 +65,8 @@ class Bounded:
 EFFORT = DualEffort(sweeps=4)
 """How hard the kernel looks for multipliers, where numpy takes fewer sweeps, since they cost it more."""
 
+_SOLVED = 2
+
 Conditions = tuple[Indices, Indices, Indices, Floats]
 
 
@@ -74,8 +76,8 @@ class ExaminedParts:
 
     Parameters
     ----------
-    done : ndarray
-        ``(K,)`` bool.
+    done, solved : ndarray
+        ``(K,)`` bool; where solved, no multipliers prove more.
     bound : ndarray
         ``(K,)``: proved upper bounds; minus infinity where no point meets the conditions.
     points : ndarray
@@ -85,6 +87,7 @@ class ExaminedParts:
     """
 
     done: Booleans
+    solved: Booleans
     bound: Floats
     points: Floats
     node: Indices
@@ -155,6 +158,8 @@ class Kernel:
         action: Indices,
         sign: Floats,
         conditions: Conditions,
+        *,
+        exactly: bool = False,
     ) -> ExaminedParts:
         """Bound ``sign action`` of the trunk from above over K boxes (K, n), as far as conditions on arguments hold.
 
@@ -166,18 +171,20 @@ class Kernel:
             ``(K,)``.
         conditions : tuple of ndarray
             ``(K, D)`` each: activation node, neuron, side -1 below and +1 above (0: no condition), threshold.
+        exactly : bool
+            Whether the best multipliers are looked for where nothing is left to split.
         """
         count, inputs = lower.shape
         nodes, neurons, sides, thresholds = conditions
         node, neuron = np.zeros((2, count), dtype=np.int64)
         values, points = np.zeros((2, count)), np.empty((count, inputs))
-        found = ExaminedParts(np.zeros(count, dtype=bool), values[0], points, node, neuron, values[1])
+        done = np.zeros(count, dtype=np.uint8)
         self._call(
             "viatool_examine", count, nodes.shape[1], _contiguous(lower), _contiguous(upper), _whole(action),
             _contiguous(sign), _whole(nodes), _whole(neurons), _whole(sides), _contiguous(thresholds), EFFORT.sweeps,
-            EFFORT.neurons, found.bound, found.points, found.node, found.neuron, found.threshold, found.done,
+            EFFORT.neurons, int(exactly), values[0], points, node, neuron, values[1], done,
         )  # fmt: skip
-        return found
+        return ExaminedParts(done > 0, done == _SOLVED, values[0], points, node, neuron, values[1])
 
     def deviation(self, hulls: Sequence[Hull], last_sum: int | None) -> tuple[Floats, ...] | None:
         """Bound by norms what the deployed program makes of boxes, given hulls of all nodes.

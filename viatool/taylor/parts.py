@@ -25,7 +25,7 @@ from viatool.taylor.duality import (
     source_of,
 )
 from viatool.taylor.forms import Diagonal, Form
-from viatool.taylor.kernel import Kernel, kernel_of
+from viatool.taylor.kernel import ExaminedParts, Kernel, kernel_of
 from viatool.taylor.propagation import Box, Enclosure, propagate
 from viatool.taylor.refinement import Extrema, seeded_upper
 
@@ -143,10 +143,10 @@ def examine(
     kernel = kernel_of(network, len(network.nodes)) if rule == "chebyshev" else None
     if kernel is None or not parts.owner.size:
         return _by_numpy(network, extrema, parts, target, rule)
-    examined, points, done = _by_kernel(kernel, extrema, parts)
-    left = ~done
-    if target is not None:  # linear programming is numpy's
-        left |= (examined.next_node == 0) & (examined.bound > target[parts.owner])
+    examined, points, known = _by_kernel(kernel, extrema, parts, exactly=target is not None)
+    left = ~known.done
+    if target is not None:  # what neither descent nor an interior point settled is for linear programming
+        left |= (examined.next_node == 0) & ~known.solved & (examined.bound > target[parts.owner])
     rows = np.flatnonzero(left)
     if rows.size:
         others, points[rows] = _by_numpy(network, extrema, parts.rows(rows), target, rule)
@@ -155,17 +155,19 @@ def examine(
     return examined, points
 
 
-def _by_kernel(kernel: Kernel, extrema: Extrema, parts: BoxParts) -> tuple[BoxParts, Floats, Booleans]:
+def _by_kernel(
+    kernel: Kernel, extrema: Extrema, parts: BoxParts, *, exactly: bool
+) -> tuple[BoxParts, Floats, ExaminedParts]:
     box, seed = extrema.box.rows(parts.owner), extrema.seed[parts.owner]
     action = np.abs(seed).argmax(axis=1)
     sign = np.take_along_axis(seed, action[:, None], axis=1)[:, 0]
     conditions = (parts.node, parts.neuron, parts.side, parts.threshold)
-    found = kernel.examine(box.lower, box.upper, action, sign, conditions)
+    found = kernel.examine(box.lower, box.upper, action, sign, conditions, exactly=exactly)
     bound = np.minimum(parts.bound, found.bound)
     examined = replace(
         parts, bound=bound, next_node=found.node, next_neuron=found.neuron, next_threshold=found.threshold
     )
-    return examined, found.points, found.done
+    return examined, found.points, found
 
 
 def _by_numpy(
