@@ -122,6 +122,7 @@ def test_no_exact_extremum_escapes() -> None:
     ],
     ids=["upper halves dropped", "conditions too strict", "negative multipliers", "waiting parts forgotten"],
 )
+@pytest.mark.usefixtures("numpy_engine")
 def test_a_broken_rule_lets_an_exact_extremum_escape(
     place: object, name: str, mutant: Callable[..., object], monkeypatch: pytest.MonkeyPatch
 ) -> None:

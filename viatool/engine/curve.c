@@ -76,16 +76,20 @@ int is_known(const Curve *curve, double lower, double upper) {
 }
 
 double value_on(const Network *net, const Curve *curve, double x) {
+    if (curve->relu) return x > 0.0 ? x : 0.0;
     return curve->pieces ? value_on_lines(net, curve, x) : enclose_value(net, curve, x).middle;
 }
 
 double slope_on(const Network *net, const Curve *curve, double x) {
+    if (curve->relu) return x >= 0.0 ? 1.0 : 0.0;
     if (curve->pieces) return net->numbers[curve->slopes + piece_at(net, curve, x)];
     return enclose_slope(net, curve, x).middle;
 }
 
 void range_on(const Network *net, const Curve *curve, double lower, double upper, double *low, double *high) {
-    if (curve->pieces)
+    if (curve->relu)
+        *low = most(lower, 0.0), *high = most(upper, 0.0);
+    else if (curve->pieces)
         range_on_lines(net, curve, lower, upper, low, high);
     else
         hull_over(net, &curve->values, lower, upper, enclose_value(net, curve, lower), enclose_value(net, curve, upper),
@@ -93,7 +97,9 @@ void range_on(const Network *net, const Curve *curve, double lower, double upper
 }
 
 void slopes_on(const Network *net, const Curve *curve, double lower, double upper, double *low, double *high) {
-    if (curve->pieces)
+    if (curve->relu)
+        *low = lower > 0.0 ? 1.0 : 0.0, *high = upper >= 0.0 ? 1.0 : 0.0;
+    else if (curve->pieces)
         slopes_on_lines(net, curve, lower, upper, low, high);
     else
         hull_over(net, &curve->derivative, lower, upper, enclose_slope(net, curve, lower),

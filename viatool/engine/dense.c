@@ -82,6 +82,12 @@ void add_product(double *out, integer stride, const double *matrix, const double
     }
 }
 
+/* out[k] += row[neuron[k]] radius[k]: symbols that move one neuron each, behind one row of a matrix. */
+EVERY_PROCESSOR
+void add_fanned(double *out, const double *row, const integer *neuron, const double *radius, integer count) {
+    for (integer k = 0; k < count; k++) out[k] += row[neuron[k]] * radius[k];
+}
+
 EVERY_PROCESSOR
 void scaled_row(double *out, const double *in, double factor, integer count) {
     for (integer k = 0; k < count; k++) out[k] = in[k] * factor;

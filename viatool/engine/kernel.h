@@ -43,7 +43,7 @@ typedef struct {
 typedef struct {
     integer pieces;                                   /* of a curve of straight lines; 0 where it is bent */
     integer kinks, breaks, slopes, lowest, highest, rounded; /* of the lines: places, (pieces,) each */
-    integer rising, bend;                             /* never falls; convex 1, concave -1, else 0 */
+    integer rising, bend, relu;                       /* never falls; convex 1, concave -1, else 0; the larger of x and 0 */
     integer grid, steps, tails;                       /* of a bent curve: places, see K5; steps to a unit */
     Cells values, derivative;                         /* where the curve and where its slope turn */
 } Curve;
@@ -111,6 +111,7 @@ void multiply(double *out, integer stride, integer rows, const double *weight, i
 void six_sums(double *out, integer stride, const double *w, const double *a, const double *m, const double *given,
               integer columns, const integer *active, integer count);
 void add_product(double *out, integer stride, const double *matrix, const double *x, integer columns);
+void add_fanned(double *out, const double *row, const integer *neuron, const double *radius, integer count);
 void scaled_row(double *out, const double *in, double factor, integer count);
 void add_scaled(double *out, const double *in, double factor, integer count);
 double absolute_sum(const double *row, integer count);

@@ -118,11 +118,8 @@ static void enclose_dense(const Network *net, const Node *node, const Model *mod
                     if (w[i * padded(columns) + active[a]] != 0.0)
                         add_scaled(out->rows + i * out->stride, in->rows + active[a] * in->stride,
                                    w[i * padded(columns) + active[a]], in->width);
-        for (integer f = 0; f < in->fresh; f++) {
-            const double *column = net->numbers + source->weight_t + in->neuron[f] * padded(size);
-            double *to = out->rows + in->first + f;
-            for (integer i = 0; i < size; i++) to[i * out->stride] += column[i] * in->radius[f];
-        }
+        for (integer i = 0; in->fresh && i < size; i++)
+            add_fanned(out->rows + i * out->stride + in->first, w + i * padded(columns), in->neuron, in->radius, in->fresh);
     }
 }
 
@@ -169,6 +166,13 @@ static int enclose_affine(const Network *net, integer index, const Model *models
 /* One neuron of an activation; returns the slope of its line. */
 static double enclose_neuron(const Network *net, const Curve *curve, const Model *in, Model *out, integer i,
                              double lower, double upper) {
+    if (curve->relu && (lower >= 0.0 || upper <= 0.0)) { /* the argument itself, or 0: nothing is rounded */
+        const int passes = lower >= 0.0;
+        out->lower[i] = passes ? lower : 0.0, out->upper[i] = passes ? upper : 0.0;
+        out->constant[i] = passes ? in->constant[i] : 0.0;
+        out->norm[i] = passes ? in->norm[i] : 0.0, out->rest[i] = passes ? in->rest[i] : 0.0;
+        return passes ? 1.0 : 0.0;
+    }
     const Line line = line_on(net, curve, lower, upper);
     const double slope = line.slope, steep = fabs(slope);
     range_on(net, curve, lower, upper, out->lower + i, out->upper + i);

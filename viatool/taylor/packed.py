@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from viatool.arrays import Floats
-from viatool.policy.activations import ActivationFunction
+from viatool.policy.activations import ActivationFunction, activation
 from viatool.policy.kernel_error import BoundedError, KernelError
 from viatool.policy.network import (
     Activation,
@@ -56,8 +56,8 @@ _CELLS = ("count", "edges", "kinds", "lowest", "highest")
 _Curve = _struct(
     "_Curve",
     (
-        "pieces", "kinks", "breaks", "slopes", "lowest", "highest", "rounded", "rising", "bend", "grid", "steps",
-        "tails",
+        "pieces", "kinks", "breaks", "slopes", "lowest", "highest", "rounded", "rising", "bend", "relu",
+        "grid", "steps", "tails",
         *(f"values_{field}" for field in _CELLS), *(f"derivative_{field}" for field in _CELLS),
     ),
 )  # fmt: skip
@@ -222,7 +222,7 @@ class _Packing:
             rising = bool((lines.slopes >= 0).all())
             return _Curve(
                 lines.slopes.size, lines.breaks.size, *(self._place(np.array(part, float)) for part in places), rising,
-                curve.overall_bend,
+                curve.overall_bend, curve.function == activation("Relu"),
             )  # fmt: skip
         table = tabulated(curve)
         assert isinstance(table, Tabulated)
