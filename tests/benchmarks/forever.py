@@ -5,7 +5,9 @@
 Takes the cells of ``viatool certify ... --forever --output cells:cells.npz``, starts robots at random states of those
 that hold for ever, and in every step picks, among random errors of the sensors at their limits, the one after which the
 robot comes nearest to an obstacle (half of the robots) or is least surrounded by cells of the set (the others). A
-robot that reaches the goal is replaced. Shares no code with the enclosures: rays by school formulas, motion by
+robot that reaches the goal is replaced. With ``--arrive RUNS`` and the cells of ``viatool certify ... --arrive`` it
+drives so many runs from cells that arrive, half of the errors at their limits and some held, and counts those that come
+too near or are later than the cell says. Shares no code with the enclosures: rays by school formulas, motion by
 quadrature, distances from points to segments and circles, commands from onnxruntime. Prints the violations.
 """
 
@@ -35,12 +37,26 @@ def main() -> None:
     options.add_argument("--lookahead", type=int, default=4)
     options.add_argument("--goal-radius", type=float, default=0.5)
     options.add_argument("--seed", type=int, default=0)
+    options.add_argument(
+        "--arrive", type=int, metavar="RUNS", help="drive so many runs from the cells that arrive"
+    )
     given = options.parse_args()
     policy, world = load_policy(given.policy), load_map(given.map)
     start = time.process_time()
     plant = Robots(policy, world, world.scenarios[given.scenario], given.eps, steps=5)
-    cells = CellList(np.load(given.cells))
     generator = np.random.default_rng(given.seed)
+    if given.arrive:
+        cells = Arriving(np.load(given.cells))
+        told = drive_to_goal(plant, cells, given.arrive, given.goal_radius, generator)
+        print(f"{len(cells):,} cells that arrive within {cells.within.max()} intervals at most")
+        print(
+            f"{told['runs']:,} runs, {told['intervals']:,} intervals under errors of up to {given.eps:g}: "
+            f"{told['violations']} violations of the clearance, {told['late']} runs that are late"
+        )
+        print(f"least distance beyond the collision distance: {told['least']:.2e} m")
+        print(f"{time.process_time() - start:.0f} s CPU")
+        return
+    cells = CellList(np.load(given.cells))
     told = attack(
         plant, cells, given.steps, given.robots, given.tries, given.lookahead, given.goal_radius, generator
     )
@@ -98,6 +114,23 @@ class CellList:
         return held
 
 
+class Arriving(CellList):
+    """The cells from which every run reaches the goal, each with its number of intervals."""
+
+    def __init__(self, table) -> None:
+        chosen = table["steps_arrive"] > 0
+        self.lower, self.upper = table["steps_lower"][chosen], table["steps_upper"][chosen]
+        self.within = table["steps_arrive"][chosen]
+        if not len(self.lower):
+            raise SystemExit("no cell arrives for certain")
+
+    def draw(self, count, generator):
+        rows = generator.integers(len(self), size=count)
+        share = generator.random((count, 5))
+        share = np.where(generator.random((count, 1)) < 0.7, np.round(share), share)
+        return self.lower[rows] + share * (self.upper - self.lower)[rows], self.within[rows]
+
+
 class Robots(Plant):
     """Robots that hold each command for an interval and do not brake."""
 
@@ -134,6 +167,39 @@ def attack(plant, cells, steps, robots, tries, lookahead, goal_radius, generator
         renewed = done | broken | escaped | (generator.random(robots) < 0.002)
         states[renewed] = fresh(plant, cells, int(renewed.sum()), goal_radius, generator)
         outside[renewed] = 0
+    return told
+
+
+def drive_to_goal(plant, cells, runs, goal_radius, generator):
+    """Drive as many runs from cells that arrive, and count those that come too near, or are late.
+
+    Errors of the sensors are at their limits, anew in every interval or held, or anywhere within them.
+    """
+    states, within = np.zeros((0, 5)), np.zeros(0, int)
+    while len(states) < runs:
+        drawn, intervals = cells.draw(2 * runs, generator)
+        free = plant.free(drawn[:, :3])
+        states, within = np.concatenate([states, drawn[free]]), np.concatenate([within, intervals[free]])
+    states, within = states[:runs], within[:runs]
+    kind = generator.integers(4, size=runs)[:, None]
+    held = generator.choice([-1.0, 1.0], (runs, len(plant.radii())))
+    going, told = np.arange(runs), {"runs": runs, "violations": 0, "late": 0, "intervals": 0, "least": np.inf}
+    for number in range(1, int(within.max()) + 1):
+        seen = plant.readings(states[going])
+        corner = generator.choice([-1.0, 1.0], seen.shape)
+        ways = [corner, generator.uniform(-1.0, 1.0, seen.shape), held[going], 0.0 * corner]
+        error = np.select([kind[going] == each for each in range(4)], ways) * (1.0 - 1e-4)
+        states[going], way = plant.ends(states[going], plant.command(seen + error * plant.radii()))
+        left = plant.away(way).min(axis=1) - plant.distance
+        done = plant.reached(states[going], goal_radius)
+        late = ~done & (within[going] <= number)
+        told["violations"] += int((left < 0.0).sum())
+        told["late"] += int(late.sum())
+        told["intervals"] += len(going)
+        told["least"] = min(told["least"], float(left.min()))
+        going = going[~done & ~late & (left >= 0.0)]
+        if not len(going):
+            break
     return told
 
 

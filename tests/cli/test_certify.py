@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from tests.places.test_arriving import CHAMBER, constant
 from viatool.cli import main
 
 ARGUMENTS = ["certify", "via", "--map", "room", "--eps", "0.01", "--smallest", "0.06", "--halvings", "0"]
@@ -107,9 +108,52 @@ def test_what_holds_over_time_is_printed_drawn_and_written(tmp_path):
     assert "left only towards the goal" in files["figure"].read_text()
 
 
+def test_what_arrives_is_printed_drawn_written_and_gated(tmp_path):
+    files = {
+        name: tmp_path / file
+        for name, file in {"json": "c.json", "figure": "c.svg", "cells": "c.npz", "markdown": "c.md"}.items()
+    }
+    outputs = [part for name, file in files.items() for part in ("-o", f"{name}:{file}")]
+    straight = str(constant(tmp_path / "straight.onnx", 0.5, 0.0).path)
+    (tmp_path / "chamber.yaml").write_text(CHAMBER)
+    asked = [
+        "certify",
+        straight,
+        "--map",
+        str(tmp_path / "chamber.yaml"),
+        "--criterion",
+        "swept",
+        "--eps",
+        "0.01",
+    ]
+    asked += ["--smallest", "0.2", "--arrive", "--goal-radius", "0.45"]
+    done = CliRunner().invoke(main, [*asked, *outputs, "--fail-under", "arrive=0.9"])
+    assert done.exit_code == 1, done.output
+    for printed in (done.stdout, files["markdown"].read_text()):
+        assert "reaches the goal for certain, within" in printed
+        assert "safe for ever, but may come to stand" in printed
+    document = json.loads(files["json"].read_text())
+    jsonschema.validate(document, json.loads(SCHEMA.read_text()))
+    later = document["over_time"]
+    parts = [later[name]["part"] for name in ("arrive", "moving", "standing")]
+    assert parts[0] > 0
+    assert sum(parts) == later["forever"]["part"]
+    table = read_npz(files["cells"])
+    assert table["steps_lower"].shape[1] == 5
+    assert (table["steps_upper"] - table["steps_lower"])[0, 3:].tolist() == [0.5, 2.0]  # any command before
+    assert (table["steps_arrive"] > 0).sum() == parts[0]
+    assert table["steps_arrive"].max() == later["arrive_within"]
+    assert table["steps_moving"].sum() == parts[1]
+    for title in ("reaches the goal for certain", "left only towards the goal"):
+        assert title in files["figure"].read_text()
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
+        (("--fail-under", "arrive=0.5"), "add --arrive"),
+        (("--fail-under", "forever=0.5", "--steps", "2"), "add --forever"),
+        (("--arrive", "--delay", "0.05"), "leave out --delay, or --steps, --forever and --arrive"),
         (("--scenario", "7"), "has 1 scenarios"),
         (("--fail-under", "danger=0.5"), "no rate 'danger'"),
         (("--output", "states:x.npz"), "formats are json"),

@@ -18,7 +18,7 @@ from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.vicinity import check_roaming
 from viatool.places import SearchBudget, certify
 from viatool.places.job import Resolution
-from viatool.places.over_time import Lookahead
+from viatool.places.lasting import Lookahead
 from viatool.policy import PolicySpecification
 from viatool.report.places.run import PlacesRun
 from viatool.sets.forms import PoseBoxes

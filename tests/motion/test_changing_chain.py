@@ -14,7 +14,7 @@ from viatool.errors import ConfigurationError, TrajectoryError
 from viatool.loop.closed_loop import ClosedLoop
 from viatool.places import Resolution, SearchBudget, certify
 from viatool.places.findings import CERTIFIED, SETTLED
-from viatool.places.over_time import Lookahead
+from viatool.places.lasting import Lookahead
 from viatool.setting import begun
 from viatool.setting.rules import Rules
 from viatool.setting.setting import Setting

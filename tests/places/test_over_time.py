@@ -132,7 +132,7 @@ def loop(leads, exempt, kept=None):
     kept = np.ones(count, np.int16) if kept is None else np.array(kept, np.int16)
     owner = np.flatnonzero(~np.array(exempt))
     ranges = [Ranges(ends[0][owner], ends[1][owner])]
-    return CellTransitions(cells, np.array(exempt), Passages(owner, ranges, kept[owner]))
+    return CellTransitions(cells, np.array(exempt), Passages(owner, ranges, kept[owner], kept[owner]))
 
 
 def test_what_leads_out_of_the_set_is_removed_until_nothing_does():

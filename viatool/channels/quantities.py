@@ -16,6 +16,7 @@ from viatool.channels.channel import Channel, Frames
 from viatool.channels.erring import Erring
 from viatool.channels.inputs import Inputs
 from viatool.channels.lidar import LidarReadings
+from viatool.channels.part_of_motion import PartOfMotion
 from viatool.channels.quantity import Part, Quantity, quantity_of
 from viatool.channels.views import BoxView, Extent, RecordedInstants, View
 from viatool.errors import PolicyError
@@ -155,6 +156,12 @@ class Quantities:
     def needs(self) -> frozenset[str]:
         """What has to be in a recording, as `Quantity.needs`."""
         return frozenset().union(*(quantity.needs for quantity in self.each))
+
+    @property
+    def answer_to_before(self) -> bool:
+        """Tell whether anything is observed of the command before, its outputs or the velocity that it gave."""
+        observed = (one for one in self.each if one.channel.value is None)
+        return any(isinstance(one, PartOfMotion) or "outputs" in one.needs for one in observed)
 
     def require(self, *parts: Part) -> Quantities:
         """Return these, refusing the first that lacks a part, by name.

@@ -14,9 +14,11 @@ from viatool.cli.reporting import read_outputs, tell
 from viatool.cli.shapes import FootprintType, PointType
 from viatool.cli.terminal import show_progress
 from viatool.cli.work import keeping, work_options
+from viatool.errors import ConfigurationError
 from viatool.setting.criteria import PROVING
 
 if TYPE_CHECKING:
+    from viatool.report import Gate
     from viatool.world import Scenario, WorldMap
 
 
@@ -101,12 +103,19 @@ if TYPE_CHECKING:
     help="Also find the cells that the closed loop leaves only towards the goal: safe for ever.",
 )
 @click.option(
+    "--arrive",
+    is_flag=True,
+    help="Also find the cells from which every run reaches the goal, those that are safe for ever and never stand "
+    "still, and those that are safe for ever.",
+)
+@click.option(
     "--lookahead",
     type=click.IntRange(1, 64),
     default=4,
     show_default=True,
     metavar="N",
-    help="With --steps or --forever: intervals for which a cell is followed before it has to lie in other cells.",
+    help="With --steps, --forever or --arrive: intervals for which a cell is followed before it has to lie in other "
+    "cells.",
 )
 @click.option(
     "--coarser",
@@ -114,13 +123,14 @@ if TYPE_CHECKING:
     default=0,
     show_default=True,
     metavar="N",
-    help="With --steps or --forever: by how many halvings the cells of these sets are coarser than the smallest.",
+    help="With --steps, --forever or --arrive: by how many halvings the cells of these sets are coarser than the "
+    "smallest.",
 )
 @click.option(
     "--goal-radius",
     type=options.QuantityType("m"),
-    help="With --steps or --forever: within this distance the goal is reached and the run is over; by default as in "
-    "simulation.",
+    help="With --steps, --forever or --arrive: within this distance the goal is reached and the run is over; by "
+    "default as in simulation.",
 )
 @options.explain_errors_option
 @options.seed_option
@@ -153,6 +163,7 @@ def command(ctx: click.Context, /, **given: Any) -> None:
     until = Deadline.after(given["budget_seconds"])
     outputs = read_outputs(given["output"], PlacesRun)
     gate = build_gate(given, PlacesRun)
+    require_asked(gate, given)
     world_map = options.open_map(given["map_path"], given["unknown"])
     scenario = choose_scenario(given, world_map)
     policy = load_policy(given["policy"], given["spec_path"])
@@ -167,6 +178,7 @@ def command(ctx: click.Context, /, **given: Any) -> None:
             budget=SearchBudget(until, given["budget_cells"] or 2**62, given["sample"]),
             lookahead=Lookahead(
                 for_ever=given["forever"],
+                arrive=given["arrive"],
                 intervals=given["lookahead"],
                 coarser=given["coarser"],
                 **{name: given[name] for name in ("steps", "goal_radius") if given[name] is not None},
@@ -181,6 +193,23 @@ def command(ctx: click.Context, /, **given: Any) -> None:
     checks = evaluate(gate, document)
     tell(document, outputs, checks, quiet=given["quiet"])
     leave_by_gate(ctx, checks, exit_zero=given["exit_zero"])
+
+
+def require_asked(gate: Gate, given: Mapping[str, Any]) -> None:
+    """Refuse a gate on what is not looked for.
+
+    Raises
+    ------
+    ConfigurationError
+        Names the rate and the option that finds it.
+    """
+    found_by = {"arrive": ("arrive",), "forever": ("forever", "arrive")}
+    for name in (threshold.name for threshold in gate.thresholds):
+        options_of = found_by.get(name, ())
+        if options_of and not any(given[option] for option in options_of):
+            raise ConfigurationError(
+                f"--fail-under {name}=... is about what is not looked for", f"add --{options_of[0]}"
+            )
 
 
 _PASSED_ON = (

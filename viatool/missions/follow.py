@@ -155,17 +155,9 @@ class MissionFollower:
         for halvings in range(limits.finer + 1):
             share = 0.5**halvings
             behind = np.full(len(rules.carried), np.inf)
-            if halvings and self._answers_to_commands:
+            if halvings and self.loop.setting.quantities.answer_to_before:
                 behind[: len(rules.lower)] = (rules.upper - rules.lower) * _COMMAND_SHARE
             yield CellSides(np.concatenate([pose * share, behind]))
-
-    @property
-    def _answers_to_commands(self) -> bool:
-        """Tell whether the policy observes the command before."""
-        return any(
-            channel.kind.startswith("previous_") and channel.value is None
-            for channel in self.loop.setting.spec.observation
-        )
 
     def _follow(self, lower: Floats, upper: Floats, sides: CellSides) -> MissionProof:
         """Follow every run with cells of one size."""

@@ -6,7 +6,7 @@ from viatool.places.campaign import SearchBudget
 from viatool.places.certificate import SECTOR_NAMES, SECTORS, Certificate
 from viatool.places.findings import STATUSES, CellFindings
 from viatool.places.job import Resolution, certify
-from viatool.places.over_time import LastingCells, Lookahead
+from viatool.places.lasting import LastingCells, Lookahead
 from viatool.places.raster import Raster
 from viatool.schedule import Campaign
 

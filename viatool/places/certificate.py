@@ -15,7 +15,7 @@ from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.deceived import Deceptions, errors_of
 from viatool.loop.vicinity import Vicinity
 from viatool.places.findings import SETTLED, STATUSES, CellFindings
-from viatool.places.over_time import LastingCells
+from viatool.places.lasting import LastingCells
 from viatool.places.raster import Raster, rasterise
 from viatool.places.tree import AXES, Lattice, Nodes
 from viatool.policy import Policy

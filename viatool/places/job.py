@@ -18,7 +18,8 @@ from viatool.loop.told import told_of_time
 from viatool.places.campaign import RootExamination, RootWork, SearchBudget, describe
 from viatool.places.certificate import Certificate
 from viatool.places.explaining import cost_of_cells
-from viatool.places.over_time import Lookahead, check_lookahead, look_ahead
+from viatool.places.lasting import Lookahead
+from viatool.places.over_time import check_lookahead, look_ahead
 from viatool.places.tree import Lattice
 from viatool.policy import Policy, PolicySpecification, load_policy
 from viatool.schedule import Campaign, Deadline, Progress, ignore
@@ -48,7 +49,7 @@ class Resolution:
     side : float
         Of the smallest cells, in metres along x and y; their heading opens as many radians as that.
     halvings : int
-        How often the range of v, and of omega, of the step before may be halved.
+        How often the range of v, and of omega, of the step before may be halved: never where nothing depends on it.
     """
 
     side: float = 0.02
@@ -172,7 +173,7 @@ def certify(
     setting = told_of_time(setting, f"any number up to the {episode} of an episode")
     rules = setting.rules
     loop = ClosedLoop.of(policy, setting, scenario, arithmetic, episode=episode)
-    smallest = (resolution.side, resolution.side, resolution.halvings)
+    smallest = (resolution.side, resolution.side, _halvings(resolution, setting))
     lookahead = lookahead or Lookahead()
     grain = max(1, lookahead.coarser)
     lattice = Lattice.over(setting.world_map.bounds, _before(rules), smallest, grain)
@@ -238,6 +239,13 @@ def _before(rules: Rules) -> tuple[Floats, Floats]:
             "give the map's robot its largest speeds",
         )
     return lower, upper
+
+
+def _halvings(resolution: Resolution, setting: Setting) -> int:
+    """Return how often what stands behind the pose is halved: not at all where nothing depends on it."""
+    rules = setting.rules
+    acts = rules.varies or rules.delay > 0.0 or bool(rules.kinematics.state)
+    return resolution.halvings if acts or setting.quantities.answer_to_before else 0
 
 
 def _too_short(until: Deadline, left: float, workers: int) -> EmptyEvaluationError:

@@ -163,22 +163,27 @@ class CellSet:
             np.cumsum(sums, axis=axis, out=sums)
         self._strides = np.array(sums.strides, np.int64) // sums.itemsize
         self._sums = sums.ravel()
+        self._steps = np.array(turned.strides, np.int64) // turned.itemsize
+        self._members = turned.ravel()
 
     @property
     def bytes(self) -> int:
         """Return the size of the table."""
-        return int(self._sums.nbytes)
+        return int(self._sums.nbytes + self._members.nbytes)
 
     def covers(self, ranges: Ranges) -> Booleans:
         """Tell which ranges lie in the set, (P,)."""
-        first, last = (end[:, self._axes].astype(np.int64) for end in (ranges.first, ranges.last))
+        ends = np.stack([ranges.first, ranges.last])[:, :, self._axes].astype(np.int64)
+        found = self._members[ends @ self._steps].all(axis=0)  # most that are not covered have an end outside
+        first, last = ends[:, found]
         below, above = first * self._strides, (last + 1) * self._strides
-        held = np.zeros(len(ranges), np.int64)
+        held = np.zeros(len(first), np.int64)
         for corner in itertools.product((False, True), repeat=len(self._axes)):
             place = sum((above if up else below)[:, axis] for axis, up in enumerate(corner))
             sign = (-1) ** (len(corner) - sum(corner))
             held += sign * self._sums[place].astype(np.int64)
-        return np.asarray(held == np.prod(last - first + 1, axis=1))
+        found[found] = held == np.prod(last - first + 1, axis=1)
+        return np.asarray(found)
 
 
 def _pieces(members: Indices, size: int) -> Iterator[Indices]:

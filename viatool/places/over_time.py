@@ -1,26 +1,26 @@
-"""What holds beyond the next action: for how many intervals the safe cells stay certified, and which ones for ever."""
+"""What holds beyond the next action: for how long the safe cells stay certified, and which ones reach the goal."""
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.arrays import Booleans, Floats, Indices
+from viatool.arrays import Booleans, Indices
 from viatool.errors import ConfigurationError
 from viatool.loop.closed_loop import ClosedLoop
 from viatool.places.findings import BLOCKED, CERTIFIED, SETTLED, CellFindings
-from viatool.places.forever import FOR_EVER, CellTransitions
+from viatool.places.forever import CellTransitions
+from viatool.places.lasting import LastingCells, Lookahead, Round
 from viatool.places.mesh import CellSet, Mesh
 from viatool.places.passages import Passages, follow, join
-from viatool.places.tree import AXES, Lattice
+from viatool.places.tree import Lattice
 from viatool.schedule import (
     NEVER,
     Campaign,
@@ -34,7 +34,6 @@ from viatool.schedule import (
     within,
 )
 from viatool.setting.rules import Rules
-from viatool.simulate.task import NavigationTask
 
 _POSES_AT_ONCE = 1 << 17
 _MOST_CELLS = 60_000_000
@@ -42,172 +41,6 @@ _GOAL_ROUNDING = 1e-9
 _LOOPS = 0.1
 """Of a budget in seconds: half of it before the deadline, no cell is followed further, so that what was found can be
 put together; so much after it, that ends as well, with what it has."""
-
-
-@dataclass(frozen=True)
-class Lookahead:
-    """What is asked of the time after the next action.
-
-    Parameters
-    ----------
-    steps : int
-        K, up to which number of control intervals cells are counted; 0 asks for none.
-    for_ever : bool
-        Whether to look for the set that is left only towards the goal.
-    intervals : int
-        For how many intervals a cell is followed as it is before it has to lie in other cells.
-    goal_radius : float
-        Metres within which the goal is reached, and the run over.
-    coarser : int
-        How often less than the smallest cells those are halved of which the sets consist: a cell is safe if all the
-        leaves in it are, so that what is undecided may be cut further than where the loop leads.
-    """
-
-    steps: int = 0
-    for_ever: bool = False
-    intervals: int = 4
-    goal_radius: float = NavigationTask.goal_radius
-    coarser: int = 0
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.steps < FOR_EVER:
-            raise ConfigurationError(
-                f"{self.steps} steps cannot be counted", f"give a number from 1 to {FOR_EVER - 1}"
-            )
-        if not 1 <= self.intervals <= 64:
-            raise ConfigurationError(
-                f"cells cannot be followed for {self.intervals} intervals", "give a number from 1 to 64"
-            )
-        if not 0 <= self.coarser <= 3:
-            raise ConfigurationError(
-                f"cells cannot be {self.coarser} times coarser than the smallest", "give a number from 0 to 3"
-            )
-        if not 0.0 <= self.goal_radius < math.inf:
-            raise ConfigurationError(
-                f"the goal's radius is {self.goal_radius} m", "give a length of 0 m or more"
-            )
-
-    @property
-    def asked(self) -> bool:
-        """Tell whether anything is asked."""
-        return self.for_ever or self.steps > 0
-
-    @property
-    def rounds(self) -> tuple[int, ...]:
-        """Return for how many intervals open cells are followed, round by round: 1, 2, 4, ..."""
-        doubling = (2**power for power in range(self.intervals.bit_length()))
-        return (*(number for number in doubling if number < self.intervals), self.intervals)
-
-
-@dataclass(frozen=True)
-class Round:
-    """How cells were followed, and what it gave.
-
-    Parameters
-    ----------
-    intervals : int
-        For how long.
-    followed, held : int
-        Cells that were followed, and cells that were then known to hold for ever.
-    seconds : float
-        Processor time of this process, or wall time if others did the work.
-    """
-
-    intervals: int
-    followed: int
-    held: int
-    seconds: float
-
-
-@dataclass(frozen=True, eq=False)
-class LastingCells:
-    """What holds over time, by cells of one size.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        N cells.
-    status : ndarray
-        (N,) of the next action; -1 where nothing was examined.
-    goal : ndarray
-        (N,) bool: all free poses have reached the goal.
-    intervals : ndarray
-        (N,) int16: for how many intervals a cell is certified, `FOR_EVER` if it is left only towards the goal.
-    lookahead : Lookahead
-        What was asked.
-    rounds : sequence of Round
-        How it was found.
-    """
-
-    mesh: Mesh
-    status: NDArray[np.int8]
-    goal: Booleans
-    intervals: NDArray[np.int16]
-    lookahead: Lookahead
-    rounds: Sequence[Round]
-
-    @cached_property
-    def free(self) -> Booleans:
-        """Return the cells with a free pose from which the goal is yet to be reached, (N,)."""
-        return np.asarray((self.status > BLOCKED) & ~self.goal)
-
-    @property
-    def for_ever(self) -> Booleans:
-        """Return the cells that the loop leaves only towards the goal, (N,)."""
-        return np.asarray(self.free & (self.intervals == FOR_EVER))
-
-    def by_steps(self) -> list[tuple[int, int]]:
-        """Return k and the number of cells that stay certified for k intervals, for k from 1 on."""
-        counted = self.intervals[self.free]
-        return [(k, int((counted >= k).sum())) for k in range(1, self.lookahead.steps + 1)]
-
-    def share_by_place(self) -> Floats:
-        """Return the share of headings and commands of each place that holds for ever, (X, Y); nan if none is free."""
-        shape = tuple(self.mesh.count)
-        free, held = (part.reshape(shape).sum(axis=(2, 3, 4)) for part in (self.free, self.for_ever))
-        return np.asarray(np.where(free > 0, held / np.maximum(free, 1), np.nan))
-
-    @property
-    def unit(self) -> float:
-        """Return the volume of a cell in m^2 rad, times its share of the commands' range."""
-        return float(np.prod(self.mesh.size[:3]) / np.prod(self.mesh.count[3:]))
-
-    def to_json(self) -> dict[str, Any]:
-        """Return it as plain data."""
-        unit = self.unit
-        total = int(self.free.sum())
-        held = int(self.for_ever.sum())
-
-        def share(part: int) -> dict[str, int | float | None]:
-            return {"part": part, "total": total, "rate": part / total if total else None}
-
-        return {
-            "goal_radius": self.lookahead.goal_radius,
-            "lookahead": self.lookahead.intervals,
-            "cell": dict(zip(AXES, self.mesh.size.tolist(), strict=True)),
-            "forever": share(held) if self.lookahead.for_ever else None,
-            "volume": {
-                "free": total * unit,
-                "forever": held * unit if self.lookahead.for_ever else None,
-                "goal": int(self.goal.sum()) * unit,
-            },
-            "steps": [{"steps": k, **share(part)} for k, part in self.by_steps()],
-            "rounds": [
-                {"intervals": r.intervals, "followed": r.followed, "forever": r.held, "seconds": r.seconds}
-                for r in self.rounds
-            ],
-        }
-
-    def cell_table(self) -> dict[str, NDArray[Any]]:
-        """Return the cells that are certified for at least one interval, for other programs; -1 is for ever."""
-        chosen = np.flatnonzero(self.free & (self.intervals > 0))
-        lower, upper = self.mesh.bounds(chosen)
-        steps = self.intervals[chosen].astype(np.int32)
-        return {
-            "steps_lower": lower,
-            "steps_upper": upper,
-            "steps": np.where(steps == FOR_EVER, -1, steps),
-        }
 
 
 def check_lookahead(lookahead: Lookahead, rules: Rules, lattice: Lattice, *, moving: bool = False) -> Mesh:
@@ -221,22 +54,22 @@ def check_lookahead(lookahead: Lookahead, rules: Rules, lattice: Lattice, *, mov
     if moving:
         raise ConfigurationError(
             "for how long cells stay certified is not known among things that move: they may be elsewhere by then",
-            "leave out the section obstacles, or --steps and --forever",
+            "leave out the section obstacles, or --steps, --forever and --arrive",
         )
     if rules.varies:
         raise ConfigurationError(
             "with motors and timing of an error model it is not known for how long cells stay certified",
-            "leave out the sections actuation and timing, or --steps and --forever",
+            "leave out the sections actuation and timing, or --steps, --forever and --arrive",
         )
     if rules.delay:
         raise ConfigurationError(
             "with a delay it is not known for how long cells stay certified",
-            "leave out --delay, --steps and --forever",
+            "leave out --delay, or --steps, --forever and --arrive",
         )
     if rules.kinematics.state:
         raise ConfigurationError(
             f"how long cells stay certified is not followed for a {rules.kinematics.description}",
-            "leave out --steps and --forever",
+            "leave out --steps, --forever and --arrive",
         )
     mesh = Mesh.of(lattice, lookahead.coarser)
     if len(mesh) > _MOST_CELLS:
@@ -262,7 +95,7 @@ def look_ahead(
     *,
     until: Deadline = NEVER,
 ) -> LastingCells:
-    """Find out for how long the safe cells of a certification stay certified.
+    """Find out for how long the safe cells of a certification stay certified, and which ones reach the goal.
 
     Parameters
     ----------
@@ -293,6 +126,9 @@ def look_ahead(
     -----
     Sound: yes. A run that starts at a free pose of a cell that holds for ever keeps its clearance in every interval
     until it reaches the goal, if it does, whatever the sensors err within eps; for a cell with k intervals, in these.
+    One that starts in a cell that arrives is within the goal at the end of one of as many intervals as the cell says.
+    One that starts in a cell of those that move does not stand still before it is in the goal, or in a cell that
+    arrives.
     """
     mesh = check_lookahead(lookahead, loop.rules, lattice)
     status = mesh.statuses(lattice, findings)
@@ -302,24 +138,40 @@ def look_ahead(
     safe = np.flatnonzero(((status == SETTLED) | (status == CERTIFIED)) & ~reached)
     rounds, open_ = [], safe
     passages: list[Passages] = []
-    held = np.zeros(len(mesh), bool)
+    held, arrives = np.zeros(len(mesh), bool), np.zeros(len(mesh), np.int16)
     for intervals in lookahead.rounds:
         if not len(open_) or until.passed:
             break
         before = time.perf_counter()
-        work = FollowWork(loop, mesh, open_, intervals, held | exempt)
+        done = exempt | (arrives > 0 if lookahead.arrive else held)
+        work = FollowWork(loop, mesh, open_, intervals, done)
         kept = campaign.within(f"follow-{digest_of(work.describe())[:16]}")
         found = kept.carry_out(work, tell, until=until.moved(-_LOOPS / 2.0))
         followed = np.zeros(len(mesh), bool)
         followed[open_[: found.units]] = True
         passages = [*(part.select(~followed[part.owner]) for part in passages), found.part]
-        with within(until.moved(_LOOPS)), suppress(TimeUp):  # what held before holds still
-            held = CellTransitions(mesh, exempt, join(passages)).for_ever()
-        rounds.append(Round(intervals, found.units, int(held.sum()), time.perf_counter() - before))
-        open_ = safe[~held[safe]]
+        loops = CellTransitions(mesh, exempt, join(passages))
+        with within(until.moved(_LOOPS)), suppress(TimeUp):  # what was found before holds still
+            arrives = loops.arrival() if lookahead.arrive else arrives
+            held |= arrives > 0
+            held = loops.for_ever()
+            open_ = safe[loops.go_on(intervals, exempt | (arrives > 0 if lookahead.arrive else held))[safe]]
+        rounds.append(
+            Round(
+                intervals,
+                found.units,
+                int(held.sum()),
+                int((arrives > 0).sum()),
+                time.perf_counter() - before,
+            )
+        )
+    loops, moves = CellTransitions(mesh, exempt, join(passages)), np.zeros(len(mesh), bool)
     with within(until.moved(_LOOPS)):
-        count = CellTransitions(mesh, exempt, join(passages)).intervals(lookahead.steps, held)
-    return LastingCells(mesh, status, reached, count, lookahead, rounds)
+        count = loops.intervals(lookahead.steps, held)
+        if lookahead.arrive:
+            with suppress(TimeUp):
+                moves = loops.moving(arrives > 0)
+    return LastingCells(mesh, status, reached, count, lookahead, rounds, arrives, moves)
 
 
 @dataclass(frozen=True, eq=False)

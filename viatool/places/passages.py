@@ -23,6 +23,11 @@ from viatool.sets.forms import Forms
 
 _BRANCHES = 32
 """Ways that a part may have gone, by what was chosen in each interval, to be followed still further."""
+_WIDEST = 0.5
+"""A set that is wider than this share of the cells, along x, y or the headings, has been lost."""
+STILL = 0.01
+"""A robot stands still in an interval in which it is told to drive no faster than so many m/s, and to turn no faster
+than so many rad/s."""
 _SYMBOLS = 12
 """Of a set that is followed: one of each side of its cell, those of the last commands, and what rests weigh."""
 
@@ -39,11 +44,14 @@ class Passages:
         M, one for each interval: where the part is after it.
     kept : ndarray
         (P,) int, for how many intervals every free pose of the part keeps its clearance; ranges hold up to there.
+    moved : ndarray
+        (P,) int, in how many of these, from the first on, no run stands still.
     """
 
     owner: Indices
     ranges: Sequence[Ranges]
     kept: NDArray[np.int16]
+    moved: NDArray[np.int16]
 
     def __len__(self) -> int:
         """Return the number of parts."""
@@ -56,20 +64,21 @@ class Passages:
 
     def select(self, which: Indices | Booleans) -> Passages:
         """Return some of the parts."""
-        return Passages(self.owner[which], [each.select(which) for each in self.ranges], self.kept[which])
+        ranges = [each.select(which) for each in self.ranges]
+        return Passages(self.owner[which], ranges, self.kept[which], self.moved[which])
 
     def to_arrays(self) -> dict[str, NDArray[Any]]:
         """Return the arrays by name; ranges are stacked, (M, P, 5)."""
         ends = {name: [getattr(each, name) for each in self.ranges] for name in ("first", "last")}
         none = np.zeros((0, len(self), 5), np.int16)
         stacked = {name: np.stack(part) if part else none for name, part in ends.items()}
-        return {"owner": self.owner, "kept": self.kept, **stacked}
+        return {"owner": self.owner, "kept": self.kept, "moved": self.moved, **stacked}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> Passages:
         """Return what `to_arrays` gave."""
         ranges = [Ranges(*ends) for ends in zip(arrays["first"], arrays["last"], strict=True)]
-        return cls(arrays["owner"], ranges, arrays["kept"])
+        return cls(arrays["owner"], ranges, arrays["kept"], arrays["moved"])
 
 
 def follow(
@@ -123,15 +132,15 @@ def follow(
         reached = after.bounds(*ends)
         there = mesh.ranges(*reached)
         going = found.branched(going[after.origin])
-        found.lead(going, there, holds)
+        found.lead(going, there, holds, _moves(after))
         open_ = holds if known is None else holds & ~known.covers(there)
-        open_ &= found.few(going)
+        open_ &= found.few(going) & _narrow(mesh, *reached)
         going = going[open_]
         states = _shortened(after, open_)
         ends = reached[0][open_, :3], reached[1][open_, :3]
         if not len(going):
             break
-    return Passages(found.owner, found.ranges, found.kept)
+    return Passages(found.owner, found.ranges, found.kept, found.moved)
 
 
 class _Followed:
@@ -146,7 +155,7 @@ class _Followed:
     def __init__(self, owner: Indices, root: Indices) -> None:
         self.owner, self.root = owner, root
         self.ranges: list[Ranges] = []
-        self.kept = np.zeros(len(owner), np.int16)
+        self.kept, self.moved = np.zeros((2, len(owner)), np.int16)
 
     @classmethod
     def of(cls, owner: Indices) -> _Followed:
@@ -160,8 +169,8 @@ class _Followed:
         of = rows[again]
         rows = rows.copy()
         rows[again] = len(self.owner) + np.arange(len(of))
-        self.owner, self.root, self.kept = (
-            np.concatenate([part, part[of]]) for part in (self.owner, self.root, self.kept)
+        self.owner, self.root, self.kept, self.moved = (
+            np.concatenate([part, part[of]]) for part in (self.owner, self.root, self.kept, self.moved)
         )
         self.ranges = [
             Ranges(np.concatenate([one.first, one.first[of]]), np.concatenate([one.last, one.last[of]]))
@@ -169,10 +178,11 @@ class _Followed:
         ]
         return rows
 
-    def lead(self, rows: Indices, there: Ranges, holds: Booleans) -> None:
-        """Note where some parts are after one more interval, and of which that interval keeps its clearance."""
+    def lead(self, rows: Indices, there: Ranges, holds: Booleans, moves: Booleans) -> None:
+        """Note where some parts are after one more interval, which keep their clearance in it, and which all move."""
         self.ranges.append(_scattered(there, rows, len(self.owner)))
         self.kept[rows[holds]] += 1
+        self.moved[rows[moves & (self.moved[rows] == len(self.ranges) - 1)]] += 1
 
     def few(self, rows: Indices) -> Booleans:
         """Tell which parts are not among too many of one beginning to be followed further."""
@@ -189,11 +199,12 @@ def join(passages: Sequence[Passages]) -> Passages:
                 np.concatenate([each.first for each in known]), np.concatenate([each.last for each in known])
             )
         )
-    none = Passages(np.zeros(0, np.int64), [], np.zeros(0, np.int16))
+    none = Passages(np.zeros(0, np.int64), [], *np.zeros((2, 0), np.int16))
     every = [none, *passages]
-    return Passages(
-        np.concatenate([each.owner for each in every]), ranges, np.concatenate([each.kept for each in every])
+    owner, kept, moved = (
+        np.concatenate([getattr(each, name) for each in every]) for name in ("owner", "kept", "moved")
     )
+    return Passages(owner, ranges, kept, moved)
 
 
 def _cut(lower: Floats, upper: Floats, parts: Indices) -> tuple[Floats, Floats]:
@@ -203,6 +214,16 @@ def _cut(lower: Floats, upper: Floats, parts: Indices) -> tuple[Floats, Floats]:
     first = lower[:, None] + offsets * size
     last = np.where(offsets + 1 == parts, upper[:, None], lower[:, None] + (offsets + 1) * size)
     return first.reshape(-1, len(parts)), last.reshape(-1, len(parts))
+
+
+def _moves(after: LoopStep) -> Booleans:
+    """Tell which pieces stand still in no run: one number of the command is surely large, (P,)."""
+    return np.asarray((np.maximum(after.lower, -after.upper) > STILL).any(axis=1))
+
+
+def _narrow(mesh: Mesh, lower: Floats, upper: Floats) -> Booleans:
+    """Tell which sets between two ends (P, 3 + A) are worth following, (P,)."""
+    return np.asarray(((upper - lower)[:, :3] < _WIDEST * (mesh.size * mesh.count)[:3]).all(axis=1))
 
 
 def _shortened(found: LoopStep, which: Booleans) -> Forms:

@@ -8,7 +8,7 @@ from typing import ClassVar
 from viatool.report.document import Annotated
 from viatool.report.error_costs import cells_table
 from viatool.report.numbers import count, counted, percentage, significant
-from viatool.report.places.record import PlacesRecord
+from viatool.report.places.record import OverTime, PlacesRecord
 from viatool.report.sections import (
     Annotation,
     Breakdown,
@@ -48,6 +48,8 @@ class PlacesDocument(Verified, Annotated):
     RATES: ClassVar[Mapping[str, str]] = {
         "contested": "certified share of the contested volume",
         "overall": "safe share of the free volume",
+        "arrive": "share of the free volume that reaches the goal for certain",
+        "forever": "share of the free volume that is left only towards the goal",
     }
 
     record: PlacesRecord
@@ -124,8 +126,25 @@ class PlacesDocument(Verified, Annotated):
         ]
         if later.forever is not None:
             shares.append(("for ever, or until the goal is reached", later.forever.share))
+        shares += self._kinds(later)
         rows = ((name, significant(share.part * unit), share.percentage()) for name, share in shares)
         return Table(head, tuple(rows))
+
+    @staticmethod
+    def _kinds(later: OverTime) -> list[tuple[str, Share]]:
+        """Return how much of what is safe for ever arrives, moves or may stand, and how much is not proved safe."""
+        if later.arrive is None or later.moving is None or later.standing is None or later.forever is None:
+            return []
+        held = later.forever.share
+        return [
+            (
+                f"reaches the goal for certain, within {counted(later.arrive_within or 0, 'step')}",
+                later.arrive.share,
+            ),
+            ("safe for ever and never stands still, but may not arrive", later.moving.share),
+            ("safe for ever, but may come to stand", later.standing.share),
+            ("neither is known", Share(held.total - held.part, held.total)),
+        ]
 
     @property
     def error_costs(self) -> Table | None:
@@ -219,8 +238,12 @@ class PlacesDocument(Verified, Annotated):
 
     @property
     def rates(self) -> Mapping[str, Share]:
-        """Return the certified share of what is contested, and the safe share of what is free."""
-        return {"contested": self.record.contested_rate.share, "overall": self.record.free_rate.share}
+        """Return the certified share of what is contested, and what is safe, arrives and lasts of what is free."""
+        record, later = self.record, self.record.over_time
+        shares = {"contested": record.contested_rate, "overall": record.free_rate}
+        beyond = {} if later is None else {"arrive": later.arrive, "forever": later.forever}
+        asked = {name: share for name, share in beyond.items() if share is not None}
+        return {name: share.share for name, share in {**shares, **asked}.items()}
 
     @property
     def size(self) -> int:

@@ -21,7 +21,8 @@ from viatool.report.places.tiles import is_free
 from viatool.report.sections import Headline
 
 if TYPE_CHECKING:
-    from viatool.places import Certificate, Raster
+    from viatool.arrays import Floats
+    from viatool.places import Certificate, LastingCells, Raster
 
 _WIDTH = 13.0  # inches
 _COLOURS = (WALL, "#E4E9EE", COLOUR["safe"], COLOUR["unsafe"], COLOUR["unknown"])
@@ -33,13 +34,14 @@ def draw_certificate(certificate: Certificate, headline: Headline) -> Figure:
     raster = certificate.sectors
     x_min, y_min, x_max, y_max = certificate.world_map.bounds
     height = _WIDTH / 3.0 * float(np.clip((y_max - y_min) / (x_max - x_min), 0.3, 2.0))
-    figure = Figure(figsize=(_WIDTH, height + 1.3), layout="constrained", facecolor="white")
-    grid = figure.add_gridspec(2, 6)
-    for_ever = certificate.lasting is not None and certificate.lasting.lookahead.for_ever
-    main = figure.add_subplot(grid[:1, :2] if for_ever else grid[:, :2])
-    _draw_places(figure, main, certificate, raster)
-    if for_ever:
-        _draw_lasting(figure, figure.add_subplot(grid[1:, :2]), certificate)
+    shown = _lasting_sets(certificate.lasting)
+    more = 0.5 * height if shown else 0.0
+    figure = Figure(figsize=(_WIDTH, height + more + 1.3), layout="constrained", facecolor="white")
+    grid = figure.add_gridspec(3 if shown else 2, 6)
+    _draw_places(figure, figure.add_subplot(grid[:2, :2]), certificate, raster)
+    for column, (title, share) in enumerate(shown.items()):
+        axes = figure.add_subplot(grid[2, 2 * column : 2 * column + 2])
+        _draw_lasting(figure, axes, certificate, title, share)
     for sector, name in enumerate(SECTOR_NAMES):
         axes = figure.add_subplot(grid[sector // 4, 2 + sector % 4])
         _draw_slice(axes, certificate, raster, sector)
@@ -50,19 +52,31 @@ def draw_certificate(certificate: Certificate, headline: Headline) -> Figure:
     return figure
 
 
-def _draw_lasting(figure: Figure, axes: Axes, certificate: Certificate) -> None:
-    """Draw which share of the headings and previous commands of each place is safe for ever."""
+def _lasting_sets(lasting: LastingCells | None) -> dict[str, Floats]:
+    """Return the shares of each place (X, Y) that hold beyond the next action, by title."""
+    if lasting is None:
+        return {}
+    asked, sets = lasting.lookahead, {}
+    if asked.arrive:
+        sets["reaches the goal for certain"] = lasting.arriving
+    if asked.lasts:
+        sets["left only towards the goal"] = lasting.for_ever
+    return {title: lasting.share_by_place(members) for title, members in sets.items()}
+
+
+def _draw_lasting(figure: Figure, axes: Axes, certificate: Certificate, title: str, share: Floats) -> None:
+    """Draw which share (X, Y) of the headings and previous commands of each place is in a set that lasts."""
     lasting = certificate.lasting
     assert lasting is not None
     _draw_floor(axes, certificate)
     mesh = lasting.mesh
     first, last = mesh.origin[:2], mesh.origin[:2] + mesh.size[:2] * mesh.count[:2]
     image = axes.imshow(
-        lasting.share_by_place().T, origin="lower", extent=(first[0], last[0], first[1], last[1]),
+        share.T, origin="lower", extent=(first[0], last[0], first[1], last[1]),
         cmap=colormaps["viridis"], vmin=0.0, vmax=1.0, interpolation="nearest", zorder=1.5,
     )  # fmt: skip
-    figure.colorbar(image, ax=axes, shrink=0.7, pad=0.01, label="share of headings and previous commands")
-    axes.set_title("left only towards the goal", fontsize=9, color=INK, pad=3)
+    figure.colorbar(image, ax=axes, shrink=0.7, pad=0.01, label="share")
+    axes.set_title(title, fontsize=9, color=INK, pad=3)
 
 
 def _draw_places(figure: Figure, axes: Axes, certificate: Certificate, raster: Raster) -> None:

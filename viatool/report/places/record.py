@@ -82,29 +82,45 @@ class StepRecord(ShareRecord):
 
 
 class RoundRecord(ReportPart):
-    """A round: for how many intervals cells were followed, how many, and how many then held for ever."""
+    """A round: for how many intervals cells were followed, how many, and how many then held for ever and arrived."""
 
     intervals: Count
     followed: Count
     forever: Count
+    arrive: Count = 0
     seconds: Amount
 
 
 class LastingVolume(ReportPart):
-    """Volumes in m^2 rad: free before the goal, of that for ever, and of the cells in which the goal is reached."""
+    """Volumes in m^2 rad: free before the goal, of that for ever, and of the cells in which the goal is reached.
+
+    Of that for ever: what arrives, and of the rest what moves on for ever and what may come to stand.
+    """
 
     free: Amount
     forever: Amount | None
+    arrive: Amount | None = None
+    moving: Amount | None = None
+    standing: Amount | None = None
     goal: Amount
 
 
 class OverTime(ReportPart):
-    """What holds beyond the next action; shares of the free volume outside of the goal, in its cells."""
+    """What holds beyond the next action; shares of the free volume outside of the goal, in its cells.
+
+    What is safe for ever arrives for certain, within so many intervals at most, or never stands still, or may: is told
+    to drive and to turn no faster than `still`, in m/s and rad/s.
+    """
 
     goal_radius: Amount
     lookahead: Count
     cell: dict[str, float]
     forever: ShareRecord | None
+    arrive: ShareRecord | None = None
+    moving: ShareRecord | None = None
+    standing: ShareRecord | None = None
+    arrive_within: Count | None = None
+    still: Amount | None = None
     volume: LastingVolume
     steps: list[StepRecord]
     rounds: list[RoundRecord]
