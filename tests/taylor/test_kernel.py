@@ -343,6 +343,22 @@ def test_a_state_gets_the_same_bounds_alone_and_among_others() -> None:
         np.testing.assert_array_equal(alone.upper[0], together.upper[row])
 
 
+def test_a_wide_node_that_many_narrow_ones_read_has_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(17)
+    nodes: list[Node] = [Input(3), Affine((0,), (rng.normal(size=(200, 3)),), rng.normal(size=200))]
+    for _ in range(40):
+        nodes.append(Affine((1,), (rng.normal(size=(2, 200)),), np.zeros(2)))
+    reads = tuple(range(2, len(nodes)))
+    nodes.append(Affine(reads, tuple(rng.normal(size=(2, 2)) for _ in reads), np.zeros(2)))
+    network, observations = Network(tuple(nodes)), rng.normal(size=(2, 3))
+    sets = []
+    for chosen in ("numpy", "compiled"):
+        with compiled.engine_chosen(monkeypatch, chosen):
+            sets.append(reach(bare(network), observations, 0.1, arithmetic="real"))
+    np.testing.assert_allclose(sets[0].lower, sets[1].lower, rtol=1e-6)
+    np.testing.assert_allclose(sets[0].upper, sets[1].upper, rtol=1e-6)
+
+
 def test_both_engines_refuse_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     huge = Network(
         (

@@ -51,6 +51,39 @@ void multiply(double *out, integer stride, integer rows, const double *weight, i
     }
 }
 
+EVERY_PROCESSOR
+void give(const Model *model, integer each, double outward, double *restrict given, integer columns) {
+    const double *restrict block = model->constant;
+    for (integer j = 0; j < columns; j++) {
+        const double constant = block[j], rest = block[each + j], norm = block[2 * each + j];
+        const double lower = block[3 * each + j], upper = block[4 * each + j];
+        const double middle = lower / 2 + upper / 2;
+        const double radius = most(upper - middle, middle - lower) * outward;
+        given[OF_CONSTANT * columns + j] = constant, given[OF_SIZE * columns + j] = fabs(constant) + norm + rest;
+        given[OF_REST * columns + j] = rest, given[OF_MIDDLE * columns + j] = middle;
+        given[OF_REACH * columns + j] = radius, given[OF_SIZE_OF_MIDDLE * columns + j] = fabs(middle) + radius;
+    }
+}
+
+EVERY_PROCESSOR
+int conclude(Model *model, integer each, integer size, const double *restrict sums, const double *restrict bias,
+             const double *restrict bias_size, double gamma, double outward, double lost) {
+    double *restrict block = model->constant;
+    int finite = 1;
+    for (integer i = 0; i < size; i++) {
+        const double constant = bias[i] + sums[OF_CONSTANT * each + i], norm = block[2 * each + i];
+        const double rest = (sums[OF_REST * each + i] + gamma * (bias_size[i] + sums[OF_SIZE * each + i])) * outward + lost;
+        const double middle = bias[i] + sums[OF_MIDDLE * each + i];
+        const double spread = gamma * (bias_size[i] + sums[OF_SIZE_OF_MIDDLE * each + i]);
+        const double reach = (sums[OF_REACH * each + i] + spread) * outward + lost;
+        const double span = (norm + rest) * outward;
+        const double lower = most(constant - span, middle - reach), upper = least(constant + span, middle + reach);
+        block[i] = constant, block[each + i] = rest, block[3 * each + i] = lower, block[4 * each + i] = upper;
+        finite &= (fabs(constant) + span + fabs(middle) + reach) <= DBL_MAX;
+    }
+    return finite;
+}
+
 /* The six sums of an affine node, see Sums: out[k] (padded size) += sum over active j of matrix_k[j] given[k, j]. */
 EVERY_PROCESSOR
 void six_sums(double *out, integer stride, const double *w, const double *a, const double *m, const double *given,

@@ -74,6 +74,8 @@ typedef struct {
 
 /* One node over one box: constant + rows . symbols + rest [-1, 1], and the hull, which may be tighter.
  *
+ * The arrays from constant to upper are one block of five padded sizes, in this order.
+ *
  * A row has `width` coefficients, `stride` apart; behind them stand `fresh` symbols from `first` on that move one
  * neuron each, neuron[k] by radius[k]. */
 typedef struct {
@@ -106,6 +108,11 @@ static inline int is_finite(double x) { return x >= -DBL_MAX && x <= DBL_MAX; }
 static inline double outward(const Network *net, double x) { return x * (1.0 + SLIGHTLY * net->allow->sums); }
 
 /* dense.c */
+/* What goes into six sums over the numbers j that an affine node reads, and what comes out for its neurons. */
+enum { OF_CONSTANT, OF_SIZE, OF_REST, OF_MIDDLE, OF_REACH, OF_SIZE_OF_MIDDLE, SUMS };
+void give(const Model *model, integer each, double outward, double *given, integer columns);
+int conclude(Model *model, integer each, integer size, const double *sums, const double *bias, const double *bias_size,
+             double gamma, double outward, double lost); /* tells whether all is finite */
 void multiply(double *out, integer stride, integer rows, const double *weight, integer columns, const double *in,
               integer in_stride, integer width, const integer *active, integer count);
 void six_sums(double *out, integer stride, const double *w, const double *a, const double *m, const double *given,

@@ -21,7 +21,11 @@ integer symbols_of(const Network *net) {
 size_t arena_size(const Network *net) {
     const size_t symbols = (size_t)padded(symbols_of(net)) + 8;
     size_t count = 4096;
-    for (integer k = 0; k < net->trunk; k++) count += (size_t)net->node[k].size * (symbols + 32) + 512;
+    for (integer k = 0; k < net->trunk; k++) {
+        count += (size_t)net->node[k].size * (symbols + 32) + 512;
+        for (integer s = 0; s < net->node[k].sources; s++)
+            count += 8 * (size_t)net->node[net->source[net->node[k].source + s].node].size;
+    }
     return 64 * (count / 8);
 }
 
@@ -50,29 +54,16 @@ static void enclose_input(const Network *net, Model *model, const double *lower,
     }
 }
 
-/* What goes into six sums over the numbers j that an affine node reads, and what comes out for its neurons. */
-enum { OF_CONSTANT, OF_SIZE, OF_REST, OF_MIDDLE, OF_REACH, OF_SIZE_OF_MIDDLE, SUMS };
-
-static int give(const Network *net, const Model *model, integer j, double *given, integer columns) {
-    const double middle = model->lower[j] / 2 + model->upper[j] / 2;
-    const double radius = outward(net, most(model->upper[j] - middle, middle - model->lower[j]));
-    const double magnitude = fabs(model->constant[j]) + model->norm[j] + model->rest[j];
-    given[OF_CONSTANT * columns + j] = model->constant[j], given[OF_SIZE * columns + j] = magnitude;
-    given[OF_REST * columns + j] = model->rest[j], given[OF_MIDDLE * columns + j] = middle;
-    given[OF_REACH * columns + j] = radius, given[OF_SIZE_OF_MIDDLE * columns + j] = fabs(middle) + radius;
-    return magnitude != 0.0 || middle != 0.0 || radius != 0.0;
-}
-
 /* Each neuron reads one number, times its own weight: the symbols stay where they are. */
 static void enclose_scaled(const Network *net, const Node *node, const Source *source, const Model *in, Model *out,
                            double *sums, double *given, Arena *arena) {
     const integer size = node->size, stride = padded(size) + 1, each = padded(size);
     const double *w = net->numbers + source->weight, *a = net->numbers + source->absolute;
     const double *m = net->numbers + source->merged;
+    give(in, each, 1.0 + SLIGHTLY * net->allow->sums, given, size);
     for (integer i = 0; i < size; i++) {
         const double matrix[SUMS] = {w[i * stride], m[i * stride], a[i * stride], w[i * stride], a[i * stride],
                                      m[i * stride]};
-        give(net, in, i, given, size);
         for (integer k = 0; k < SUMS; k++) sums[k * each + i] = matrix[k] * given[k * size + i];
     }
     out->width = in->width, out->stride = in->stride, out->first = in->first, out->fresh = in->fresh;
@@ -105,8 +96,9 @@ static void enclose_dense(const Network *net, const Node *node, const Model *mod
         const integer columns = net->node[source->node].size;
         const double *w = net->numbers + source->weight;
         integer count = 0;
+        give(in, padded(columns), 1.0 + SLIGHTLY * net->allow->sums, given, columns);
         for (integer j = 0; j < columns; j++)
-            if (give(net, in, j, given, columns)) active[count++] = j;
+            if (given[OF_SIZE * columns + j] != 0.0 || given[OF_SIZE_OF_MIDDLE * columns + j] != 0.0) active[count++] = j;
         six_sums(sums, padded(size), net->numbers + source->weight_t, net->numbers + source->absolute_t,
                  net->numbers + source->merged_t, given, columns, active, count);
         if (!in->width) count = 0;
@@ -145,22 +137,10 @@ static int enclose_affine(const Network *net, integer index, const Model *models
         enclose_dense(net, node, models, out, sums, given, active, arena);
     const double *bias = net->numbers + node->bias, *bias_size = net->numbers + node->bias_size;
     const double gamma = net->figure[index].gamma * net->allow->sums, lost = LEAST * net->allow->underflow;
-    for (integer i = 0; i < size; i++) {
-        out->constant[i] = bias[i] + sums[OF_CONSTANT * each + i];
-        out->rest[i] = outward(net, sums[OF_REST * each + i] + gamma * (bias_size[i] + sums[OF_SIZE * each + i])) + lost;
+    for (integer i = 0; i < size; i++)
         out->norm[i] = out->width ? absolute_sum(out->rows + i * out->stride, out->width) : 0.0;
-    }
     for (integer k = 0; k < out->fresh; k++) out->norm[out->neuron[k]] += fabs(out->radius[k]);
-    int finite = 1;
-    for (integer i = 0; i < size; i++) {
-        const double middle = bias[i] + sums[OF_MIDDLE * each + i];
-        const double reach = outward(net, sums[OF_REACH * each + i] + gamma * (bias_size[i] + sums[OF_SIZE_OF_MIDDLE * each + i])) + lost;
-        const double span = outward(net, out->norm[i] + out->rest[i]);
-        out->lower[i] = middle - reach, out->upper[i] = middle + reach;
-        meet_hull(out, i, out->constant[i] - span, out->constant[i] + span);
-        finite &= is_finite(out->lower[i]) && is_finite(out->upper[i]) && is_finite(span) && is_finite(out->constant[i]);
-    }
-    return finite;
+    return conclude(out, each, size, sums, bias, bias_size, gamma, 1.0 + SLIGHTLY * net->allow->sums, lost);
 }
 
 /* One neuron of an activation; returns the slope of its line. */
