@@ -19,6 +19,7 @@ from viatool.loop import successor
 from viatool.loop.closed_loop import ClosedLoop
 from viatool.missions import MissionLimits, follow, mission
 from viatool.missions.cells import CellSides
+from viatool.missions.directions import BoundedParts, Directions
 from viatool.missions.follow import MissionFollower
 from viatool.missions.work import MissionExamination
 from viatool.schedule import Campaign, Deadline
@@ -105,10 +106,9 @@ def forget_eps(monkeypatch, some):
 def drop_a_part(monkeypatch, some):
     honest = CellSides.divide
 
-    def divide(self, states, bounds):
-        lower, upper = honest(self, states, bounds)
-        kept = np.arange(len(lower)) != len(lower) // 2
-        return lower[kept], upper[kept]
+    def divide(self, states, bounds, directions):
+        parts = honest(self, states, bounds, directions)
+        return parts.select(np.arange(len(parts)) != len(parts) // 2)
 
     monkeypatch.setattr(CellSides, "divide", divide)
 
@@ -140,11 +140,40 @@ def cut_without_spread(monkeypatch, some):
 def halve_the_rest(monkeypatch, some):
     honest = CellSides.divide
 
-    def divide(self, states, bounds):
+    def divide(self, states, bounds, directions):
         middle, half = 0.5 * (bounds[0] + bounds[1]), 0.25 * (bounds[1] - bounds[0])
-        return honest(self, states, (middle - half, middle + half))
+        return honest(self, states, (middle - half, middle + half), directions)
 
     monkeypatch.setattr(CellSides, "divide", divide)
+
+
+def carry_without_errors(monkeypatch, some):
+    honest = BoundedParts.carried
+
+    def carried(self, source, origin, after):
+        low, high, rest = honest(self, source, origin, after)
+        return low, high, 0.2 * rest
+
+    monkeypatch.setattr(BoundedParts, "carried", carried)
+
+
+def tighten_too_far(monkeypatch, some):
+    honest = Directions.tightened
+
+    def tightened(self, lower, upper):
+        low, high = honest(self, lower, upper)
+        narrow = (high - low < upper - lower) & (np.arange(low.shape[1]) < 3)
+        return np.where(narrow, low + 0.2 * (high - low), low), np.where(
+            narrow, high - 0.2 * (high - low), high
+        )
+
+    monkeypatch.setattr(Directions, "tightened", tightened)
+
+
+def forget_the_other_axes(monkeypatch, some):
+    from viatool.missions import directions
+
+    monkeypatch.setattr(directions, "_sum", lambda terms: terms[0])
 
 
 def arrive_early(monkeypatch, some):
@@ -153,7 +182,17 @@ def arrive_early(monkeypatch, some):
 
 @pytest.mark.parametrize(
     "mutate",
-    [forget_eps, drop_a_part, join_to_the_first, cut_without_spread, halve_the_rest, arrive_early],
+    [
+        forget_eps,
+        drop_a_part,
+        join_to_the_first,
+        cut_without_spread,
+        halve_the_rest,
+        carry_without_errors,
+        tighten_too_far,
+        forget_the_other_axes,
+        arrive_early,
+    ],
 )
 def test_runs_of_the_oracle_catch_what_a_tube_leaves_out(hall, dodging, monkeypatch, mutate):
     some, (lower, upper), scenario = follower(hall, dodging)
@@ -172,9 +211,10 @@ def test_cells_cover_sets_from_end_to_end_whatever_their_ends_round_to(side):
         low, high = np.sort(ends, axis=0)
         low, high = low[None], np.minimum(high, low + 2.0 * side)[None]
         box = Forms.between(low, high)
-        lower, upper = sides.divide(
-            Forms(box.centre, box.slope, box.rest * (1.0 + 1e-12) + 1e-12), (low, high)
+        parts = sides.divide(
+            Forms(box.centre, box.slope, box.rest * (1.0 + 1e-12) + 1e-12), (low, high), Directions.none()
         )
+        lower, upper = parts.lower, parts.upper
         assert (lower.min(axis=0) <= low[0]).all()
         assert (upper.max(axis=0) >= high[0]).all()
         volume = np.prod(upper - lower, axis=1).sum()
@@ -223,17 +263,16 @@ def test_too_few_parts_leave_a_mission_unknown_with_its_place(hall, dodging):
     assert "x -1.4" in found.missions[0].reason
 
 
-def test_too_many_parts_begin_the_mission_again_with_finer_cells(hall, dodging, monkeypatch):
+def test_missions_that_are_not_proved_begin_again_in_more_parts(hall, dodging, monkeypatch):
     tried = []
     follow = MissionFollower._follow
     monkeypatch.setattr(
-        MissionFollower,
-        "_follow",
-        lambda self, lower, upper, sides: tried.append(sides.sides[0]) or follow(self, lower, upper, sides),
+        MissionFollower, "_follow", lambda self, *given: tried.append(given[3]) or follow(self, *given)
     )
-    few = MissionLimits(90, parts=5, finer=2)
-    mission(dodging, hall, eps=EPS, start_error=START, scenarios=hall.scenarios[1:], limits=few)
-    assert tried == [0.03, 0.015, 0.0075]
+    few = MissionLimits(90, parts=16, finer=3)
+    given = {"eps": EPS, "start_error": START, "scenarios": hall.scenarios[:1], "limits": few}
+    assert mission(dodging, hall, **given, clearance=0.44).missions[0].verdict == "unknown"
+    assert tried == [1, 2, 8, 8]
 
 
 def test_a_clearance_that_no_run_keeps_is_not_proved(hall, dodging):
@@ -243,7 +282,7 @@ def test_a_clearance_that_no_run_keeps_is_not_proved(hall, dodging):
         eps=EPS,
         start_error=START,
         scenarios=hall.scenarios[:1],
-        clearance=0.45,
+        clearance=0.495,
         time_limit=LIMIT,
     )
     assert found.missions[0].verdict != "proved"

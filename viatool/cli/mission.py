@@ -75,17 +75,17 @@ if TYPE_CHECKING:
 @click.option(
     "--cell",
     type=PoseErrorType(),
-    default=(0.03, 0.02),
-    show_default="0.03,0.02",
-    help="Sides of the first cells, in metres and radians.",
+    default=(0.06, 0.04),
+    show_default="0.06,0.04",
+    help="Sides of the largest cells, in metres and radians; smaller ones are chosen as sets allow.",
 )
 @click.option(
     "--finer",
     type=click.IntRange(0, 4),
-    default=1,
+    default=2,
     show_default=True,
     metavar="N",
-    help="How often the cells are halved where a set has too many parts.",
+    help="How often a mission that is not proved is begun again in cells for four times as many parts.",
 )
 @click.option(
     "--budget-seconds",

@@ -16,12 +16,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from viatool.arrays import Floats, Indices
+from viatool.arrays import Booleans, Floats, Indices
+from viatool.errors import BoundsError
+from viatool.missions.directions import BoundedParts, Directions
 from viatool.rounding import SLIGHTLY_MORE, SPARE
 from viatool.sets.bounds import require_ordered
 from viatool.sets.forms import Forms
+from viatool.sets.states import POSE
 
-_MOST_NUMBERS = 4_000_000
+_MOST_NUMBERS = 1_000_000
 """Of coefficients of pieces that are cut together."""
 
 
@@ -42,7 +45,11 @@ class CellSides:
         """Return which quantities are cut."""
         return np.flatnonzero(np.isfinite(self.sides))
 
-    def divide(self, states: Forms, bounds: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+    def scaled(self, share: float) -> CellSides:
+        """Return cells whose sides along x, y and theta are a share of these."""
+        return CellSides(self.sides * np.where(np.arange(len(self.sides)) < len(POSE), share, 1.0))
+
+    def divide(self, states: Forms, bounds: tuple[Floats, Floats], directions: Directions) -> BoundedParts:
         """Cut sets of states by cells, and join what lies in the same one.
 
         Parameters
@@ -50,18 +57,24 @@ class CellSides:
         states : Forms
             (C, 3 + A).
         bounds : tuple of ndarray
-            (C, 3 + A) twice: what else is known of the sets.
+            (C, 3 + A + M) twice: what else is known of the sets, and of their coordinates.
+        directions : Directions
+            M that the coordinates are along.
 
         Returns
         -------
-        tuple of ndarray
-            (P, 3 + A) ends of P boxes, in different cells.
+        BoundedParts
+            P of them, in different cells.
 
         Notes
         -----
-        Sound: yes, every state of every set is in one of the boxes.
+        Sound: yes, every state of every set is in one of the parts.
         """
-        require_ordered("states after an interval", *bounds, finite=True, rounding=SPARE)
+        for end in bounds:
+            require_ordered("states after an interval", end, end, finite=True)
+        states, bounds = directions.beside(states), directions.tightened(*bounds)
+        there = _not_crossed(*bounds)
+        states, bounds = states.select(there), (bounds[0][there], bounds[1][there])
         firsts, lasts = (np.floor(end[:, self.cut] / self.sides[self.cut]).astype(np.int64) for end in bounds)
         pieces = np.prod(lasts - firsts + 1, axis=1)
         width = states.centre.shape[1] * (len(self.cut) + 4)
@@ -72,17 +85,26 @@ class CellSides:
             done = ends[begin - 1] if begin else 0
             end = max(begin + 1, int(np.searchsorted(ends, done + _MOST_NUMBERS // width)))
             rows = np.arange(begin, end)
-            found.append(_merged(*self._pieces(states, bounds, rows, firsts, lasts)))
+            found.append(_merged(*self._pieces(states, bounds, directions, rows, firsts, lasts)))
             begin = end
         if not found:
-            return bounds
+            return BoundedParts(*bounds, directions)
         _, lower, upper = _merged(*(np.concatenate(part) for part in zip(*found, strict=True)))
-        return lower, upper
+        require_ordered("parts of a set", lower, upper, finite=True)
+        if not len(lower):
+            raise BoundsError("no part is left of a set of states")
+        return BoundedParts(lower, upper, directions)
 
     def _pieces(
-        self, states: Forms, bounds: tuple[Floats, Floats], rows: Indices, firsts: Indices, lasts: Indices
+        self,
+        states: Forms,
+        bounds: tuple[Floats, Floats],
+        directions: Directions,
+        rows: Indices,
+        firsts: Indices,
+        lasts: Indices,
     ) -> tuple[Indices, Floats, Floats]:
-        """Return the pieces of some sets: their cells (P, D), and bounds (P, 3 + A) twice."""
+        """Return the pieces of some sets: their cells (P, D), and bounds (P, 3 + A + M) twice."""
         counts = lasts[rows] - firsts[rows] + 1
         pieces = counts.prod(axis=1)
         of = np.repeat(rows, pieces)
@@ -107,8 +129,14 @@ class CellSides:
             ends = slope[near] * own[0][:, place, None], slope[near] * own[1][:, place, None]
             np.maximum(lower, middle[near] + np.minimum(*ends) - spread[near], out=lower)
             np.minimum(upper, middle[near] + np.maximum(*ends) + spread[near], out=upper)
-        kept = (lower <= upper).all(axis=1)
+        lower, upper = directions.tightened(lower, upper)
+        kept = _not_crossed(lower, upper)
         return cell[kept], lower[kept], upper[kept]
+
+
+def _not_crossed(lower: Floats, upper: Floats) -> Booleans:
+    """Tell which boxes may hold a state, (P,): what is not a number is kept, to be refused."""
+    return ~np.asarray((lower > upper).any(axis=1))
 
 
 def _regression(states: Forms, rows: Indices, quantity: int) -> tuple[Floats, Floats, Floats]:

@@ -11,12 +11,15 @@ part is left, every run has arrived.
 collision distance at its start, which is checked first, and by induction in each interval up to the first one that is
 not proved, with which the mission ends as unknown.
 
-*Refinement.* Cells that are too coarse let the set grow until it has too many parts. Then the mission is begun again
-with the next, finer sides; what was found before is not needed.
+*Cells.* Cells that are too coarse let a set grow, and a small set can afford fine ones: so the cells of each interval
+are sized by how many parts there were before. Beside boxes, parts are bounded along `directions` that follow the loop.
+Where the set still comes too near, does not arrive or has too many parts, the mission is begun again with cells sized
+for four times as many parts; what was found before is not needed.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -31,6 +34,8 @@ from viatool.loop.sectors import TubeParts
 from viatool.loop.successor import LoopStep, states_of, step
 from viatool.loop.told import Told
 from viatool.missions.cells import CellSides
+from viatool.missions.directions import Directions
+from viatool.missions.families import directions_of
 from viatool.schedule import check_time
 from viatool.sets.states import StateBoxes
 
@@ -46,16 +51,16 @@ class MissionLimits:
     parts : int
         Most parts of a set.
     position, heading : float
-        Sides of the first cells, in metres and radians.
+        Sides of the largest cells, in metres and radians.
     finer : int
-        How often the cells are halved, and the mission begun again, where the set has too many parts.
+        How often a mission that is not proved is begun again in cells for four times as many parts.
     """
 
     steps: int
     parts: int = 4000
-    position: float = 0.03
-    heading: float = 0.02
-    finer: int = 1
+    position: float = 0.06
+    heading: float = 0.04
+    finer: int = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,60 +139,71 @@ class MissionFollower:
         return self.elsewhere or NearPlace(False, self.loop.sensors.goal, self.goal_radius)
 
     def prove(self, lower: Floats, upper: Floats) -> MissionProof:
-        """Follow every run from a box of states (3 + A,), with finer cells where the first do not suffice.
+        """Follow every run from a box of states (3 + A,), in more parts where the first do not suffice.
 
         Notes
         -----
         Sound: yes, see the module. Cost: one step of the closed loop for each part and interval.
         """
+        directions = directions_of(self, lower, upper)
         found = None
-        for sides in self._sides():
-            found = self._follow(lower, upper, sides)
-            if found.proved or TOO_MANY not in found.reason:
+        for sides, aim in self._ways():
+            found = self._follow(lower, upper, sides, aim, directions)
+            if found.proved or not found.steps:
                 break
         assert found is not None
         return found
 
-    def _sides(self) -> Iterator[CellSides]:
-        """Yield the sides of cells to be tried, each half as long as the ones before; later ones cut commands too."""
+    def _ways(self) -> Iterator[tuple[CellSides, int]]:
+        """Yield the sides of the largest cells, and for how many parts they are sized; later ones cut commands too."""
         limits, rules = self.limits, self.loop.rules
         pose = np.array([limits.position, limits.position, limits.heading])
-        for halvings in range(limits.finer + 1):
-            share = 0.5**halvings
+        for finer in range(limits.finer + 1):
             behind = np.full(len(rules.carried), np.inf)
-            if halvings and self.loop.setting.quantities.answer_to_before:
+            if finer and self.loop.setting.quantities.answer_to_before:
                 behind[: len(rules.lower)] = (rules.upper - rules.lower) * _COMMAND_SHARE
-            yield CellSides(np.concatenate([pose * share, behind]))
+            aim = min(limits.parts * 4**finer // _AIM, limits.parts // 2)
+            yield CellSides(np.concatenate([pose, behind])), max(aim, 1)
 
-    def _follow(self, lower: Floats, upper: Floats, sides: CellSides) -> MissionProof:
-        """Follow every run with cells of one size."""
-        start = TubeParts(np.zeros(1, np.int64), lower[None], upper[None])
-        parts = _as_parts(*sides.divide(states_of(start.cells), (start.lower, start.upper)))
+    def _follow(
+        self, lower: Floats, upper: Floats, sides: CellSides, aim: int, directions: Sequence[Directions]
+    ) -> MissionProof:
+        """Follow every run with cells that are sized for some number of parts."""
+        share, here = _FIRST_SHARE, directions[0]
+        begin = TubeParts(np.zeros(1, np.int64), lower[None], upper[None]).cells
+        parts = sides.scaled(share).divide(
+            states_of(begin), here.beside_boxes(lower[None], upper[None]), here
+        )
         trace = Trace(len(parts))
-        if not self._begins_clear(parts).all():
+        if not self._begins_clear(parts.boxes).all():
             return trace.ended(0, f"{TOO_NEAR} at the start")
         for k in range(1, self.limits.steps + 1):
             check_time()
-            here = replace(self, loop=loop_after(self.loop, k - 1))
-            after = step(here.loop, states_of(parts.cells), self.told(len(parts)).after(k - 1))
-            clearance, clear = here._clearance_of_each(parts, after)
+            now = replace(self, loop=loop_after(self.loop, k - 1))
+            after = step(now.loop, states_of(parts.cells), self.told(len(parts)).after(k - 1))
+            clearance, clear = now._clearance_of_each(parts.boxes, after)
             trace.clearance = min(trace.clearance, float(clearance.min(initial=np.inf)))
             if not clear.all():
-                return trace.ended(k, f"{TOO_NEAR} in {place_words(parts.select(after.origin[~clear]))}")
-            bounds = after.bounds(parts.lower[:, :3], parts.upper[:, :3])
-            parts = _as_parts(*sides.divide(after.states, bounds))
+                return trace.ended(
+                    k, f"{TOO_NEAR} in {place_words(parts.boxes.select(after.origin[~clear]))}"
+                )
+            share = _next_share(share, len(parts), aim)
+            there = directions[min(k, len(directions) - 1)]
+            parts = sides.scaled(share).divide(after.states, there.after(parts, after), there)
+            boxes = parts.boxes
             if k == self.limits.steps or not self.destination.deadline_only:
-                if trace.earliest == 0 and self.destination.possibly(parts.lower, parts.upper).any():
+                if trace.earliest == 0 and self.destination.possibly(boxes.lower, boxes.upper).any():
                     trace.earliest = k
-                parts = parts.select(~self.destination.surely(parts.lower, parts.upper))
-            trace.note(k, parts)
+                parts = parts.select(~self.destination.surely(boxes.lower, boxes.upper))
+            trace.note(k, parts.boxes)
             if not len(parts):
                 return trace.arrived(k)
             if len(parts) > self.limits.parts:
                 return trace.ended(
-                    k, f"{TOO_MANY}: {len(parts):,} of at most {self.limits.parts:,}, {place_words(parts)}"
+                    k,
+                    f"{TOO_MANY}: {len(parts):,} of at most {self.limits.parts:,}, {place_words(parts.boxes)}",
                 )
-        return trace.ended(self.limits.steps, f"runs may still be on their way, {place_words(parts)}")
+        return trace.ended(self.limits.steps, f"runs may still be on their way, {place_words(parts.boxes)}")
 
     def told(self, count: int) -> Told:
         """Return what is known of sets of states at the start: the episode is the mission."""
@@ -214,6 +230,18 @@ TOO_MANY = "too many parts"
 TOO_NEAR = "the clearance is not proved"
 _COMMAND_SHARE = 0.15
 """Of the range of a command, that a cell spans where commands are cut."""
+_AIM = 32
+"""Cells are sized for so many times less parts than there may be, at first."""
+_FIRST_SHARE = 0.5
+_SMALLEST_SHARE = 1 / 16
+_QUICKEST = 1.25
+"""Of the largest sides: those of the first cells, and of the smallest; and by how much cells grow in an interval."""
+
+
+def _next_share(share: float, parts: int, aim: int) -> float:
+    """Return the share of the largest sides that cells have next, where so many parts came of this one."""
+    growth = min(max(math.exp(math.log(parts / aim) / 3.0), 1.0 / _QUICKEST), _QUICKEST)
+    return min(max(share * growth, _SMALLEST_SHARE), 1.0)
 
 
 @dataclass(eq=False)
@@ -265,10 +293,6 @@ class Trace:
 
 def _joined(rows: Sequence[Floats], none: Floats) -> Floats:
     return np.concatenate(rows) if rows else none
-
-
-def _as_parts(lower: Floats, upper: Floats) -> TubeParts:
-    return TubeParts(np.zeros(len(lower), np.int64), lower, upper)
 
 
 def place_words(parts: TubeParts) -> str:
