@@ -19,7 +19,7 @@ from viatool.loop import successor
 from viatool.loop.closed_loop import ClosedLoop
 from viatool.missions import MissionLimits, follow, mission
 from viatool.missions.cells import CellSides
-from viatool.missions.directions import BoundedParts, Directions
+from viatool.missions.directions import BoundedParts, PoseDirections
 from viatool.missions.follow import MissionFollower
 from viatool.missions.work import MissionExamination
 from viatool.schedule import Campaign, Deadline
@@ -158,7 +158,7 @@ def carry_without_errors(monkeypatch, some):
 
 
 def tighten_too_far(monkeypatch, some):
-    honest = Directions.tightened
+    honest = PoseDirections.tightened
 
     def tightened(self, lower, upper):
         low, high = honest(self, lower, upper)
@@ -167,7 +167,7 @@ def tighten_too_far(monkeypatch, some):
             narrow, high - 0.2 * (high - low), high
         )
 
-    monkeypatch.setattr(Directions, "tightened", tightened)
+    monkeypatch.setattr(PoseDirections, "tightened", tightened)
 
 
 def forget_the_other_axes(monkeypatch, some):
@@ -212,7 +212,7 @@ def test_cells_cover_sets_from_end_to_end_whatever_their_ends_round_to(side):
         low, high = low[None], np.minimum(high, low + 2.0 * side)[None]
         box = Forms.between(low, high)
         parts = sides.divide(
-            Forms(box.centre, box.slope, box.rest * (1.0 + 1e-12) + 1e-12), (low, high), Directions.none()
+            Forms(box.centre, box.slope, box.rest * (1.0 + 1e-12) + 1e-12), (low, high), PoseDirections.none()
         )
         lower, upper = parts.lower, parts.upper
         assert (lower.min(axis=0) <= low[0]).all()

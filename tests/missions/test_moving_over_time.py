@@ -16,6 +16,7 @@ from viatool.errors import ConfigurationError
 from viatool.loop import elapsed
 from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.elapsed import loop_after
+from viatool.missions import MissionLimits
 from viatool.sets.forms import PoseBoxes
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
@@ -158,7 +159,7 @@ def test_what_moved_away_no_longer_ends_runs_and_counts_for_none(hall, dodging):
 def test_a_mission_through_where_something_may_have_got_is_not_proved(hall, dodging):
     fast = ErrorModel.model_validate({"obstacles": {"named": {"cart": 0.3}}})
     given = {"eps": EPS, "scenarios": hall.scenarios[1:], "time_limit": LIMIT}
-    (one,) = viatool.mission(dodging, hall, errors=fast, **given)
+    (one,) = viatool.mission(dodging, hall, errors=fast, limits=MissionLimits(0, finer=0), **given)
     assert one.verdict == "unknown"
     assert "the clearance is not proved" in one.reason or "too many parts" in one.reason
 

@@ -58,6 +58,11 @@ class MissionRuns:
         after = self.seconds[rows, self.arrived[rows] - 1]
         return (float(after.min()), float(after.max())) if len(rows) else None
 
+    def disproves(self, limit: float) -> bool:
+        """Tell whether some run does not arrive, or comes nearer than a limit, even if it cannot be driven again."""
+        late = self.arrived > self.runs.poses.shape[1]
+        return bool(late.any() or not self.runs.clearance.min(initial=np.inf) > limit)
+
     @property
     def late(self) -> Indices:
         """Return the runs that are still on their way after all K intervals, if they refute."""

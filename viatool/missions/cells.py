@@ -18,7 +18,7 @@ import numpy as np
 
 from viatool.arrays import Booleans, Floats, Indices
 from viatool.errors import BoundsError
-from viatool.missions.directions import BoundedParts, Directions
+from viatool.missions.directions import BoundedParts, PoseDirections
 from viatool.rounding import SLIGHTLY_MORE, SPARE
 from viatool.sets.bounds import require_ordered
 from viatool.sets.forms import Forms
@@ -26,6 +26,11 @@ from viatool.sets.states import POSE
 
 _MOST_NUMBERS = 1_000_000
 """Of coefficients of pieces that are cut together."""
+
+
+_MOST_PIECES = 2_000_000
+_COARSER = 1.5
+"""Into which sets are cut in all; where there would be more, cells are so many times longer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +54,9 @@ class CellSides:
         """Return cells whose sides along x, y and theta are a share of these."""
         return CellSides(self.sides * np.where(np.arange(len(self.sides)) < len(POSE), share, 1.0))
 
-    def divide(self, states: Forms, bounds: tuple[Floats, Floats], directions: Directions) -> BoundedParts:
+    def divide(
+        self, states: Forms, bounds: tuple[Floats, Floats], directions: PoseDirections
+    ) -> BoundedParts:
         """Cut sets of states by cells, and join what lies in the same one.
 
         Parameters
@@ -58,7 +65,7 @@ class CellSides:
             (C, 3 + A).
         bounds : tuple of ndarray
             (C, 3 + A + M) twice: what else is known of the sets, and of their coordinates.
-        directions : Directions
+        directions : PoseDirections
             M that the coordinates are along.
 
         Returns
@@ -70,13 +77,16 @@ class CellSides:
         -----
         Sound: yes, every state of every set is in one of the parts.
         """
-        for end in bounds:
-            require_ordered("states after an interval", end, end, finite=True)
-        states, bounds = directions.beside(states), directions.tightened(*bounds)
+        for side in bounds:
+            require_ordered("states after an interval", side, side, finite=True)
+        bounds = directions.tightened(*bounds)
         there = _not_crossed(*bounds)
         states, bounds = states.select(there), (bounds[0][there], bounds[1][there])
-        firsts, lasts = (np.floor(end[:, self.cut] / self.sides[self.cut]).astype(np.int64) for end in bounds)
+        firsts, lasts = self._ranges(bounds)
         pieces = np.prod(lasts - firsts + 1, axis=1)
+        if np.prod((lasts - firsts + 1).astype(np.float64), axis=1).sum() > _MOST_PIECES:
+            return self.scaled(_COARSER).divide(states, bounds, directions)
+        states = directions.beside(states)
         width = states.centre.shape[1] * (len(self.cut) + 4)
         found: list[tuple[Indices, Floats, Floats]] = []
         begin = 0
@@ -95,11 +105,16 @@ class CellSides:
             raise BoundsError("no part is left of a set of states")
         return BoundedParts(lower, upper, directions)
 
+    def _ranges(self, bounds: tuple[Floats, Floats]) -> tuple[Indices, Indices]:
+        """Return the first and the last cells of sets along each quantity that is cut, (C, D) each."""
+        first, last = (np.floor(end[:, self.cut] / self.sides[self.cut]).astype(np.int64) for end in bounds)
+        return first, last
+
     def _pieces(
         self,
         states: Forms,
         bounds: tuple[Floats, Floats],
-        directions: Directions,
+        directions: PoseDirections,
         rows: Indices,
         firsts: Indices,
         lasts: Indices,

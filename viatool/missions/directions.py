@@ -1,4 +1,4 @@
-"""Directions along which sets of poses are bounded beside their boxes, so that joining parts does not spread them.
+"""PoseDirections along which sets of poses are bounded beside their boxes, so that joining parts does not spread them.
 
 A part that is replaced by the box around it reaches further wherever the set's rim is not along an axis, in each
 interval anew; a policy takes back what is lost so aside of its path by two or three hundredths in an interval. So of
@@ -41,7 +41,7 @@ _LEAST = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Directions:
+class PoseDirections:
     """M directions of poses at one time.
 
     Parameters
@@ -63,7 +63,7 @@ class Directions:
         return len(self.rows)
 
     @classmethod
-    def none(cls) -> Directions:
+    def none(cls) -> PoseDirections:
         """Return no direction at all."""
         return cls(np.zeros(3), np.zeros((0, 3)), ())
 
@@ -168,13 +168,13 @@ class BoundedParts:
     ----------
     lower, upper : ndarray
         (P, Q + M) ends of Q quantities of the state, then of the coordinates.
-    directions : Directions
+    directions : PoseDirections
         M of them.
     """
 
     lower: Floats
     upper: Floats
-    directions: Directions
+    directions: PoseDirections
 
     def __len__(self) -> int:
         """Return P."""

@@ -15,7 +15,7 @@ from viatool.arrays import Floats
 from viatool.loop.horizon import Horizon
 from viatool.loop.runs import drive
 from viatool.loop.tube import TubeFollower
-from viatool.missions.directions import Directions
+from viatool.missions.directions import PoseDirections
 
 if TYPE_CHECKING:
     from viatool.missions.follow import MissionFollower
@@ -25,7 +25,7 @@ _DRIVEN = 60
 """Metres, metres and radians around the run, and the poses there from which it is driven."""
 
 
-def directions_of(follower: MissionFollower, lower: Floats, upper: Floats) -> tuple[Directions, ...]:
+def directions_of(follower: MissionFollower, lower: Floats, upper: Floats) -> tuple[PoseDirections, ...]:
     """Return directions at the beginning and after each interval, until the run has arrived.
 
     Parameters
@@ -37,12 +37,12 @@ def directions_of(follower: MissionFollower, lower: Floats, upper: Floats) -> tu
 
     Returns
     -------
-    tuple of Directions
+    tuple of PoseDirections
         None at all where sets hold more than poses and commands (motors and timing of an error model).
     """
     loop, steps = follower.loop, min(follower.limits.steps, _MOST)
     if loop.rules.over_time is not None:
-        return (Directions.none(),)
+        return (PoseDirections.none(),)
     tubes = TubeFollower(loop, follower.goal_radius, Horizon(1), follower.destination)
     middle = 0.5 * (lower + upper)[None]
     still = np.zeros((1, steps, len(loop.setting.radii)))
@@ -80,7 +80,7 @@ _WORST = 1e4
 of A they end."""
 
 
-def families(poses: Floats, linear: Floats) -> tuple[Directions, ...]:
+def families(poses: Floats, linear: Floats) -> tuple[PoseDirections, ...]:
     """Return directions at the beginning and after each of K intervals.
 
     Parameters
@@ -107,7 +107,7 @@ def families(poses: Floats, linear: Floats) -> tuple[Directions, ...]:
                 found[k][3 * number + axis] = row
                 row = _scaled(row @ linear[k - 1]) if k else row
     return tuple(
-        Directions(pose, np.array(list(rows.values())).reshape(-1, 3), tuple(rows))
+        PoseDirections(pose, np.array(list(rows.values())).reshape(-1, 3), tuple(rows))
         for pose, rows in zip(poses, found, strict=True)
     )
 

@@ -34,7 +34,7 @@ from viatool.loop.sectors import TubeParts
 from viatool.loop.successor import LoopStep, states_of, step
 from viatool.loop.told import Told
 from viatool.missions.cells import CellSides
-from viatool.missions.directions import Directions
+from viatool.missions.directions import PoseDirections
 from viatool.missions.families import directions_of
 from viatool.schedule import check_time
 from viatool.sets.states import StateBoxes
@@ -166,7 +166,7 @@ class MissionFollower:
             yield CellSides(np.concatenate([pose, behind])), max(aim, 1)
 
     def _follow(
-        self, lower: Floats, upper: Floats, sides: CellSides, aim: int, directions: Sequence[Directions]
+        self, lower: Floats, upper: Floats, sides: CellSides, aim: int, directions: Sequence[PoseDirections]
     ) -> MissionProof:
         """Follow every run with cells that are sized for some number of parts."""
         share, here = _FIRST_SHARE, directions[0]

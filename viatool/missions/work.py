@@ -78,6 +78,8 @@ class MissionExamination:
         refuted = bool(len(driven.crashes) or len(driven.late))
         if refuted:  # whatever a proof would need to say of it
             follower = replace(follower, limits=_NOT_FOLLOWED)
+        elif driven.disproves(loop.rules.clearance.collision):
+            follower = replace(follower, limits=replace(follower.limits, finer=0))
         proof = follower.prove(lower, upper)
         seconds = time.process_time() - begun
         return Mission(
