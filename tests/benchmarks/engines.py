@@ -56,7 +56,7 @@ def measure(name: str, effort: str, most: int) -> str:
     policy = load()
     states = states_of(name, policy, min(count, most))
     if effort == "split" and "256" in name:
-        states = states[:8]
+        states = states[:4]
     together, alone = dict.fromkeys(ENGINES, np.inf), dict.fromkeys(ENGINES, np.inf)
     width: dict[str, float] = {}
 

@@ -106,12 +106,19 @@ void slopes_on(const Network *net, const Curve *curve, double lower, double uppe
                   enclose_slope(net, curve, upper), low, high);
 }
 
+static int has_kink(const Network *net, const Curve *curve, double lower, double upper) {
+    for (integer k = 0; k < curve->kinks; k++)
+        if (net->numbers[curve->breaks + k] >= lower && net->numbers[curve->breaks + k] <= upper) return 1;
+    return 0;
+}
+
 static double picked_slope(const Network *net, const Curve *curve, double lower, double upper) {
     const double span = upper - lower, middle = lower / 2 + upper / 2;
     if (!(span > 1e-9 * (fabs(lower) + fabs(upper)) + 1e-200)) return slope_on(net, curve, middle);
     const integer first = cells_below(net, &curve->derivative, lower);
     const integer last = cells_up_to(net, &curve->derivative, upper);
-    const double half = first == last ? span / 2 : sqrt(0.75) * span / 2; /* bent both ways: the Chebyshev nodes */
+    const int both_ways = first != last && !has_kink(net, curve, lower, upper);
+    const double half = both_ways ? sqrt(0.75) * span / 2 : span / 2; /* bent both ways: the Chebyshev nodes */
     return (value_on(net, curve, middle + half) - value_on(net, curve, middle - half)) / (2 * half);
 }
 

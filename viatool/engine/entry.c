@@ -76,7 +76,7 @@ static const Model *shrink(const Network *net, Workspace *work, integer rounds, 
 }
 
 EXPORTED int viatool_bound(const Network *net, integer count, const double *lower, const double *upper, integer rounds,
-                           integer sweeps, integer neurons_of_dual, integer climbs, double *hull_lower,
+                           integer sweeps, integer neurons_of_dual, integer whole, integer climbs, double *hull_lower,
                            double *hull_upper, double *face_lower, double *face_upper, double *bound, double *points,
                            double *found, uint8_t *done) {
     const integer inputs = net->node[0].size, neurons = neurons_of_trunk(net);
@@ -98,6 +98,8 @@ EXPORTED int viatool_bound(const Network *net, integer count, const double *lowe
             double *left = face_lower + at * inputs, *right = face_upper + at * inputs, *point = points + at * inputs;
             memcpy(left, low, (size_t)inputs * 8), memcpy(right, high, (size_t)inputs * 8);
             bound[at] = seeded(net, work.models, action, sign);
+            if (whole) /* the dual bound over the whole box, before it is shrunk */
+                bound[at] = least(bound[at], bound_by_duality(net, work.models, action, sign, 1, &work.dual));
             const Model *models = shrink(net, &work, rounds, action, sign, left, right, bound + at);
             for (integer i = 0; i < inputs; i++) point[i] = left[i] / 2 + right[i] / 2;
             found[at] = climb(net, low, high, action, sign, climbs, bound[at], point, &work.search);

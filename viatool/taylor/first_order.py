@@ -6,6 +6,7 @@ Both answer the same questions, with bounds that differ by their rounding and in
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -133,13 +134,14 @@ def _by_numpy(trunk: Network, box: Box, effort: Effort) -> FirstOrder:
     return FirstOrder(hulls, extrema, points, found)
 
 
-def _of_the_kernel(trunk: Network, effort: Effort) -> dict[str, int]:
+def _of_the_kernel(trunk: Network, effort: Effort) -> dict[str, Any]:
     """Return how hard the kernel tries."""
     if effort.one_by_one:
-        return {"rounds": ROUNDS, "sweeps": EFFORT.sweeps, "neurons": EFFORT.neurons}
+        thorough = {"rounds": ROUNDS, "sweeps": EFFORT.sweeps, "neurons": EFFORT.neurons}
+        return {**thorough, "whole": is_wide(trunk)}
     if is_wide(trunk):
         light = effort_in_passing(1, 2 * trunk.output_size)
-        return {"sweeps": light.sweeps, "neurons": light.neurons}
+        return {"sweeps": 2 * light.sweeps, "neurons": light.neurons}
     return {}
 
 

@@ -123,6 +123,7 @@ class Kernel:
         rounds: int = 0,
         sweeps: int = 0,
         neurons: int = 1,
+        whole: bool = False,
         climbs: int = 1,
     ) -> Bounded:
         """Bound every action of the trunk over boxes (B, n).
@@ -136,6 +137,8 @@ class Kernel:
         sweeps, neurons : int
             How often each multiplier of the dual bound is improved, 0 for no dual bound; and how many neurons of a
             layer have conditions in it.
+        whole : bool
+            Whether there is a dual bound over the whole box as well, before it is shrunk.
         climbs : int
             Corners that the search for attained actions tries.
         """
@@ -145,7 +148,7 @@ class Kernel:
         shapes = ((batch, size), (batch, size), faces, faces, values, values, faces)
         result = Bounded(np.zeros(batch, dtype=bool), *map(np.empty, shapes))
         self._call(
-            "viatool_bound", batch, _contiguous(lower), _contiguous(upper), rounds, sweeps, neurons, climbs,
+            "viatool_bound", batch, _contiguous(lower), _contiguous(upper), rounds, sweeps, neurons, int(whole), climbs,
             result.lower, result.upper, result.face_lower, result.face_upper, result.bound, result.points, result.found,
             result.done,
         )  # fmt: skip
