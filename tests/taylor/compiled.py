@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from fractions import Fraction
 from itertools import pairwise
@@ -161,3 +161,55 @@ def engine_chosen(monkeypatch: Any, name: str) -> Iterator[None]:
     with monkeypatch.context() as patch:
         patch.setenv("VIATOOL_ENGINE", name)
         yield
+
+
+def inputs_together(
+    rng: np.random.Generator, network: Network, count: int = 6, symbols: int = 3, spread: float = 0.1
+) -> tuple[Floats, Floats, Floats]:
+    """Return centres (B, n), what symbols add (B, V, n), and what each input has to itself (B, n)."""
+    size = network.input_size
+    own = spread * rng.uniform(size=(count, size)) * (rng.uniform(size=(count, size)) < 0.7)
+    return rng.normal(size=(count, size)), spread * rng.normal(size=(count, symbols, size)), own
+
+
+def escape_of_linear(
+    kernel: Kernel, given: tuple[Floats, Floats, Floats], assumed: Floats | None = None, seed: int = 0
+) -> float:
+    """Return how far exact actions leave their linear models at exact inputs; the kernel is told `assumed` as own."""
+    centre, shared, own = given
+    rng = np.random.default_rng(seed)
+    told = own if assumed is None else assumed
+    norm = (np.abs(shared).sum(axis=1) + told) * (1.0 + 2.0**-40)
+    found = kernel.linear(
+        centre, shared, told, np.zeros_like(centre), norm, (centre - norm - 1e-9, centre + norm + 1e-9)
+    )
+    assert found.done.all()
+    worst = 0.0
+    for b in range(len(centre)):
+        for number in range(8):
+            z, e = (rng.choice([-1.0, 1.0], size) for size in (shared.shape[1], centre.shape[1]))
+            if number % 2:
+                z, e = (rng.integers(-8, 9, len(part)) / 8.0 for part in (z, e))
+            point = [
+                _exactly(c, [*row, o], [*z, y])
+                for c, row, o, y in zip(centre[b], shared[b].T, own[b], e, strict=True)
+            ]
+            for a, value in enumerate(_at(kernel.network, point)[-1]):
+                line = value - _like(value, _exactly(found.centre[b, a], found.slope[b, :, a], z))
+                worst = max(worst, _excess(line, -float(found.others[b, a]), float(found.others[b, a])))
+    return worst
+
+
+def _exactly(constant: float, slopes: Iterable[float], symbols: Iterable[float]) -> Fraction:
+    terms = (Fraction(s) * Fraction(x) for s, x in zip(slopes, symbols, strict=True))
+    return sum(terms, Fraction(constant))
+
+
+def _at(network: Network, point: list[Fraction]) -> Any:
+    if oracles.is_rational(network):
+        return oracles.exact_values(network, point)
+    return oracles.precise_values(network, [oracles.MP.mpf(x.numerator) / x.denominator for x in point])
+
+
+def _like(value: Any, number: Fraction) -> Any:
+    return number if isinstance(value, Fraction) else oracles.MP.mpf(number.numerator) / number.denominator

@@ -20,8 +20,10 @@ from tests.taylor.compiled import (
     STRAIGHT,
     branched,
     escape,
+    escape_of_linear,
     escape_of_parts,
     escape_of_programs,
+    inputs_together,
     kernel_over,
     layered,
 )
@@ -30,6 +32,7 @@ from viatool.errors import ConfigurationError, EnclosureError, ViatoolError
 from viatool.policy.activations import ActivationFunction, activation
 from viatool.policy.network import Activation, Affine, Input, Network, Node, Product
 from viatool.taylor import duality, engine_of, reach
+from viatool.taylor.correlated import input_model, reach_linear
 from viatool.taylor.kernel import kernel_of
 
 ROOT = Path(__file__).parents[2]
@@ -108,6 +111,51 @@ def test_a_network_that_is_not_covered_is_left_to_numpy() -> None:
     softsign = (Input(2), Activation(0, activation("Softsign"), 2))
     assert engine_of(Network(softsign)) == "numpy"
     assert np.isfinite(reach(bare(Network(softsign)), np.zeros((3, 2)), 0.1).width).all()
+
+
+# --- inputs that move together ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("hidden", [*STRAIGHT, *BENT], ids=str)
+def test_linear_models_hold_the_exact_actions_of_inputs_that_move_together(
+    hidden: ActivationFunction,
+) -> None:
+    rng = np.random.default_rng(5)
+    for last in (False, True):
+        network = layered(rng, 4, 6, 5, 2, hidden=hidden, scale=1.5, last=last)
+        for spread in (0.05, 1.0):
+            assert escape_of_linear(kernel_over(network), inputs_together(rng, network, spread=spread)) == 0.0
+    network = branched(rng, hidden)
+    assert escape_of_linear(kernel_over(network), inputs_together(rng, network)) == 0.0
+
+
+def test_linear_models_need_what_each_input_has_to_itself() -> None:
+    rng = np.random.default_rng(6)
+    network = layered(rng, 4, 6, 2, hidden=STRAIGHT[0])
+    given = inputs_together(rng, network)
+    assert escape_of_linear(kernel_over(network), given, assumed=0.5 * given[2]) > 1e-3
+
+
+@pytest.mark.parametrize(("allowance", "hidden"), [("sums", STRAIGHT[0]), ("errors", BENT[0])], ids=str)
+def test_linear_models_need_every_allowance(allowance: str, hidden: ActivationFunction) -> None:
+    rng = np.random.default_rng(7)
+    network = layered(rng, 5, 8, 8, 2, hidden=hidden, scale=3.0)
+    without = kernel_over(network, **{allowance: 0.0})
+    spread = 1e-9 if allowance == "sums" else 0.3
+    assert any(
+        escape_of_linear(without, inputs_together(rng, network, spread=spread), seed=n) > 0 for n in range(8)
+    )
+
+
+@pytest.mark.parametrize("name", ["via-mission", "via-tanh"])
+def test_both_engines_give_the_same_linear_models(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    network, rng = viatool.load_policy(ROOT / "policies" / f"{name}.onnx").network, np.random.default_rng(8)
+    inputs = input_model(*inputs_together(rng, network, count=40, symbols=5, spread=0.01))
+    compiled_ = reach_linear(network, inputs, 4)
+    monkeypatch.setenv("VIATOOL_ENGINE", "numpy")
+    by_numpy = reach_linear(network, inputs, 4)
+    for field in ("lower", "upper", "centre", "slope", "rest"):
+        np.testing.assert_allclose(getattr(compiled_, field), getattr(by_numpy, field), rtol=1e-9, atol=1e-10)
 
 
 # --- soundness -------------------------------------------------------------------------------------------

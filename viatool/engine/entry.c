@@ -34,7 +34,7 @@ typedef struct {
 static int begin_work(const Network *net, integer neurons_of_dual, integer known, Workspace *work) {
     const integer inputs = net->node[0].size, all = neurons_of_trunk(net), each = padded(widest_of(net, net->trunk));
     const integer layers = net->trunk, most_conditions = known + 2 * neurons_of_dual * layers;
-    const integer stride = padded(symbols_of(net)), size = (integer)arena_size(net) / 8;
+    const integer stride = padded(symbols_of(net)), size = (integer)arena_size(net, 0) / 8;
     const integer models = (integer)sizeof(Model) / 8 * net->trunk;
     const integer search = 2 * all + 3 * inputs + each, gradient = 2 * all + 3 * each;
     const integer dual = (most_conditions + 5) * stride + 2 * most_conditions;
@@ -108,6 +108,47 @@ EXPORTED int viatool_bound(const Network *net, integer count, const double *lowe
         }
     }
     free(work.memory);
+    return ready;
+}
+
+/* What the actions are of the symbols that the inputs share, and how large the rest is of each. */
+EXPORTED int viatool_linear(const Network *net, integer count, integer shared, const double *constant, const double *rows,
+                            const double *own, const double *rest, const double *norm, const double *lower,
+                            const double *upper, double *hull_lower, double *hull_upper, double *centre, double *slope,
+                            double *others, double *size, uint8_t *done) {
+    const integer inputs = net->node[0].size, neurons = neurons_of_trunk(net);
+    const integer actions = net->node[net->trunk - 1].size;
+    const size_t models_size = (sizeof(Model) * (size_t)net->trunk + 63) & ~(size_t)63;
+    const size_t bytes = arena_size(net, shared);
+    char *memory = aligned_alloc(64, models_size + bytes);
+    Arena arena = {memory + models_size, 0, bytes};
+    Model *models = (Model *)(void *)memory;
+    const int ready = memory && fegetround() == FE_TONEAREST;
+    for (integer b = 0; ready && b < count; b++) {
+        const integer at = b * inputs;
+        const Inputs given = {shared, constant + at, rows + b * shared * inputs, own + at, rest + at, norm + at,
+                              lower + at, upper + at};
+        done[b] = (uint8_t)pass_on(net, &given, models, &arena);
+        if (!done[b]) continue;
+        for (integer k = 0; k < net->trunk; k++) {
+            const integer to = b * neurons + net->node[k].offset;
+            memcpy(hull_lower + to, models[k].lower, (size_t)net->node[k].size * 8);
+            memcpy(hull_upper + to, models[k].upper, (size_t)net->node[k].size * 8);
+        }
+        const Model *last = models + net->trunk - 1;
+        for (integer a = 0; a < actions; a++) {
+            const double *row = last->rows + a * last->stride;
+            double beside = 0.0;
+            for (integer s = 0; s < shared; s++) slope[(b * shared + s) * actions + a] = s < last->width ? row[s] : 0.0;
+            for (integer s = shared; s < last->width; s++) beside += fabs(row[s]);
+            for (integer k = 0; k < last->fresh; k++)
+                if (last->neuron[k] == a) beside += fabs(last->radius[k]);
+            centre[b * actions + a] = last->constant[a];
+            others[b * actions + a] = outward(net, beside + last->rest[a]);
+            size[b * actions + a] = outward(net, fabs(last->constant[a]) + last->norm[a] + last->rest[a]);
+        }
+    }
+    free(memory);
     return ready;
 }
 

@@ -92,7 +92,7 @@ typedef struct {
 } Arena;
 
 integer symbols_of(const Network *net); /* at most */
-size_t arena_size(const Network *net);  /* in bytes */
+size_t arena_size(const Network *net, integer shared); /* in bytes, where inputs share so many symbols more */
 void *take(Arena *arena, size_t count); /* of 8 bytes each */
 
 /* Conditions on arguments of activations, by the node that reads them: NULL where there is none. */
@@ -150,7 +150,14 @@ typedef struct {
 double climb(const Network *net, const double *lower, const double *upper, integer action, double sign, integer steps,
              double bound, double *best, Search *search);
 
+/* Inputs that move together: constant + sum of shared symbols (a row of inputs for each) + own symbols + rest. */
+typedef struct {
+    integer shared;
+    const double *constant, *rows, *own, *rest, *norm, *lower, *upper;
+} Inputs;
+
 /* pass.c */
+int pass_on(const Network *net, const Inputs *inputs, Model *models, Arena *arena);
 int pass(const Network *net, const double *lower, const double *upper, const Limits *limits, const Model *known,
          Model *models, Arena *arena);
 

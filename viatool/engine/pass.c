@@ -18,8 +18,8 @@ integer symbols_of(const Network *net) {
     return symbols;
 }
 
-size_t arena_size(const Network *net) {
-    const size_t symbols = (size_t)padded(symbols_of(net)) + 8;
+size_t arena_size(const Network *net, integer shared) {
+    const size_t symbols = (size_t)padded(symbols_of(net) + shared) + 8;
     size_t count = 4096;
     for (integer k = 0; k < net->trunk; k++) {
         count += (size_t)net->node[k].size * (symbols + 32) + 512;
@@ -51,6 +51,19 @@ static void enclose_input(const Network *net, Model *model, const double *lower,
         const double radius = outward(net, most(upper[i] - centre, centre - lower[i])) + LEAST * net->allow->underflow;
         model->constant[i] = centre, model->norm[i] = radius;
         model->neuron[model->fresh] = i, model->radius[model->fresh++] = radius;
+    }
+}
+
+static void enclose_together(const Network *net, Model *model, const Inputs *inputs, Arena *arena) {
+    const integer size = net->node[0].size;
+    model->width = model->first = inputs->shared, model->stride = padded(inputs->shared);
+    if (model->width) model->rows = take(arena, (size_t)(size * model->stride));
+    for (integer i = 0; i < size; i++) {
+        model->constant[i] = inputs->constant[i], model->rest[i] = inputs->rest[i], model->norm[i] = inputs->norm[i];
+        model->lower[i] = inputs->lower[i], model->upper[i] = inputs->upper[i];
+        for (integer s = 0; s < model->stride; s++)
+            model->rows[i * model->stride + s] = s < model->width ? inputs->rows[s * size + i] : 0.0;
+        if (inputs->own[i] != 0.0) model->neuron[model->fresh] = i, model->radius[model->fresh++] = inputs->own[i];
     }
 }
 
@@ -204,24 +217,36 @@ static int enclose_activation(const Network *net, integer index, const Limits *l
     return finite;
 }
 
-int pass(const Network *net, const double *lower, const double *upper, const Limits *limits, const Model *known,
-         Model *models, Arena *arena) {
-    arena->used = 0;
-    integer symbols = 0;
+/* The nodes behind the input, of which the model is there, with so many symbols. */
+static int through(const Network *net, integer symbols, const Limits *limits, const Model *known, Model *models,
+                   Arena *arena) {
     for (integer index = 0; index < net->trunk; index++) {
         const Node *node = net->node + index;
         Model *model = models + index;
-        begin(model, node->size, arena);
+        if (index > 0) begin(model, node->size, arena);
         int finite = 1;
-        if (node->kind == INPUT)
-            enclose_input(net, model, lower, upper), symbols = model->fresh;
-        else if (node->kind == AFFINE)
+        if (node->kind == AFFINE)
             finite = enclose_affine(net, index, models, model, arena);
-        else
+        else if (node->kind == ACTIVATION)
             finite = enclose_activation(net, index, limits, models, model, &symbols, arena);
         for (integer i = 0; known && i < node->size; i++) meet_hull(model, i, known[index].lower[i], known[index].upper[i]);
         for (integer i = 0; i < node->size; i++) finite &= limits || model->lower[i] <= model->upper[i];
         if (!finite) return 0;
     }
     return 1;
+}
+
+int pass(const Network *net, const double *lower, const double *upper, const Limits *limits, const Model *known,
+         Model *models, Arena *arena) {
+    arena->used = 0;
+    begin(models, net->node[0].size, arena);
+    enclose_input(net, models, lower, upper);
+    return through(net, models->fresh, limits, known, models, arena);
+}
+
+int pass_on(const Network *net, const Inputs *inputs, Model *models, Arena *arena) {
+    arena->used = 0;
+    begin(models, net->node[0].size, arena);
+    enclose_together(net, models, inputs, arena);
+    return through(net, inputs->shared + models->fresh, NULL, NULL, models, arena);
 }

@@ -12,13 +12,14 @@ from typing import Literal
 
 import numpy as np
 
-from viatool.arrays import Booleans, Floats, Indices
+from viatool.arrays import Booleans, Floats, Hull, Indices
 from viatool.policy.network import Network
 from viatool.rounding import ENGINE_ROUNDOFF, SLIGHTLY_MORE
 from viatool.taylor.deviation import enclose_program, runtime_deviation
 from viatool.taylor.elsewhere import FewSymbols, few_hull
 from viatool.taylor.forms import Dense, Diagonal, Stacked
 from viatool.taylor.head import hulls_through, split_head
+from viatool.taylor.kernel import kernel_of
 from viatool.taylor.model import TaylorModel
 from viatool.taylor.propagation import Box, Enclosure, propagate
 from viatool.taylor.refinement import extrema_of, refine_by_pieces, unfold
@@ -240,14 +241,56 @@ def reach_linear(
     """
     trunk, head = split_head(network)
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-        passes = propagate(network, Box(inputs.lower, inputs.upper), inputs=inputs)
-        hulls = [enclosure.hull for enclosure in passes]
+        hulls, model = _linear_models(network, inputs, common)
         lower, upper = hulls_through(head, hulls[: len(trunk.nodes)])[-1]
         deviation = runtime_deviation(network, hulls) if arithmetic == "float32" else np.zeros_like(lower)
+    rest = (model.others + deviation) * SLIGHTLY_MORE + 4 * model.symbols * ENGINE_ROUNDOFF * model.size
+    rest = np.where(np.isnan(rest), np.inf, rest)
+    return LinearReach(*widen(lower, upper, deviation), model.centre, model.slope, rest)
+
+
+@dataclass(frozen=True, eq=False)
+class _LinearModel:
+    """Actions (B, A) as forms of common symbols, what all else adds at most, and what bounds every partial sum."""
+
+    centre: Floats
+    slope: Floats
+    others: Floats
+    size: Floats
+    symbols: int
+
+
+def _linear_models(network: Network, inputs: Enclosure, common: int) -> tuple[list[Hull], _LinearModel]:
+    """Return the hulls of all nodes over sets of inputs, and the actions' models, by the engine that covers them."""
+    kernel = kernel_of(network, len(network.nodes))
+    linear = inputs.model.linear
+    if kernel is None or not isinstance(linear, Stacked):
+        return _by_numpy(network, inputs, common)
+    shared, each = linear.first, linear.second
+    assert isinstance(shared, Dense)
+    assert isinstance(each, Diagonal)
+    model = inputs.model
+    found = kernel.linear(
+        model.constant, shared.coefficients, each.radius, model.remainder, model.radius, inputs.hull
+    )
+    hulls = kernel.hulls(found.lower, found.upper)
+    others = found.others + np.abs(found.slope[:, common:]).sum(axis=1)
+    known = _LinearModel(found.centre, found.slope[:, :common], others, found.size, linear.symbols)
+    left = np.flatnonzero(~found.done)
+    if left.size:
+        rows, of_rows = _by_numpy(network, inputs.rows(left), common)
+        for hull, other in zip(hulls, rows, strict=True):
+            hull[0][left], hull[1][left] = other
+        for name in ("centre", "slope", "others", "size"):
+            getattr(known, name)[left] = getattr(of_rows, name)
+    return hulls, known
+
+
+def _by_numpy(network: Network, inputs: Enclosure, common: int) -> tuple[list[Hull], _LinearModel]:
+    passes = propagate(network, Box(inputs.lower, inputs.upper), inputs=inputs)
     model = passes[-1].model
     linear = model.linear.dense()
-    rest = np.abs(linear[:, common:]).sum(axis=1) + model.remainder + deviation
-    rest = rest + sum(form.norms() for form in model.symbols.values())
-    rest = rest * SLIGHTLY_MORE + 4 * linear.shape[1] * ENGINE_ROUNDOFF * model.magnitude
-    rest = np.where(np.isnan(rest), np.inf, rest)
-    return LinearReach(*widen(lower, upper, deviation), model.constant, linear[:, :common], rest)
+    others = np.abs(linear[:, common:]).sum(axis=1) + model.remainder
+    others = others + sum(form.norms() for form in model.symbols.values())
+    found = _LinearModel(model.constant, linear[:, :common], others, model.magnitude, linear.shape[1])
+    return [enclosure.hull for enclosure in passes], found

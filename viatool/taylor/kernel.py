@@ -96,6 +96,31 @@ class ExaminedParts:
 
 
 @dataclass(frozen=True, eq=False)
+class LinearModels:
+    """What the kernel knows of B sets of inputs that move together; nothing of those that are not `done`.
+
+    Parameters
+    ----------
+    done : ndarray
+        ``(B,)`` bool.
+    lower, upper : ndarray
+        ``(B, N)``: hulls of all N neurons of the trunk.
+    centre, slope : ndarray
+        ``(B, A)`` and ``(B, V, A)``: the actions' model in the V symbols that inputs share.
+    others, size : ndarray
+        ``(B, A)``: what all else adds at most, and a bound of the model and of every partial sum of it.
+    """
+
+    done: Booleans
+    lower: Floats
+    upper: Floats
+    centre: Floats
+    slope: Floats
+    others: Floats
+    size: Floats
+
+
+@dataclass(frozen=True, eq=False)
 class Kernel:
     """One network in the compiled engine.
 
@@ -153,6 +178,31 @@ class Kernel:
             result.done,
         )  # fmt: skip
         return result
+
+    def linear(
+        self, constant: Floats, shared: Floats, own: Floats, rest: Floats, norm: Floats, hull: Hull
+    ) -> LinearModels:
+        """Enclose the actions of the trunk over inputs ``constant + shared . z + own e + rest [-1, 1]``.
+
+        Parameters
+        ----------
+        constant, own, rest, norm : ndarray
+            ``(B, n)``; norm bounds the sum of the absolute values of what z and e add.
+        shared : ndarray
+            ``(B, V, n)``.
+        hull : tuple of ndarray
+            ``(B, n)`` twice, what the inputs lie between.
+        """
+        (batch, symbols, _), actions = shared.shape, self.network.nodes[self.trunk - 1].size
+        neurons, pair = self._ends[self.trunk - 1], (batch, actions)
+        shapes = ((batch, neurons), (batch, neurons), pair, (batch, symbols, actions), pair, pair)
+        found = LinearModels(np.zeros(batch, dtype=bool), *map(np.empty, shapes))
+        given = map(_contiguous, (constant, shared, own, rest, norm, *hull))
+        self._call(
+            "viatool_linear", batch, symbols, *given, found.lower, found.upper, found.centre, found.slope, found.others,
+            found.size, found.done,
+        )  # fmt: skip
+        return found
 
     def examine(
         self,
