@@ -20,6 +20,7 @@ from viatool.loop.closed_loop import ClosedLoop
 from viatool.missions import MissionLimits, follow, mission
 from viatool.missions.cells import CellSides
 from viatool.missions.directions import BoundedParts, PoseDirections
+from viatool.missions.families import directions_of
 from viatool.missions.follow import MissionFollower
 from viatool.missions.work import MissionExamination
 from viatool.schedule import Campaign, Deadline
@@ -176,6 +177,25 @@ def forget_the_other_axes(monkeypatch, some):
     monkeypatch.setattr(directions, "_sum", lambda terms: terms[0])
 
 
+def cut_and_lose_a_rim(monkeypatch, some):
+    honest = BoundedParts.halved
+
+    def halved(self):
+        parts = honest(self)
+        return parts.select(np.arange(len(parts)) >= len(parts) // 2)
+
+    monkeypatch.setattr(BoundedParts, "halved", halved)
+    monkeypatch.setattr("viatool.missions.follow._FAR", -1.0)
+    finer = MissionLimits(90, parts=1000, finer=1)
+    monkeypatch.setattr(
+        MissionFollower, "_ways", lambda self: list(honest_ways(replace(self, limits=finer)))[1:]
+    )
+    object.__setattr__(some, "limits", finer)
+
+
+honest_ways = MissionFollower._ways
+
+
 def arrive_early(monkeypatch, some):
     object.__setattr__(some, "goal_radius", 0.6)
 
@@ -191,6 +211,7 @@ def arrive_early(monkeypatch, some):
         carry_without_errors,
         tighten_too_far,
         forget_the_other_axes,
+        cut_and_lose_a_rim,
         arrive_early,
     ],
 )
@@ -219,6 +240,27 @@ def test_cells_cover_sets_from_end_to_end_whatever_their_ends_round_to(side):
         assert (upper.max(axis=0) >= high[0]).all()
         volume = np.prod(upper - lower, axis=1).sum()
         assert volume == pytest.approx(np.prod(high - low), abs=1e-9 * side**3)
+
+
+def test_parts_that_are_cut_for_their_interval_cover_what_they_are_cut_of(hall, dodging):
+    """Every pose of a part is in one of its eighths, and each eighth steps on from its own box."""
+    some, (lower, upper), _ = follower(hall, dodging)
+    directions = directions_of(some, lower, upper)[5]
+    generator = np.random.default_rng(0)
+    middle = np.concatenate([directions.origin, np.zeros(2)])
+    reach = np.array([[0.02, 0.03, 0.04, 0.02, 0.02]])
+    low, high = directions.beside_boxes(middle - reach, middle + reach)
+    count = low.shape[1] - len(directions)
+    low[:, count:] += 0.3 * (high - low)[:, count:]  # an oblique side, which leaves corners out
+    parts = BoundedParts(low, high, directions)
+    poses = generator.uniform(low[0, :3], high[0, :3], (4000, 3))
+    coordinates = (poses - directions.origin) @ directions.rows.T
+    inside = ((coordinates >= low[0, count:]) & (coordinates <= high[0, count:])).all(axis=1)
+    assert 50 < inside.sum() < 4000
+    eighths = parts.halved()
+    over = np.maximum(eighths.lower[:, None, :3] - poses, poses - eighths.upper[:, None, :3]).max(axis=2)
+    assert (over.min(axis=0)[inside] < 1e-12).all()
+    assert (over.min(axis=0)[~inside] > 1e-6).any()
 
 
 def test_each_command_that_may_be_chosen_is_followed(hall, tmp_path):

@@ -15,7 +15,7 @@ robot with motors and timing of its own sets hold more, and `viatool.motion.actu
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -67,6 +67,12 @@ class LoopStep:
     before_upper: Floats
     states: Forms
 
+    def select(self, which: Indices | Booleans) -> LoopStep:
+        """Return some of the pieces."""
+        names = ("origin", "lower", "upper", "least", "most", "before_lower", "before_upper")
+        some = {name: getattr(self, name)[which] for name in names}
+        return replace(self, start=self.start.select(which), states=select(self.states, which), **some)
+
     def bounds(self, lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
         """Return lower and upper ends of the states afterwards, (P, 3 + K), from those of the poses before, (C, 3)."""
         lower, upper = lower[self.origin], upper[self.origin]
@@ -117,7 +123,7 @@ def step(loop: ClosedLoop, states: Forms, told: Told = NOTHING) -> LoopStep:
     for some in chunks:
         check_time()
         parts.append(_step(loop, select(states, some), told.select(some)))
-    return parts[0] if len(parts) == 1 else _join(parts, firsts)
+    return parts[0] if len(parts) == 1 else join_steps(parts, firsts)
 
 
 def name_rests(forms: Forms) -> Forms:
@@ -213,8 +219,8 @@ def _columns(forms: Forms, which: slice) -> Forms:
     return Forms(forms.centre[:, which], forms.slope[:, :, which], forms.rest[:, which])
 
 
-def _join(parts: list[LoopStep], firsts: Sequence[int]) -> LoopStep:
-    """Return all parts as one; each begins with a set of its own number."""
+def join_steps(parts: Sequence[LoopStep], firsts: Sequence[int]) -> LoopStep:
+    """Return the steps of several batches of sets as one, each of which begins with a set of its own number."""
     return LoopStep(
         origin=np.concatenate([part.origin + first for part, first in zip(parts, firsts, strict=True)]),
         start=StateBoxes.concatenate([part.start for part in parts]),

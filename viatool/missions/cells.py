@@ -16,9 +16,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from viatool.arrays import Booleans, Floats, Indices
+from viatool.arrays import Floats, Indices
 from viatool.errors import BoundsError
-from viatool.missions.directions import BoundedParts, PoseDirections
+from viatool.missions.directions import BoundedParts, PoseDirections, not_crossed
 from viatool.rounding import SLIGHTLY_MORE, SPARE
 from viatool.sets.bounds import require_ordered
 from viatool.sets.forms import Forms
@@ -80,7 +80,7 @@ class CellSides:
         for side in bounds:
             require_ordered("states after an interval", side, side, finite=True)
         bounds = directions.tightened(*bounds)
-        there = _not_crossed(*bounds)
+        there = not_crossed(*bounds)
         states, bounds = states.select(there), (bounds[0][there], bounds[1][there])
         firsts, lasts = self._ranges(bounds)
         pieces = np.prod(lasts - firsts + 1, axis=1)
@@ -145,13 +145,8 @@ class CellSides:
             np.maximum(lower, middle[near] + np.minimum(*ends) - spread[near], out=lower)
             np.minimum(upper, middle[near] + np.maximum(*ends) + spread[near], out=upper)
         lower, upper = directions.tightened(lower, upper)
-        kept = _not_crossed(lower, upper)
+        kept = not_crossed(lower, upper)
         return cell[kept], lower[kept], upper[kept]
-
-
-def _not_crossed(lower: Floats, upper: Floats) -> Booleans:
-    """Tell which boxes may hold a state, (P,): what is not a number is kept, to be refused."""
-    return ~np.asarray((lower > upper).any(axis=1))
 
 
 def _regression(states: Forms, rows: Indices, quantity: int) -> tuple[Floats, Floats, Floats]:

@@ -31,10 +31,10 @@ from viatool.loop.destination import Destination, NearPlace
 from viatool.loop.elapsed import loop_after
 from viatool.loop.keeping import begins_clear, clearance_kept
 from viatool.loop.sectors import TubeParts
-from viatool.loop.successor import LoopStep, states_of, step
+from viatool.loop.successor import LoopStep, join_steps, states_of, step
 from viatool.loop.told import Told
 from viatool.missions.cells import CellSides
-from viatool.missions.directions import PoseDirections
+from viatool.missions.directions import BoundedParts, PoseDirections
 from viatool.missions.families import directions_of
 from viatool.schedule import check_time
 from viatool.sets.states import StateBoxes
@@ -180,14 +180,14 @@ class MissionFollower:
         for k in range(1, self.limits.steps + 1):
             check_time()
             now = replace(self, loop=loop_after(self.loop, k - 1))
-            after = step(now.loop, states_of(parts.cells), self.told(len(parts)).after(k - 1))
+            share = _next_share(share, len(parts), aim)
+            parts, after = now._stepped(parts, k, cutting=aim > self.limits.parts // _AIM)
             clearance, clear = now._clearance_of_each(parts.boxes, after)
             trace.clearance = min(trace.clearance, float(clearance.min(initial=np.inf)))
             if not clear.all():
                 return trace.ended(
                     k, f"{TOO_NEAR} in {place_words(parts.boxes.select(after.origin[~clear]))}"
                 )
-            share = _next_share(share, len(parts), aim)
             there = directions[min(k, len(directions) - 1)]
             parts = sides.scaled(share).divide(after.states, there.after(parts, after), there)
             boxes = parts.boxes
@@ -204,6 +204,18 @@ class MissionFollower:
                     f"{TOO_MANY}: {len(parts):,} of at most {self.limits.parts:,}, {place_words(parts.boxes)}",
                 )
         return trace.ended(self.limits.steps, f"runs may still be on their way, {place_words(parts.boxes)}")
+
+    def _stepped(self, parts: BoundedParts, k: int, *, cutting: bool) -> tuple[BoundedParts, LoopStep]:
+        """Follow parts through interval k; where commands would be far apart, cut in eight if that is wished."""
+        after = step(self.loop, states_of(parts.cells), self.told(len(parts)).after(k - 1))
+        apart = (after.upper - after.lower) > _FAR * (self.loop.rules.upper - self.loop.rules.lower)
+        wide = np.unique(after.origin[apart.any(axis=1)])
+        if not cutting or not len(wide):
+            return parts, after
+        smaller = parts.select(wide).halved()
+        again = step(self.loop, states_of(smaller.cells), self.told(len(smaller)).after(k - 1))
+        kept = after.select(~np.isin(after.origin, wide))
+        return parts.beside(smaller), join_steps([kept, again], [0, len(parts)])
 
     def told(self, count: int) -> Told:
         """Return what is known of sets of states at the start: the episode is the mission."""
@@ -232,6 +244,8 @@ _COMMAND_SHARE = 0.15
 """Of the range of a command, that a cell spans where commands are cut."""
 _AIM = 32
 """Cells are sized for so many times less parts than there may be, at first."""
+_FAR = 0.25
+"""Of the range of a command, over which those of a part are far apart."""
 _FIRST_SHARE = 0.5
 _SMALLEST_SHARE = 1 / 16
 _QUICKEST = 1.25
