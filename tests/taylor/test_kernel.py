@@ -28,11 +28,12 @@ from tests.taylor.compiled import (
     layered,
 )
 from viatool import engine
-from viatool.errors import ConfigurationError, EnclosureError, ViatoolError
+from viatool.errors import BoundsError, ConfigurationError, EnclosureError, ViatoolError
 from viatool.policy.activations import ActivationFunction, activation
 from viatool.policy.network import Activation, Affine, Input, Network, Node, Product
 from viatool.taylor import duality, engine_of, reach
 from viatool.taylor.correlated import input_model, reach_linear
+from viatool.taylor.kernel import _passed as passed
 from viatool.taylor.kernel import kernel_of
 
 ROOT = Path(__file__).parents[2]
@@ -379,6 +380,48 @@ def test_wide_layers_get_the_dual_bound_of_numpy(monkeypatch: pytest.MonkeyPatch
         with compiled.engine_chosen(monkeypatch, chosen):
             width[chosen] = reach(bare(network), observations, 0.1, refine="none").width
     assert width["compiled"].sum() <= 1.001 * width["numpy"].sum()
+
+
+@pytest.mark.parametrize("refine", ["none", "monotone"])
+@pytest.mark.parametrize("functions", [(), (BENT[0],), (STRAIGHT[0], BENT[0])], ids=str)
+def test_networks_without_weights_get_the_bounds_of_numpy(
+    functions: tuple[ActivationFunction, ...], refine: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    network = Network((Input(3), *(Activation(source, each, 3) for source, each in enumerate(functions))))
+    observations = np.random.default_rng(18).normal(size=(5, 3))
+    sets = {}
+    for chosen in ("numpy", "compiled"):
+        with compiled.engine_chosen(monkeypatch, chosen):
+            assert engine_of(network) == chosen
+            sets[chosen] = reach(bare(network), observations, 0.01, refine=refine)
+    for end in ("lower", "upper"):
+        np.testing.assert_allclose(
+            getattr(sets["compiled"], end), getattr(sets["numpy"], end), rtol=1e-12, atol=1e-12
+        )
+
+
+def test_arrays_reach_the_kernel_by_rows_whatever_their_order() -> None:
+    network = single(layered(np.random.default_rng(19), 3, 4, 2, hidden=BENT[0]))
+    kernel = kernel_over(network)
+    centre = np.random.default_rng(20).normal(size=(4, 3))
+    found = kernel.bound(centre - 0.1, centre + 0.1)
+    hulls = kernel.hulls(found.lower, found.upper)
+    by_columns = [(np.asfortranarray(lower), np.asfortranarray(upper)) for lower, upper in hulls]
+    given, turned = kernel.deviation(hulls, None), kernel.deviation(by_columns, None)
+    assert given is not None
+    assert turned is not None
+    for ours, theirs in zip(given, turned, strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+
+
+@pytest.mark.parametrize(
+    "array",
+    [np.zeros((3, 2)).T, np.zeros((4, 4))[:, ::2], np.zeros(3, np.float32), np.zeros(3, ">f8")],
+    ids=["columns", "gaps", "float32", "swapped"],
+)
+def test_an_array_that_is_not_what_c_reads_is_refused(array: np.ndarray) -> None:
+    with pytest.raises(BoundsError, match="internal error: an array of"):
+        passed(array)
 
 
 def test_a_state_gets_the_same_bounds_alone_and_among_others() -> None:

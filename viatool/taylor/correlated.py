@@ -263,19 +263,14 @@ class _LinearModel:
 def _linear_models(network: Network, inputs: Enclosure, common: int) -> tuple[list[Hull], _LinearModel]:
     """Return the hulls of all nodes over sets of inputs, and the actions' models, by the engine that covers them."""
     kernel = kernel_of(network, len(network.nodes))
-    linear = inputs.model.linear
-    if kernel is None or not isinstance(linear, Stacked):
+    parts = _shared_and_own(inputs)
+    if kernel is None or parts is None:
         return _by_numpy(network, inputs, common)
-    shared, each = linear.first, linear.second
-    assert isinstance(shared, Dense)
-    assert isinstance(each, Diagonal)
     model = inputs.model
-    found = kernel.linear(
-        model.constant, shared.coefficients, each.radius, model.remainder, model.radius, inputs.hull
-    )
+    found = kernel.linear(model.constant, *parts, model.remainder, model.radius, inputs.hull)
     hulls = kernel.hulls(found.lower, found.upper)
     others = found.others + np.abs(found.slope[:, common:]).sum(axis=1)
-    known = _LinearModel(found.centre, found.slope[:, :common], others, found.size, linear.symbols)
+    known = _LinearModel(found.centre, found.slope[:, :common], others, found.size, model.linear.symbols)
     left = np.flatnonzero(~found.done)
     if left.size:
         rows, of_rows = _by_numpy(network, inputs.rows(left), common)
@@ -284,6 +279,14 @@ def _linear_models(network: Network, inputs: Enclosure, common: int) -> tuple[li
         for name in ("centre", "slope", "others", "size"):
             getattr(known, name)[left] = getattr(of_rows, name)
     return hulls, known
+
+
+def _shared_and_own(inputs: Enclosure) -> tuple[Floats, Floats] | None:
+    """Return what common symbols (B, V, n) and each input's own one (B, n) add, where inputs are from `input_model`."""
+    match inputs.model.linear:
+        case Stacked(Dense(shared), Diagonal(index, own)) if (index == np.arange(shared.shape[2])).all():
+            return shared, own
+    return None
 
 
 def _by_numpy(network: Network, inputs: Enclosure, common: int) -> tuple[list[Hull], _LinearModel]:

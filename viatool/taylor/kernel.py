@@ -13,6 +13,7 @@ import numpy as np
 
 from viatool.arrays import Booleans, Floats, Hull, Indices
 from viatool.engine import Engine, chosen_engine, library
+from viatool.errors import BoundsError
 from viatool.policy.network import Network
 from viatool.taylor.duality import DualEffort
 from viatool.taylor.packed import PackedNetwork, packed
@@ -251,17 +252,27 @@ class Kernel:
         batch = hulls[0][0].shape[0]
         actions = self.network.output_size
         sums = 0 if last_sum is None else self.network.nodes[last_sum].size
-        lower, upper = (np.concatenate([hull[side] for hull in hulls], axis=1) for side in (0, 1))
+        lower, upper = (
+            _contiguous(np.concatenate([hull[side] for hull in hulls], axis=1)) for side in (0, 1)
+        )
         found = [np.empty((batch, size)) for size in (actions, actions, actions, sums, sums)]
         place = -1 if last_sum is None else last_sum
         return tuple(found) if self._call("viatool_deviate", batch, lower, upper, *found, place) else None
 
     def _call(self, name: str, *arguments: Any) -> bool:
-        passed = [
-            ctypes.c_void_p(each.ctypes.data) if isinstance(each, np.ndarray) else ctypes.c_int64(each)
-            for each in arguments
-        ]
-        return bool(getattr(library(), name)(ctypes.byref(self.packed), *passed))
+        return bool(getattr(library(), name)(ctypes.byref(self.packed), *map(_passed, arguments)))
+
+
+_READ = {np.dtype(kind) for kind in (np.float64, np.int64, np.uint8, np.bool_)}
+
+
+def _passed(argument: Any) -> Any:
+    """Return an argument as C takes it: arrays by the address of their rows, one behind the other, or not at all."""
+    if not isinstance(argument, np.ndarray):
+        return ctypes.c_int64(argument)
+    if argument.dtype not in _READ or not argument.flags.c_contiguous:
+        raise BoundsError(f"internal error: an array of {argument.dtype} as it is for the compiled engine")
+    return ctypes.c_void_p(argument.ctypes.data)
 
 
 def _whole(values: Indices) -> Indices:

@@ -88,15 +88,9 @@ class PackedNetwork(ctypes.Structure):
     )
 
 
-_LEAST_NODES = 2
-
-
 def packed(network: Network, trunk: int) -> PackedNetwork | None:
-    """Pack a network of which the first `trunk` nodes are enclosed by models; None if the kernel does not cover it.
-
-    Where the trunk is the input alone nothing is to be enclosed, and numpy answers.
-    """
-    if trunk < _LEAST_NODES or not is_covered(network):
+    """Pack a network of which the first `trunk` nodes are enclosed by models; None if the kernel does not cover it."""
+    if not is_covered(network):
         return None
     packing = _Packing()
     for node, floor in zip(network.nodes, floors_of(network), strict=True):
