@@ -314,7 +314,7 @@ def test_missions_that_are_not_proved_begin_again_in_more_parts(hall, dodging, m
     few = MissionLimits(90, parts=16, finer=3)
     given = {"eps": EPS, "start_error": START, "scenarios": hall.scenarios[:1], "limits": few}
     assert mission(dodging, hall, **given, clearance=0.44).missions[0].verdict == "unknown"
-    assert tried == [1, 2, 8, 8]
+    assert tried == [1, 4, 8, 8]
 
 
 def test_a_clearance_that_no_run_keeps_is_not_proved(hall, dodging):

@@ -1,4 +1,4 @@
-"""PoseDirections along which sets of poses are bounded beside their boxes, so that joining parts does not spread them.
+"""Directions along which sets of poses are bounded beside their boxes, so that joining parts does not spread them.
 
 A part that is replaced by the box around it reaches further wherever the set's rim is not along an axis, in each
 interval anew; a policy takes back what is lost so aside of its path by two or three hundredths in an interval. So of
@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
 
@@ -262,10 +262,7 @@ def _narrow(lower: Floats, upper: Floats, low: Floats, high: Floats, rest: Float
 
 
 def _sum(terms: Sequence[Floats]) -> Floats:
-    total = terms[0]
-    for term in terms[1:]:
-        total = total + term
-    return total
+    return reduce(np.add, terms)
 
 
 def _size(lower: Floats, upper: Floats) -> Floats:

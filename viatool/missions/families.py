@@ -40,7 +40,7 @@ def directions_of(follower: MissionFollower, lower: Floats, upper: Floats) -> tu
     tuple of PoseDirections
         None at all where sets hold more than poses and commands (motors and timing of an error model).
     """
-    loop, steps = follower.loop, min(follower.limits.steps, _MOST)
+    loop, steps = follower.loop, follower.limits.steps
     if loop.rules.over_time is not None:
         return (PoseDirections.none(),)
     tubes = TubeFollower(loop, follower.goal_radius, Horizon(1), follower.destination)
@@ -53,9 +53,6 @@ def directions_of(follower: MissionFollower, lower: Floats, upper: Floats) -> tu
     poses = np.concatenate([middle[:, :3], run.ends[0, :steps]])
     before = np.concatenate([middle[:, 3:], run.behind[0, : steps - 1]])
     return families(poses, _linear(follower, tubes, poses[:-1], before))
-
-
-_MOST = 1000
 
 
 def _linear(follower: MissionFollower, tubes: TubeFollower, poses: Floats, before: Floats) -> Floats:
@@ -72,12 +69,10 @@ def _linear(follower: MissionFollower, tubes: TubeFollower, poses: Floats, befor
     return np.asarray(np.swapaxes(slopes, 1, 2) / _AROUND)
 
 
-_ANCHORS = 8
-_BACK = 40
-_FORWARD = 36
+_ANCHORS, _BACK, _FORWARD = 8, 40, 36
+"""Intervals from one end of families to the next, how far backward they reach, and how far forward."""
 _WORST = 1e4
-"""Intervals from one end of families to the next, how far backward they reach, and forward, and for which condition
-of A they end."""
+"""Condition of A at which those end that are carried forward."""
 
 
 def families(poses: Floats, linear: Floats) -> tuple[PoseDirections, ...]:

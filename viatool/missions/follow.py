@@ -14,7 +14,8 @@ not proved, with which the mission ends as unknown.
 *Cells.* Cells that are too coarse let a set grow, and a small set can afford fine ones: so the cells of each interval
 are sized by how many parts there were before. Beside boxes, parts are bounded along `directions` that follow the loop.
 Where the set still comes too near, does not arrive or has too many parts, the mission is begun again with cells sized
-for four times as many parts; what was found before is not needed.
+for four times as many parts, and parts whose commands are far apart are cut in eight for their interval; what was found
+before is not needed.
 """
 
 from __future__ import annotations
@@ -162,8 +163,13 @@ class MissionFollower:
             behind = np.full(len(rules.carried), np.inf)
             if finer and self.loop.setting.quantities.answer_to_before:
                 behind[: len(rules.lower)] = (rules.upper - rules.lower) * _COMMAND_SHARE
-            aim = min(limits.parts * 4**finer // _AIM, limits.parts // 2)
-            yield CellSides(np.concatenate([pose, behind])), max(aim, 1)
+            aim = max(min(self._first_aim * 4**finer, limits.parts // 2), 1)
+            yield CellSides(np.concatenate([pose, behind])), aim
+
+    @property
+    def _first_aim(self) -> int:
+        """Return for how many parts cells are sized at first."""
+        return max(self.limits.parts // _AIM, 1)
 
     def _follow(
         self, lower: Floats, upper: Floats, sides: CellSides, aim: int, directions: Sequence[PoseDirections]
@@ -181,7 +187,7 @@ class MissionFollower:
             check_time()
             now = replace(self, loop=loop_after(self.loop, k - 1))
             share = _next_share(share, len(parts), aim)
-            parts, after = now._stepped(parts, k, cutting=aim > self.limits.parts // _AIM)
+            parts, after = now._stepped(parts, k, cutting=aim > self._first_aim)
             clearance, clear = now._clearance_of_each(parts.boxes, after)
             trace.clearance = min(trace.clearance, float(clearance.min(initial=np.inf)))
             if not clear.all():
@@ -246,10 +252,10 @@ _AIM = 32
 """Cells are sized for so many times less parts than there may be, at first."""
 _FAR = 0.25
 """Of the range of a command, over which those of a part are far apart."""
-_FIRST_SHARE = 0.5
-_SMALLEST_SHARE = 1 / 16
+_FIRST_SHARE, _SMALLEST_SHARE = 0.5, 1 / 16
+"""Of the largest sides: those of the first cells, and of the smallest."""
 _QUICKEST = 1.25
-"""Of the largest sides: those of the first cells, and of the smallest; and by how much cells grow in an interval."""
+"""By how much cells grow or shrink from one interval to the next at most."""
 
 
 def _next_share(share: float, parts: int, aim: int) -> float:
