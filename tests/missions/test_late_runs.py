@@ -16,6 +16,8 @@ from viatool.cli import main
 from viatool.errors import ConfigurationError
 from viatool.loop.destination import NearPlace, StatesInPolygon, StatesReached
 from viatool.missions import mission
+from viatool.policy import ActionChannel, Affine, Input, Network, PolicySpecification, write_onnx
+from viatool.policy.specification import ObservationChannel
 from viatool.report.missions.run import MissionsRun
 from viatool.verification import run_entries
 from viatool.verification.run_entries import arrival_document, read_arrival
@@ -25,6 +27,11 @@ GOALS = {
     "a polygon": "[[-0.5, -0.5], [0.0, -0.5], [-0.5, 0.0]]",
     "states": "{lower: [-0.5, -0.5, null, 0.4], upper: [0.5, 0.5, null, 9]}",
     "a place": "[-0.9, -0.9]",
+}
+GOALS_AROUND = {
+    "a place": "[0, 0]",
+    "states": "{lower: [-0.5, -0.5, null], upper: [0.5, 0.5, null]}",
+    "a polygon": "[[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]",
 }
 
 
@@ -88,6 +95,48 @@ def test_a_run_that_arrives_or_jumps_is_not_late(policy, tmp_path):
     entry["late"] = right
     entry["before"][7]["pose"][0] += 1e-3
     assert not late()
+
+
+LEAVING = """\
+schema_version: 1
+arena: {shape: box, center: [0, 0], size: [10, 10]}
+robot:
+  {kinematics: KINEMATICS, min_linear: 0, max_linear: 0.5, max_angular: 1.0, min_acceleration: -1,
+   max_acceleration: 1, control_interval: 0.2, footprint: {shape: point}}
+clearance: {collision: 0.1, danger: 0.2}
+scenarios:
+  - name: stay
+    start: {lower: [-0.1, -0.1, 0], upper: [0.1, 0.1, 0]}
+    goal: GOAL
+    deadline: 4
+    arrive: at
+"""
+
+
+@pytest.mark.parametrize("goal", GOALS_AROUND.values(), ids=GOALS_AROUND)
+@pytest.mark.parametrize(
+    ("kinematics", "kind"),
+    [("differential", "linear"), ("holonomic", "linear"), ("second_order_linear", "linear_acceleration")],
+)
+def test_a_run_that_leaves_the_goal_before_the_deadline_refutes(kinematics, kind, goal, tmp_path):
+    """All runs are there after the first interval, to be there after the last one alone would count."""
+    lateral = [("lateral", 0.0)] if kinematics == "holonomic" else []
+    commands = [(kind, 0.25), *lateral, ("angular", 0.0)]
+    spec = PolicySpecification(
+        schema_version=2,
+        observation=[ObservationChannel(name="x", kind="pose_x")],
+        action=[ActionChannel(name=name, kind=name, lower=-1.0, upper=1.0) for name, _ in commands],
+        control_interval=0.2,
+    )
+    always = Affine((0,), (np.zeros((len(commands), 1)),), np.array([command for _, command in commands]))
+    write_onnx(Network((Input(1), always)), spec, tmp_path / "ahead.onnx")
+    world = tmp_path / "map.yaml"
+    world.write_text(LEAVING.replace("KINEMATICS", kinematics).replace("GOAL", goal))
+    (found,) = mission(tmp_path / "ahead.onnx", world, eps=0.01, prefer={"limits": "map"})
+    assert found.verdict == "refuted"
+    assert found.reason.startswith("a run is still on its way after 4 s")
+    assert found.to_json()["arrival"] is None
+    assert not found.proof.proved
 
 
 def test_a_robot_with_a_lidar_that_does_not_arrive_is_driven_again(tmp_path):

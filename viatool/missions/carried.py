@@ -29,6 +29,7 @@ from viatool.arrays import Booleans, Floats, Indices
 from viatool.loop.sectors import TubeParts
 from viatool.loop.successor import fold_apart, name_rests, select, step
 from viatool.missions.follow import (
+    REFUTED,
     TOO_NEAR,
     MissionFollower,
     MissionProof,
@@ -126,6 +127,9 @@ class CarriedFollower(MissionFollower):
                 if self.destination.possibly(here.lower, here.upper).any():
                     found.earliest = found.earliest or k
             found.tubes.append((k, here.select(~gone)))
+            if self.refuted:
+                found.fail(at, here, answers, np.ones(len(here), dtype=bool), REFUTED)
+                gone[:] = True
             if last:
                 found.fail(at, here, answers, ~gone, "runs may not have arrived, {}")
             rows = np.flatnonzero(~gone) if not last else np.zeros(0, np.int64)

@@ -127,12 +127,15 @@ class MissionFollower:
         How far.
     elsewhere : Destination, optional
         Where a run arrives instead.
+    refuted : bool
+        Whether a run is known that collides or does not arrive: then one interval is followed, and nothing is proved.
     """
 
     loop: ClosedLoop
     goal_radius: float
     limits: MissionLimits
     elsewhere: Destination | None = None
+    refuted: bool = False
 
     @property
     def destination(self) -> Destination:
@@ -146,7 +149,7 @@ class MissionFollower:
         -----
         Sound: yes, see the module. Cost: one step of the closed loop for each part and interval.
         """
-        directions = directions_of(self, lower, upper)
+        directions = (PoseDirections.none(),) if self.refuted else directions_of(self, lower, upper)
         found = None
         for sides, aim in self._ways():
             found = self._follow(lower, upper, sides, aim, directions)
@@ -202,6 +205,8 @@ class MissionFollower:
                     trace.earliest = k
                 parts = parts.select(~self.destination.surely(boxes.lower, boxes.upper))
             trace.note(k, parts.boxes)
+            if self.refuted:
+                return trace.ended(k, REFUTED)
             if not len(parts):
                 return trace.arrived(k)
             if len(parts) > self.limits.parts:
@@ -246,6 +251,7 @@ class MissionFollower:
 
 TOO_MANY = "too many parts"
 TOO_NEAR = "the clearance is not proved"
+REFUTED = "a run refutes it"
 _COMMAND_SHARE = 0.15
 """Of the range of a command, that a cell spans where commands are cut."""
 _AIM = 32

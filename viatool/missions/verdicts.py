@@ -70,10 +70,10 @@ class Mission:
 
     @property
     def verdict(self) -> str:
-        """Return proved, refuted or unknown."""
-        if self.proof.proved:
-            return "proved"
-        return "refuted" if len(self.crashes) or len(self.late) else "unknown"
+        """Return proved, refuted or unknown; a run that refutes it counts, whatever was found beside it."""
+        if len(self.crashes) or len(self.late):
+            return "refuted"
+        return "proved" if self.proof.proved else "unknown"
 
     @property
     def steps(self) -> int:
@@ -88,8 +88,6 @@ class Mission:
     @property
     def reason(self) -> str:
         """Return why it is not proved; empty for a proved mission."""
-        if self.proof.proved:
-            return ""
         if len(self.crashes):
             x, y, _ = self.crashes.place[0]
             after = int(self.crashes.step[0]) * self.interval + float(self.crashes.seconds[0])
@@ -113,7 +111,7 @@ class Mission:
             "deadline": self.scenario.deadline,
             "verdict": self.verdict,
             "steps": self.steps,
-            "arrival": list(self.arrival) if proof.proved else None,
+            "arrival": list(self.arrival) if self.verdict == "proved" else None,
             "driven_arrival": None if self.driven_arrival is None else list(self.driven_arrival),
             "driven": len(self.arrived),
             "seconds": round(self.seconds, 3),

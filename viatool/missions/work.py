@@ -77,7 +77,7 @@ class MissionExamination:
         driven = attack(follower, lower, upper, seed=self.seed)
         refuted = bool(len(driven.crashes) or len(driven.late))
         if refuted:  # whatever a proof would need to say of it
-            follower = replace(follower, limits=_NOT_FOLLOWED)
+            follower = replace(follower, limits=replace(follower.limits, parts=1, finer=0), refuted=True)
         elif driven.disproves(loop.rules.clearance.collision):
             follower = replace(follower, limits=replace(follower.limits, finer=0))
         proof = follower.prove(lower, upper)
@@ -203,9 +203,6 @@ class MissionExamination:
                 "and timing are those of an error model",
                 "leave it out, or null, or leave out the sections actuation and timing",
             )
-
-
-_NOT_FOLLOWED = MissionLimits(steps=1, parts=1, finer=0)
 
 
 def _paths(found: MissionRuns) -> Floats:
