@@ -74,13 +74,18 @@ def write_parking_policy(path: Path, seed: int = 0) -> Path:
 
 
 def drive(
-    states: np.ndarray, commands: np.ndarray, most: float, pieces: int = 24, share: float = 1.0
+    states: np.ndarray,
+    commands: np.ndarray,
+    most: float,
+    pieces: int = 24,
+    share: float = 1.0,
+    least: float = -0.5,
 ) -> np.ndarray:
     """States (R, pieces + 1, 4), x, y, heading and v, while accelerations and turns (R, 2) are held, by Runge-Kutta.
 
     They are held for a share of an interval.
     """
-    least, most, step = -0.5, most, share * INTERVAL / pieces
+    step = share * INTERVAL / pieces
     found = [states]
     acceleration, turn = commands.T
     for _ in range(pieces):
