@@ -28,6 +28,7 @@ from viatool.sets.forms import Forms
 from viatool.setting.driven import DrivenPolicy
 from viatool.setting.setting import Setting
 from viatool.uncertainty import ErrorModel
+from viatool.world import Scenario
 
 EPS, START = 0.01, (0.02, 0.02)
 LIMIT = 9.0
@@ -357,6 +358,17 @@ def test_a_stopped_run_goes_on_from_its_checkpoint(hall, dodging, proved, tmp_pa
         ours, theirs = one.to_json(), other.to_json()
         assert {**ours, "seconds": 0} == {**theirs, "seconds": 0}
         np.testing.assert_array_equal(one.proof.tube.lower, other.proof.tube.lower)
+
+
+def test_different_scenarios_of_one_name_are_refused_and_the_same_one_twice_is_not(hall, dodging, tmp_path):
+    """A checkpoint tells scenarios apart by their names: what was proved of one was found of the other."""
+    here, there = (Scenario("one", (-1.0, -2.0, turn), (0.0, -2.0)) for turn in (0.0, 0.1))
+    with pytest.raises(ConfigurationError, match="scenario 1, counted from 0, is called 'one'"):
+        mission(dodging, hall, eps=0.01, scenarios=[here, there])
+    for resume in (False, True):
+        kept = Campaign(checkpoint=tmp_path / "kept", resume=resume)
+        twice = mission(dodging, hall, eps=0.01, scenarios=[here, replace(here)], campaign=kept)
+        assert [one.verdict for one in twice] == ["proved", "proved"]
 
 
 def test_starts_of_the_error_model_are_those_of_the_option(hall, dodging, proved):

@@ -6,7 +6,7 @@ import math
 import os
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,7 @@ from viatool.missions.follow import MissionLimits
 from viatool.missions.verdicts import Mission, Missions
 from viatool.missions.work import MissionExamination, MissionWork
 from viatool.policy import Policy, PolicySpecification, load_policy
-from viatool.schedule import NEVER, Campaign, Deadline, Progress, ignore
+from viatool.schedule import NEVER, Campaign, Deadline, Progress, digest_of, ignore
 from viatool.setting.criteria import PROVING
 from viatool.setting.rules import Rules
 from viatool.setting.setting import Setting
@@ -146,6 +146,7 @@ def mission(
     setting = told_of_time(setting, f"counted down {counted}")
     error = _start_error(start_error, model)
     examination = MissionExamination(policy, setting.bare(), error, radius, limits, arithmetic, seed)
+    _check_names(chosen)
     _check_starts(examination, setting, chosen)
     # refuses what cannot be enclosed, before any work
     loop = ClosedLoop.of(policy, setting, chosen[0], arithmetic, episode=limits.steps)
@@ -192,6 +193,18 @@ def _start_error(given: Sequence[float], model: ErrorModel) -> tuple[float, floa
     if len(values) != 3 or not all(0.0 <= value < math.inf for value in values):
         raise ConfigurationError(f"the start error is {given}", "give metres and radians, such as 0.02,0.02")
     return values[0], values[1], values[2]
+
+
+def _check_names(scenarios: Sequence[Scenario]) -> None:
+    """Refuse different scenarios of one name: tubes, witnesses and checkpoints tell them apart by it."""
+    found: dict[str, str] = {}
+    for number, one in enumerate(scenarios):
+        content = digest_of(tuple(getattr(one, each.name) for each in fields(Scenario)))
+        if found.setdefault(one.name, content) != content:
+            raise ConfigurationError(
+                f"scenario {number}, counted from 0, is called '{one.name}' as another one is",
+                "give every scenario its own name",
+            )
 
 
 def _check_starts(examination: MissionExamination, setting: Setting, scenarios: Sequence[Scenario]) -> None:
