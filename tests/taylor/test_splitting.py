@@ -7,6 +7,7 @@ from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from viatool.errors import BoundsError
 from viatool.policy.activations import activation
 from viatool.policy.network import Activation, Affine, Input, Network
 from viatool.taylor import ReachableSet, reach
+from viatool.taylor.propagation import Box
 
 Floats = NDArray[np.float64]
 
@@ -130,6 +132,25 @@ def test_a_broken_rule_lets_an_exact_extremum_escape(
     monkeypatch.setattr(place, name, mutant(getattr(place, name)))
     with suppress(BoundsError):  # which the engine itself notices
         assert escape(split(network), network) > 1e-6
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.1, 0.15, 0.2])
+def test_a_part_without_a_point_is_empty_however_its_hulls_cross(shift: float) -> None:
+    """x is at most -1 for one neuron and at least 1 for another: their sum over all x shows that it cannot be."""
+    layers = (
+        Affine((0,), (np.ones((2, 1)),), np.zeros(2)),
+        Activation(1, activation("Gelu"), 2),
+        Affine((2,), (np.array([[1.0, 0.1]]),), np.full(1, shift)),
+        Activation(3, activation("Sigmoid"), 1),
+    )
+    network = Network((Input(1), *layers))
+    extrema: Any = SimpleNamespace(box=Box(np.array([[-2.0]]), np.array([[2.0]])), seed=np.ones((1, 1)))
+    here = parts.BoxParts(
+        np.zeros(1, np.int64), np.array([[2, 2]]), np.array([[0, 1]]), np.array([[-1, 1]]),
+        np.array([[-1.0, 1.0]]), np.full(1, np.inf), np.zeros(1, np.int64), np.zeros(1, np.int64), np.zeros(1),
+    )  # fmt: skip
+    examined, _ = parts._by_numpy(network, extrema, here, None, "chebyshev")
+    assert examined.bound.tolist() == [-np.inf]
 
 
 def test_a_maximum_over_no_symbols_is_its_constant() -> None:

@@ -238,7 +238,10 @@ def _conditions(
 
 
 def _is_empty(network: Network, passes: list[Enclosure], parts: BoxParts) -> Booleans:
+    """Tell which parts hold no point: a hull of theirs is crossed, or lies beyond what is asked of it, (K,)."""
     empty = np.zeros(parts.owner.size, dtype=bool)
+    for each in passes:
+        empty |= (each.lower > each.upper).any(axis=1)
     for node, (lower, upper) in _limits(network, parts).items():
         argument = passes[source_of(network, node)]
         empty |= ((lower > argument.upper) | (upper < argument.lower)).any(axis=1)

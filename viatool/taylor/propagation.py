@@ -142,20 +142,23 @@ def propagate(
     **Sound:** yes, for the exact network; float64 rounding of the engine is in the remainders.
     """
     enclosures: list[Enclosure] = [] if inputs is None else [inputs]
+    read = list(enclosures) if limits else enclosures  # what nodes after them read
     for index, node in enumerate(network.nodes[len(enclosures) :], start=len(enclosures)):
         try:
             if limits and index in limits:
                 assert isinstance(node, Activation)
-                argument = _limited(enclosures[node.source], limits[index])
+                argument = _limited(read[node.source], limits[index])
                 enclosures.append(_enclose_activation(argument, node.function, index, order, rule))
             else:
-                enclosures.append(_enclose(node, index, enclosures, box, order, rule))
+                enclosures.append(_enclose(node, index, read, box, order, rule))
         except EnclosureError as error:
             raise EnclosureError(f"{network.label(index)}: {error.message}", error.hint) from error
         if known is not None:
             enclosures[-1] = enclosures[-1].met(known[index])
         if range_of is not None and isinstance(node, Affine):
             enclosures[-1] = enclosures[-1].met(range_of(enclosures[-1].model))
+        if limits:
+            read.append(_in_order(enclosures[-1]))
     if order > 1:
         last = enclosures[-1]
         enclosures[-1] = last.met(model_range(last.model, thorough=True))
@@ -188,6 +191,12 @@ def _require_no_crossing(enclosure: Enclosure) -> None:
     crossed = enclosure.lower > enclosure.upper
     if crossed.any():
         require_ordered("values of a node", enclosure.lower[crossed], enclosure.upper[crossed])
+
+
+def _in_order(enclosure: Enclosure) -> Enclosure:
+    """Return the same with crossed ends, as of a box in which no point keeps to its limits, the right way round."""
+    lower, upper = enclosure.lower, enclosure.upper
+    return Enclosure(enclosure.model, np.minimum(lower, upper), np.maximum(lower, upper))
 
 
 def _limited(argument: Enclosure, limit: Hull) -> Enclosure:
