@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from viatool.uncertainty import ErrorModel, load_errors
     from viatool.verification import verify
     from viatool.verification.result import Result
+    from viatool.verification.verifier import StateVerdict, Verifier
     from viatool.world import WorldMap, load_map
 
 __version__ = "0.1.0"
@@ -26,7 +27,9 @@ _ROOM_OF = {
     "Policy": "viatool.policy",
     "ReachableSet": "viatool.taylor",
     "Result": "viatool.verification.result",
+    "StateVerdict": "viatool.verification.verifier",
     "Trajectory": "viatool.trajectory",
+    "Verifier": "viatool.verification.verifier",
     "WorldMap": "viatool.world",
     "certify": "viatool.places",
     "draw_map": "viatool.report.map_figure",
@@ -46,7 +49,9 @@ __all__ = [
     "Policy",
     "ReachableSet",
     "Result",
+    "StateVerdict",
     "Trajectory",
+    "Verifier",
     "WorldMap",
     "__version__",
     "certify",

@@ -315,9 +315,8 @@ def test_what_moves_far_away_changes_nothing(monkeypatch, name):
     assert near.any()
     assert (few.nearest_movers(commands).labels[near] == case.nearest_movers(commands).labels[near]).all()
     np.testing.assert_array_equal(few.closest_approach(commands[:, None])[0][near], left[near])
-    monkeypatch.setattr(Manoeuvre, "counted_between", lambda self, *_: (np.zeros(COUNT),) * 2)
-    monkeypatch.setattr(Manoeuvre, "longest", lambda self, *_: np.zeros(COUNT))
-    short = case.among_near()
+    monkeypatch.setattr(Rules, "longest_way", (0.0, 0.0))
+    short = replace(case, rules=replace(case.rules)).among_near()
     monkeypatch.undo()
     assert judge(short, lower, upper, every).safe.sum() > judge(case, lower, upper, every).safe.sum()
 

@@ -14,6 +14,7 @@ from tests.choosing import write_choosing
 from tests.uncertainty.sampled import encoded, erred, observed, policy_of, readings_at
 from viatool.channels import reading_errors
 from viatool.errors import ConfigurationError
+from viatool.sets.chance import RowChance
 from viatool.sets.forms import Forms
 from viatool.setting.admissible import AdmissibleSets
 from viatool.setting.explanation import explain
@@ -233,7 +234,7 @@ def test_all_that_is_searched_is_explained(tmp_path, encoding):
     generator = np.random.default_rng(5)
     recorded = observed(generator, readings_at(generator, 30), encoding)
     sets, lower_upper = AdmissibleSets(errors, recorded), errors.sets(recorded).hull
-    found = [sets.random_corner(generator) for _ in range(4)]
+    found = [sets.random_corner(RowChance(seed, recorded)) for seed in range(4)]
     found += [sets.nearest(recorded + generator.normal(0.0, 0.05, recorded.shape)) for _ in range(2)]
     told = []
     for points in found:

@@ -89,12 +89,12 @@ class Inputs:
             for reading, age in zip(self.reading.tolist(), self.age.tolist(), strict=True)
         ]
 
-    @property
+    @cached_property
     def memory(self) -> int:
         """Return how many control intervals the oldest reading is old; 0 where the present alone is observed."""
         return int(self.age.max())
 
-    @property
+    @cached_property
     def is_plain(self) -> bool:
         """Tell whether the network takes the readings as they are."""
         return not any(channel.encoding for channel in self.channels)

@@ -115,7 +115,7 @@ class ReadingErrors:
             scans += _scan(quantity, inputs, number, where, float(beyond["angle"]), float(beyond["thin"]))
         return cls(inputs, absolute, relative, bias, scan, limits, tuple(missing), angles, tuple(scans))
 
-    @property
+    @cached_property
     def is_box(self) -> bool:
         """Tell whether every reading errs by itself, by a number that does not depend on it."""
         return not (self.relative.any() or self.bias.any() or self.missing or self.scans)

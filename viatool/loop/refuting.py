@@ -98,7 +98,7 @@ class _Placed:
         setting, count = self.loop.setting, len(self.poses)
         errors, deceived = setting.reading_errors, Deceptions.none(setting, self.poses)
         if not count:
-            return Witnesses.join([], len(setting.radii), len(self.loop.rules.lower))
+            return Witnesses.none(len(setting.radii), len(self.loop.rules.lower))
         if errors.scans or setting.believes:
             deceived = self._worst(np.random.default_rng(seed))
         elif errors.is_box:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -120,11 +121,18 @@ class Witnesses:
         return replace(self, mover=moved.labels, origin=origin, velocity=velocity)
 
     @classmethod
+    @lru_cache(maxsize=64)
+    def none(cls, size: int, axes: int) -> Witnesses:
+        """Return no counterexample, of `size` numbers in an observation and `axes` in a command."""
+        shapes = ((0, size), (0, axes), (0,), (0, 3), (0,), (0, 3), (0, 3))
+        return cls.among_what_stands(np.zeros(0, dtype=np.int64), *map(np.zeros, shapes))
+
+    @classmethod
     def join(cls, parts: list[Witnesses], size: int, axes: int) -> Witnesses:
-        """Return all parts as one, ordered by state; `size` numbers in an observation, `axes` in a command."""
-        shapes = ((0,), (0, size), (0, axes), (0,), (0, 3), (0,), (0, 3), (0, 3))
-        none = cls.among_what_stands(np.zeros(0, dtype=np.int64), *(np.zeros(shape) for shape in shapes[1:]))
-        every = [none, *parts]
+        """Return all parts as one, ordered by state; sizes as for `none`."""
+        if not parts:
+            return cls.none(size, axes)
+        every = [cls.none(size, axes), *parts]
         names = tuple(cls.__dataclass_fields__)
         joined = {name: _joined([getattr(part, name) for part in every]) for name in names}
         order = np.argsort(joined["state"], kind="stable")

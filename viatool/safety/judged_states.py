@@ -84,24 +84,39 @@ class JudgedStates:
         path and its own reach, so what stays farther from there than that and the distance that counts is never too
         near.
         """
-        rules, at = self.rules, self.observing
-        if not at.movers:
+        if not self.observing.movers:
             return self
-        lower, upper = (np.broadcast_to(end, (len(self), len(end))) for end in (rules.lower, rules.upper))
-        if self.motion is None:
-            boxes, once = self.boxes(lower, upper), np.ones(len(self))
-            way = rules.manoeuvre.longest(*boxes) + sum(wait.longest(lower, upper) for wait in rules.waiting)
-            latest = rules.manoeuvre.counted_between(boxes[0], *boxes, once, once)[1]
-        else:
-            way, latest = self.motion.longest, self.motion.stands
-        limit = (
-            max(rules.clearance.collision, rules.clearance.danger) + way + rules.footprint.reach + at.extent
-        )
-        limit = limit + 1e-6 * (at.scale + at.fastest * latest)
-        found = replace(self, observing=at.among_near(limit, latest))
+        found = replace(self, observing=self.observing.among_near(*self._range))
         if self.motion is not None:
             vars(found)["motion"] = self.motion
         return found
+
+    @cached_property
+    def _range(self) -> tuple[Floats, Floats]:
+        """How near to where the robot observes something has to come to count, (B,) metres; and until when, (B,) s."""
+        rules, at = self.rules, self.observing
+        if self.motion is not None:
+            way, latest = self.motion.longest, self.motion.stands
+        elif not rules.kinematics.state:
+            way, latest = (np.full(len(self), value) for value in rules.longest_way)
+        else:  # commands do not wait
+            lower, upper = (np.broadcast_to(end, (len(self), len(end))) for end in (rules.lower, rules.upper))
+            boxes, once = self.boxes(lower, upper), np.ones(len(self))
+            way = rules.manoeuvre.longest(*boxes)
+            latest = rules.manoeuvre.counted_between(boxes[0], *boxes, once, once)[1]
+        limit = rules.clearance.danger + way + rules.footprint.reach + at.extent
+        return limit + 1e-6 * (at.scale + at.fastest * latest), latest
+
+    @property
+    def out_of_reach(self) -> Booleans:
+        """Tell around which states nothing is so near that it could count, whatever is commanded, (B,).
+
+        Notes
+        -----
+        Sound: yes, by the argument of `among_near`, and at both distances, of which danger is never the smaller one.
+        """
+        limit, latest = self._range
+        return np.asarray(self.provable & (self.observing.clearance(latest)[0] > limit))
 
     def boxes(self, lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
         """Return boxes of commands (B, A) with the state of the motion in which they are given, (B, A + S)."""
@@ -175,7 +190,7 @@ class JudgedStates:
         wider = np.stack([aside + slack, aside + slack, slack], axis=1)
         return replace(moved, radii=here.radii + wider)
 
-    @property
+    @cached_property
     def known(self) -> Booleans:
         """Tell of which states commands on their way and the motion are known, (B,); nothing is refuted of the others.
 

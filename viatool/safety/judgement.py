@@ -69,11 +69,14 @@ def find_contested(states: JudgedStates) -> Contested:
     What is contested at the smaller distance is at the larger one.
     """
     clearance = states.rules.clearance
-    near = min(clearance.collision, clearance.danger)
-    contested = _contested(states, near)
-    wider, rows = contested.copy(), np.flatnonzero(~contested)
-    wider[rows] = _contested(states.select(rows), max(clearance.collision, clearance.danger))
-    return Contested(contested, wider) if near == clearance.collision else Contested(wider, contested)
+    contested = ~states.out_of_reach
+    wider, rows = contested.copy(), np.flatnonzero(contested)
+    if rows.size:
+        some = states.select(rows)
+        contested[rows] = _contested(some, clearance.collision)
+        left = np.flatnonzero(~contested[rows])
+        wider[rows[left]] = _contested(some.select(left), clearance.danger)
+    return Contested(contested, wider)
 
 
 def judge(states: JudgedStates, lower: Floats, upper: Floats, contested: Contested) -> Judgement:
@@ -104,7 +107,7 @@ def judge(states: JudgedStates, lower: Floats, upper: Floats, contested: Contest
     Sound: `safe` and `danger` by `prove`, unless the criterion samples; `sampled` proves nothing.
     """
     clearance, asked = states.rules.clearance, states.rules.asked
-    nine = replace(states, rules=replace(states.rules, criterion=SAMPLED.name))
+    nine = replace(states, rules=states.rules.sampled)
     sampled = _hold(sample, nine, lower, upper, clearance.collision, contested.collision)
     test = _proved if asked.proves else sample
     safe = (
@@ -126,6 +129,8 @@ def _hold(
 ) -> Booleans:
     """Return (N,) where a test holds, looking at the contested states alone; of no other does it have to."""
     holds = ~contested
+    if not contested.any():
+        return holds
     rows = np.flatnonzero(contested & states.provable)
     for start in range(0, len(rows), _CHUNK):
         some = rows[start : start + _CHUNK]
@@ -185,6 +190,8 @@ def settle(states: JudgedStates, threshold: float) -> Booleans:
         moving = near & here.met
         settled[moving] &= ~_fails_at_the_end(states.select(moving), threshold)
     near &= settled
+    if not near.any():
+        return settled
     some = states.select(near)
     settled[near] = prove_clearance(
         here.select(near),
@@ -209,7 +216,9 @@ def _fails_at_the_end(states: JudgedStates, threshold: float) -> Booleans:
     return fails
 
 
-def prove(states: JudgedStates, lower: Floats, upper: Floats, threshold: float) -> Proof:
+def prove(
+    states: JudgedStates, lower: Floats, upper: Floats, threshold: float, effort: ProofEffort | None = None
+) -> Proof:
     """Decide whether every command of a box keeps its clearance at every instant.
 
     Parameters
@@ -220,6 +229,8 @@ def prove(states: JudgedStates, lower: Floats, upper: Floats, threshold: float) 
         (B, A) what the policy can command.
     threshold : float
         The clearance to be exceeded, in metres.
+    effort : ProofEffort, optional
+        Where to stop.
 
     Returns
     -------
@@ -234,10 +245,16 @@ def prove(states: JudgedStates, lower: Floats, upper: Floats, threshold: float) 
     require_ordered("commands", lower, upper)  # before they are clipped, which would hide it
     if states.motion is not None:
         return prove_clearance(
-            states.observing, rules.clip(lower), rules.clip(upper), threshold, states.motion, rules.footprint
+            states.observing,
+            rules.clip(lower),
+            rules.clip(upper),
+            threshold,
+            states.motion,
+            rules.footprint,
+            effort,
         )
     held = states.boxes(rules.clip(lower), rules.clip(upper))
-    proof = prove_clearance(states.acting, *held, threshold, rules.manoeuvre, rules.footprint)
+    proof = prove_clearance(states.acting, *held, threshold, rules.manoeuvre, rules.footprint, effort)
     waiting = states.prove_waiting(threshold)
     return Proof(proof.proved & waiting.proved, proof.refuted | waiting.refuted)
 

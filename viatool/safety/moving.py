@@ -45,6 +45,8 @@ def movers_around(
     Sound: as far as the error model says what may move. What was seen stood around the robot wherever that was: who
     keeps away from it from everywhere within the error of the pose keeps away from it from the recorded pose, too.
     """
+    if not setting.moves:
+        return []
     terms, every = setting.uncertainty.obstacles, np.arange(len(poses))
     found = [Movers(moving_obstacles(setting.world_map, scenarios, terms), scene)]
     if terms.people is not None:

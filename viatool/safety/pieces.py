@@ -61,7 +61,7 @@ class CommandPieces:
         count = len(reachable.lower)
         lower, upper = reachable.lower, reachable.upper
         if policy.is_plain:
-            return cls(np.arange(count), lower, upper, count)
+            return cls.plain(reachable)
         known = ~np.isnan(lower).any(axis=1)
         standing = policy.overrides.over(observed_lower, observed_upper)
         parts = [_unknown(np.flatnonzero(~known), policy)]
@@ -79,6 +79,12 @@ class CommandPieces:
             parts.append((rows, sent, sent))
         state, lower, upper = (np.concatenate(column) for column in zip(*parts, strict=True))
         return cls(state, lower, upper, count)
+
+    @classmethod
+    def plain(cls, reachable: ReachableSet) -> CommandPieces:
+        """Return the pieces of a policy whose output is the command that is sent: one in each of B states."""
+        count = len(reachable.lower)
+        return cls(np.arange(count), reachable.lower, reachable.upper, count)
 
     def __len__(self) -> int:
         """Return P."""

@@ -15,6 +15,7 @@ from viatool.policy.network import Network
 from viatool.safety.counterexamples import Witnesses
 from viatool.safety.judged_states import JudgedStates
 from viatool.schedule import check_time
+from viatool.sets.chance import RowChance
 from viatool.setting.admissible import AdmissibleSets
 from viatool.setting.driven import DrivenPolicy
 from viatool.taylor.attained import climb
@@ -75,7 +76,7 @@ def search_witnesses(
     lower, upper : ndarray
         (N, A) bounds of the commands, which say where to aim.
     seed : int or sequence of int
-        Of the random points.
+        Of the random points, which those of a state alone depend on: what is found does not depend on other states.
     shared : ndarray, optional
         (N, n) the first of the inputs that hold the same reading as each, which a counterexample gives one number; by
         default every input is a reading of its own.
@@ -99,7 +100,6 @@ def search_witnesses(
     direction in which the clearance falls, follows the gradient of that combination of commands from corner
     to corner of the observation box, and takes the direction anew at the command it found.
     """
-    generator = np.random.default_rng(seed)
     parts: list[Witnesses] = []
     for start in range(0, len(doubtful), _CHUNK):
         check_time()
@@ -114,7 +114,8 @@ def search_witnesses(
         if len(hard):
             rows, some, aimed, seen = rows[hard], some.select(hard), aimed.select(hard), seen[hard]
             around, ends = box.rows(rows), (lower[rows], upper[rows])
-            found = _candidates(policy, aimed, seen, around, ends, generator)
+            chance = RowChance(seed, some.observing.poses, seen)
+            found = _candidates(policy, aimed, seen, around, ends, chance)
             if shared is not None:
                 found = _of_one_reading(found, shared[rows])
             within = _received(found, seen, around)
@@ -165,14 +166,14 @@ def _candidates(
     observations: Floats,
     box: Box | AdmissibleSets,
     commands: tuple[Floats, Floats],
-    generator: np.random.Generator,
+    chance: RowChance,
 ) -> Floats:
     """Return promising observations (B, K, n): of extreme commands, of every choice, and where rules apply or not."""
     driven = policy if isinstance(policy, DrivenPolicy) else None
     if driven is not None and driven.choice is not None:
-        found = _towards_each_choice(driven.network, observations, box, generator)
+        found = _towards_each_choice(driven.network, observations, box, chance)
     else:
-        found = _Search(policy, states, observations, box, *commands).candidates(generator)
+        found = _Search(policy, states, observations, box, *commands).candidates(chance)
     if driven is None or not driven.overrides:
         return found
     count, each, size = found.shape
@@ -192,10 +193,10 @@ def _received(points: Floats, nominal: Floats, box: Box | AdmissibleSets) -> Flo
 
 
 def _towards_each_choice(
-    network: Network, observations: Floats, box: Box | AdmissibleSets, generator: np.random.Generator
+    network: Network, observations: Floats, box: Box | AdmissibleSets, chance: RowChance
 ) -> Floats:
     """Return for each of O choices observations (B, K, n) that rather select it."""
-    corners = box.random_corner(generator)
+    corners = box.random_corner(chance)
     found = [observations]
     for seed in np.eye(network.output_size):
         wanted = np.broadcast_to(seed, (len(observations), len(seed)))
@@ -283,11 +284,11 @@ class _Search:
         self.observations, self.box = observations, box
         self.centre, self.radius = 0.5 * (lower + upper), np.maximum(0.5 * (upper - lower), 1e-9)
 
-    def candidates(self, generator: np.random.Generator) -> Floats:
+    def candidates(self, chance: RowChance) -> Floats:
         """Return the most promising observations (B, K, n) of every state."""
         aim = self._nearest_of_box()
         found = [self.observations]
-        starts = [self.observations, *(self.box.random_corner(generator) for _ in range(2))]
+        starts = [self.observations, *(self.box.random_corner(chance) for _ in range(2))]
         for _ in range(_ROUNDS):
             directions = [self._descent(aim), *self._diagonals(aim)]
             found += [self._climb(start, direction) for start in starts for direction in directions]

@@ -15,6 +15,7 @@ from viatool.arrays import Floats, Hull, Indices
 from viatool.channels.missing import Missing
 from viatool.channels.reading_errors import ReadingErrors
 from viatool.rounding import AS_RECEIVED
+from viatool.sets.chance import RowChance
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,10 +136,9 @@ class AdmissibleSets:
                 inputs = self._losing(missing, self.known.losing[number], inputs, slope, steep, common)
         return inputs
 
-    def random_corner(self, generator: np.random.Generator) -> Floats:
+    def random_corner(self, chance: RowChance) -> Floats:
         """Return an observation of each set at the ends of all its errors, (B, n)."""
-        slope = generator.choice([-1.0, 1.0], size=self.inputs.shape) * generator.random(self.inputs.shape)
-        return self.corner(slope, self.inputs)
+        return self.corner(2.0 * chance.random(self.inputs.shape[1]) - 1.0, self.inputs)
 
     def nearest(self, points: Floats) -> Floats:
         """Return observations of the sets near points (B, n), without a ray that returns nothing."""

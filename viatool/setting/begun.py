@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from viatool.arrays import Floats
@@ -11,14 +13,22 @@ from viatool.errors import ConfigurationError, TrajectoryError
 from viatool.motion.law import Axis
 from viatool.motion.steered import STEEPEST
 from viatool.setting.setting import Setting
-from viatool.trajectory import Trajectory
 
 _KINDS = {"linear": "ahead", "angular": "turn"}
 """Which measured part of a velocity a number of the state is, by the kind of its axis."""
 
 
-def states_begun(setting: Setting, trajectory: Trajectory) -> Floats:
+def states_begun(setting: Setting, observations: Floats, motion: Mapping[str, Floats]) -> Floats:
     """Return the ends of the state of the motion in each of N states, (N, 2, S); without one, (N, 2, 0).
+
+    Parameters
+    ----------
+    setting : Setting
+        Says which numbers that are, and how far they are measured.
+    observations : ndarray
+        (N, n) as the network received them.
+    motion : mapping
+        What was recorded of the state, (N,) each, by the names of its axes.
 
     Raises
     ------
@@ -34,14 +44,14 @@ def states_begun(setting: Setting, trajectory: Trajectory) -> Floats:
     can have, and is not known (NaN) where nothing limits it, or where it was measured beyond the limits.
     """
     kinematics = setting.rules.kinematics
-    begun = np.empty((len(trajectory), 2, len(kinematics.state)))
+    begun = np.empty((len(observations), 2, len(kinematics.state)))
     lower, upper = kinematics.state_range
     for number, axis in enumerate(kinematics.state):
-        recorded = trajectory.motion.get(axis.name)
+        recorded = motion.get(axis.name)
         if recorded is not None:
             begun[:, :, number] = recorded[:, None]
         else:
-            begun[:, :, number] = _measured(setting, trajectory, axis, (lower[number], upper[number]))
+            begun[:, :, number] = _measured(setting, observations, axis, (lower[number], upper[number]))
         if axis.kind == "steering" and (np.abs(begun[:, :, number]) > STEEPEST).any():
             raise TrajectoryError(
                 f"the wheels were recorded at {np.abs(begun[:, :, number]).max():g} rad, expected at most "
@@ -51,7 +61,7 @@ def states_begun(setting: Setting, trajectory: Trajectory) -> Floats:
     return np.where(np.isfinite(begun), begun, np.nan)
 
 
-def _measured(setting: Setting, trajectory: Trajectory, axis: Axis, limits: tuple[float, float]) -> Floats:
+def _measured(setting: Setting, observations: Floats, axis: Axis, limits: tuple[float, float]) -> Floats:
     """Return the ends (N, 2) of what the policy measured of a number of the state."""
     channel = _channel_of(setting, axis)
     if channel is None:
@@ -61,7 +71,7 @@ def _measured(setting: Setting, trajectory: Trajectory, axis: Axis, limits: tupl
             f"record it in {axis.unit} as column or array `motion_{axis.name}`, or drive in simulation",
         )
     column = int(setting.spec.inputs.newest(channel)[0])
-    lower, upper = setting.observed(trajectory.observations)
+    lower, upper = setting.observed(observations)
     ends = [
         part[:, column]
         for end in (np.nextafter(lower, -np.inf), np.nextafter(upper, np.inf))

@@ -40,7 +40,7 @@ def as_received(setting: Setting, trajectory: Trajectory) -> Trajectory:
             f"the trajectory has {size} observation entries, the policy takes {expected}",
             "verify with the policy that drove, or give the trajectory the columns of this one",
         )
-    _check_people(setting, trajectory)
+    check_people(setting, told=trajectory.people.shape[1] > 0)
     received = np.empty(trajectory.observations.shape)
     for start in range(0, len(trajectory), _ROWS):
         rows = slice(start, start + _ROWS)
@@ -50,14 +50,14 @@ def as_received(setting: Setting, trajectory: Trajectory) -> Trajectory:
 
 def numbers_received(setting: Setting, observations: Floats) -> Floats:
     """Return observations (B, n) as the program receives them; the first m of their entries, of (B, m)."""
-    fixed = setting.spec.fixed_values()[: observations.shape[1]]
+    fixed = setting.fixed[: observations.shape[1]]
     named = np.where(np.isnan(fixed), observations, fixed)
     return np.asarray(named.astype(setting.number), dtype=np.float64)
 
 
-def _check_people(setting: Setting, trajectory: Trajectory) -> None:
+def check_people(setting: Setting, *, told: bool) -> None:
     """Refuse people of whom the error model does not say that they move, and a term about people without any."""
-    model, told = setting.uncertainty, trajectory.people.shape[1] > 0
+    model = setting.uncertainty
     if told and model.obstacles.people is None:
         raise ConfigurationError(
             "the states tell of people, and nobody says how they move",
@@ -178,15 +178,15 @@ def _told(setting: Setting, trajectory: Trajectory) -> bool:
     return _observed(setting, trajectory) is not None or _recorded(setting, trajectory) is not None
 
 
-def velocities_measured(setting: Setting, trajectory: Trajectory) -> tuple[Floats, Floats] | None:
+def velocities_measured(setting: Setting, observations: Floats) -> tuple[Floats, Floats] | None:
     """Return the ends (N, 3) of the velocity that the robot has in each state, as far as the policy observes it.
 
     Parameters
     ----------
     setting : Setting
         Says how far a measured velocity errs: by the eps of its channel, and by what its sensor's terms add.
-    trajectory : Trajectory
-        N states.
+    observations : ndarray
+        (N, n) as the network received them.
 
     Returns
     -------
@@ -199,9 +199,9 @@ def velocities_measured(setting: Setting, trajectory: Trajectory) -> tuple[Float
     """
     if setting.rules.machine is None:
         return None
-    quantities = Quantities.of(setting.spec.observation, setting.robot, setting.spec.frames)
-    lower, upper = np.full((2, len(trajectory), 3), np.nan)
-    least, most = setting.spec.inputs.readings(trajectory.observations)
+    quantities = setting.quantities
+    lower, upper = np.full((2, len(observations), 3), np.nan)
+    least, most = setting.inputs.readings(observations)
     for one in quantities:
         if isinstance(one, MeasuredVelocity) and one.channel.value is None:
             column = int(quantities.inputs.newest(one.channel.name)[0])

@@ -24,7 +24,7 @@ from viatool.motion.manoeuvre import Manoeuvre
 from viatool.motion.second_order import Unicycle
 from viatool.motion.timing import Timing
 from viatool.motion.twists import HeldTwist
-from viatool.setting.criteria import PROVING, Criterion, criterion_of
+from viatool.setting.criteria import PROVING, SAMPLED, Criterion, criterion_of
 from viatool.setting.motors import actuation_of, command_errors_of, timing_of
 from viatool.uncertainty import ErrorModel
 from viatool.world import Clearance, Footprint, WorldMap
@@ -150,7 +150,12 @@ class Rules:
         """Return the criterion itself."""
         return criterion_of(self.criterion)
 
-    @property
+    @cached_property
+    def sampled(self) -> Rules:
+        """Return the same rules by the paper's criterion, which is reported beside every other."""
+        return replace(self, criterion=SAMPLED.name)
+
+    @cached_property
     def manoeuvre(self) -> Manoeuvre:
         """Return the path on which the clearance counts."""
         held = Manoeuvre(self.interval, kinematics=self.kinematics, begins=self.delay)
@@ -217,7 +222,7 @@ class Rules:
         assert isinstance(self.kinematics, Unicycle)
         return self.kinematics.strayed(self.command_errors, lower, upper, self.interval)
 
-    @property
+    @cached_property
     def commands_before(self) -> int:
         """Return how many of the commands before the new one count."""
         return self.dead_time.commands if self.machine is None else self.machine.history
@@ -226,12 +231,22 @@ class Rules:
         """Return the commands before if one was given again and again: (B, A) as (B, commands, A)."""
         return np.repeat(given[:, None], self.commands_before, axis=1)
 
-    @property
+    @cached_property
     def dead_time(self) -> DeadTime:
         """Return which commands act before the new one does, and for how long."""
         return DeadTime(self.delay, self.interval)
 
-    @property
+    @cached_property
+    def longest_way(self) -> tuple[float, float]:
+        """Return how far any command leads at most, waits included, in metres; and until when that counts, in s.
+
+        Of a robot without a state of its motion that has the velocity it is told to have.
+        """
+        lower, upper, once = self.lower[None], self.upper[None], np.ones(1)
+        way = self.manoeuvre.longest(lower, upper) + sum(wait.longest(lower, upper) for wait in self.waiting)
+        return float(way[0]), float(self.manoeuvre.counted_between(lower, lower, upper, once, once)[1][0])
+
+    @cached_property
     def waiting(self) -> tuple[Manoeuvre, ...]:
         """Return the W paths that the commands on their way add before the new one acts, the oldest first."""
         acting, durations = self.manoeuvre, self.dead_time.durations

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from viatool.arrays import Floats, Indices
-from viatool.channels import Quantities, View
+from viatool.channels import Inputs, Quantities, View
 from viatool.channels.drift import Drift, observes_its_pose, require_present, seen_from_elsewhere
 from viatool.channels.reading_errors import ReadingErrors
 from viatool.errors import ConfigurationError, PolicyError
@@ -32,6 +32,7 @@ from viatool.setting.scanned import check_scans, scan_views
 from viatool.setting.sensor_errors import Eps, SensorErrors
 from viatool.setting.wishes import Wishes
 from viatool.uncertainty import ErrorModel
+from viatool.uncertainty.error_model import ObstacleTerms
 from viatool.uncertainty.supported import SUPPORTED
 from viatool.world import Robot, Scenario, Scenes, WorldMap
 from viatool.world.scenario import require_plain
@@ -223,6 +224,16 @@ class Setting:
         )
 
     @cached_property
+    def inputs(self) -> Inputs:
+        """Where readings stand in an observation, and how they are encoded."""
+        return self.spec.inputs
+
+    @cached_property
+    def fixed(self) -> Floats:
+        """The numbers of an observation that the specification fixes, (n,); NaN where it fixes none."""
+        return self.spec.fixed_values()
+
+    @cached_property
     def quantities(self) -> Quantities:
         """What the policy observes."""
         return Quantities.of(self.spec.observation, self.robot, self.spec.frames)
@@ -233,7 +244,12 @@ class Setting:
         model = self.uncertainty
         return ReadingErrors.of(self.quantities, self.radii, model.sensor, model.source)
 
-    @property
+    @cached_property
+    def moves(self) -> bool:
+        """Whether the error model says that anything moves."""
+        return self.uncertainty.obstacles != ObstacleTerms()
+
+    @cached_property
     def pose_radii(self) -> Floats:
         """Return how far the pose that localisation gives may be from the true one, (3,) metres and radians."""
         pose = self.uncertainty.pose
@@ -289,7 +305,7 @@ class Setting:
         Sound: yes, also where the errors are no box; rounding is counted.
         """
         if self.reading_errors.is_box and drift is None:
-            return self.spec.inputs.box(observations, self.radii)
+            return self.inputs.box(observations, self.radii)
         return self.reading_errors.sets(observations, drift).hull
 
     def uncertain(self, observations: Floats) -> tuple[Floats, Floats]:
@@ -299,7 +315,7 @@ class Setting:
         -----
         Sound: yes, see `Inputs.box`; rounding is counted.
         """
-        inputs = self.spec.inputs
+        inputs = self.inputs
         if inputs.is_plain:
             return observations, self.radii
         lower, upper = inputs.box(observations, self.radii)

@@ -156,14 +156,10 @@ class Curve:
                 np.where(beyond, -np.inf, cells.table[0][first, last]),
                 np.where(beyond, np.inf, cells.table[1][first, last]),
             )
-        low, high = self.enclose(lower, derivative), self.enclose(upper, derivative)
+        ends = self.enclose(np.stack([lower, upper]), derivative)
         return Interval(
-            np.where(
-                beyond, -np.inf, np.minimum(np.minimum(low.lower, high.lower), cells.table[0][first, last])
-            ),
-            np.where(
-                beyond, np.inf, np.maximum(np.maximum(low.upper, high.upper), cells.table[1][first, last])
-            ),
+            np.where(beyond, -np.inf, np.minimum(ends.lower.min(axis=0), cells.table[0][first, last])),
+            np.where(beyond, np.inf, np.maximum(ends.upper.max(axis=0), cells.table[1][first, last])),
         )
 
     @cached_property

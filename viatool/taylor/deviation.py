@@ -170,7 +170,7 @@ def enclose_program(
         if given is None:
             continue
         worth = _is_worth_more(network, hulls[-1], found.deviation) & gains
-        for rows in _blocks(network, np.flatnonzero(worth)):
+        for rows in _blocks(network, np.flatnonzero(worth)) if worth.any() else ():
             by_symbols = _Carried(network, given(rows), engine=engine, with_symbols=True)
             found.meet(rows, by_symbols.to_actions())
             problem = by_symbols.problem or problem

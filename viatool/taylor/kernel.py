@@ -6,7 +6,7 @@ import ctypes
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from itertools import accumulate
+from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
@@ -138,8 +138,8 @@ class Kernel:
 
     def hulls(self, lower: Floats, upper: Floats) -> list[Hull]:
         """Cut what is known of all neurons of the trunk into the hulls of its nodes."""
-        cuts = self._ends[: self.trunk - 1]
-        return list(zip(np.split(lower, cuts, axis=1), np.split(upper, cuts, axis=1), strict=True))
+        ends = [0, *self._ends[: self.trunk]]
+        return [(lower[:, first:last], upper[:, first:last]) for first, last in pairwise(ends)]
 
     def bound(
         self,

@@ -62,12 +62,17 @@ def blocks_of_parts(network: Network, count: int) -> list[slice]:
 
 
 def _blocks(network: Network, count: int, floats: int, most: int) -> list[slice]:
+    step = _together(network, floats, most)
+    return [slice(start, min(start + step, count)) for start in range(0, count, step)]
+
+
+@lru_cache(maxsize=64)
+def _together(network: Network, floats: int, most: int) -> int:
     widest = max(node.size for node in network.nodes)
     each = widest * (network.input_size + min(widest // 2, MOST_SYMBOLS))
     least = int(np.clip(2 * LARGEST_FLOATS // each, 1, _LEAST_STATES))
     step = int(np.clip(floats // each, least, most))
-    step = min(step, max(1, int(_KEPT_FLOATS / _floats_of_a_pass(network))))
-    return [slice(start, min(start + step, count)) for start in range(0, count, step)]
+    return min(step, max(1, int(_KEPT_FLOATS / _floats_of_a_pass(network))))
 
 
 def blocks_of_order(network: Network, box: Box, order: int, largest: int) -> Iterator[Indices]:

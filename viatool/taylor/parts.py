@@ -91,7 +91,11 @@ class BoxParts:
 
 
 def _padded(values: NDArray[Any], depth: int) -> NDArray[Any]:
-    return np.pad(values, ((0, 0), (0, depth - values.shape[1]))) if values.ndim == 2 else values
+    if values.ndim == 1 or values.shape[1] == depth:
+        return values
+    padded = np.zeros((len(values), depth), dtype=values.dtype)
+    padded[:, : values.shape[1]] = values
+    return padded
 
 
 def whole_boxes(extrema: Extrema, questions: Indices) -> BoxParts:

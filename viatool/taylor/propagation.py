@@ -14,6 +14,7 @@ from viatool.policy.activations import ActivationFunction, activation
 from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Network, Node, Product
 from viatool.rounding import ENGINE_ROUNDOFF, SLIGHTLY_MORE
 from viatool.sets.bounds import require_ordered
+from viatool.sets.chance import RowChance
 from viatool.taylor.approximation import Approximation, approximate
 from viatool.taylor.basis import Basis, monomial_basis
 from viatool.taylor.curve import curve_of
@@ -64,9 +65,9 @@ class Box:
         """Return where a linear function of a slope (B, n) is the largest, (B, n); where it is flat, as a point."""
         return np.where(slope > 0, self.upper, np.where(slope < 0, self.lower, point))
 
-    def random_corner(self, generator: np.random.Generator) -> Floats:
+    def random_corner(self, chance: RowChance) -> Floats:
         """Return a random corner of each box, (B, n)."""
-        high = generator.choice([False, True], size=self.lower.shape)
+        high = chance.random(self.lower.shape[1]) < 0.5
         return np.where(high, self.upper, self.lower)
 
 

@@ -147,6 +147,8 @@ class ReachableSet:
     @classmethod
     def hull(cls, sets: Sequence[ReachableSet]) -> ReachableSet:
         """Return what holds for every one of several programs over the same B boxes."""
+        if len(sets) == 1:
+            return sets[0]
         return cls(
             np.minimum.reduce([one.lower for one in sets]),
             np.maximum.reduce([one.upper for one in sets]),
@@ -158,6 +160,8 @@ class ReachableSet:
     @classmethod
     def join(cls, parts: Sequence[ReachableSet]) -> ReachableSet:
         """Return sets over boxes that follow each other as one."""
+        if len(parts) == 1:
+            return parts[0]
         columns = {each.name: [getattr(part, each.name) for part in parts] for each in fields(cls)}
         known: dict[str, Any] = {
             name: np.concatenate(column) for name, column in columns.items() if column[0] is not None

@@ -87,9 +87,10 @@ def refine_by_splitting(
     closed = np.full(found.shape, -np.inf)  # largest bound among the parts that are done with
     spent = np.zeros(found.shape, dtype=np.intp)
     questions = np.flatnonzero(extrema.bound > found + margin)
-    if questions.size:
-        extrema = refine_by_order(network, extrema, questions, order=2, rule=rule, largest=CACHED_FLOATS)
-        questions = np.flatnonzero(extrema.bound > found + margin)
+    if not questions.size:
+        return extrema, found
+    extrema = refine_by_order(network, extrema, questions, order=2, rule=rule, largest=CACHED_FLOATS)
+    questions = np.flatnonzero(extrema.bound > found + margin)
     fresh, waiting = whole_boxes(extrema, questions), whole_boxes(extrema, questions[:0])
     while fresh.owner.size:
         parts = waiting

@@ -15,10 +15,10 @@ from viatool.motion.carried import recorded_ends
 from viatool.policy import Policy
 from viatool.safety import Contested, JudgedStates, Judgement, ScenePoses, find_contested
 from viatool.safety.moving import movers_around
-from viatool.safety.pieces import CommandPieces, judge_pieces
+from viatool.safety.pieces import judge_pieces
 from viatool.setting.driven import DrivenPolicy
 from viatool.setting.setting import Setting
-from viatool.taylor import ReachableSet
+from viatool.taylor import ReachableSet, bounds_in_passing, efforts_of
 from viatool.verification.clock import Clock
 from viatool.verification.findings import StateFindings
 from viatool.verification.horizon import HorizonExamination
@@ -60,15 +60,33 @@ class StateExamination:
     horizon: HorizonExamination | None = None
     search: bool = True
 
+    @classmethod
+    def of(
+        cls,
+        policy: Policy,
+        setting: Setting,
+        engine: Mapping[str, Any],
+        *,
+        only_contested: bool = False,
+        seed: int = 0,
+        horizon: HorizonExamination | None = None,
+        search: bool = True,
+    ) -> StateExamination:
+        """Return the examination of a policy that gives commands, by settings of `viatool.reach`."""
+        everywhere = not only_contested and bounds_in_passing(policy.network)
+        efforts = efforts_of(policy, engine)
+        return cls(policy, setting.bare(), efforts, everywhere, only_contested, seed, horizon, search)
+
     def __call__(self, states: States) -> StateFindings:
         """Examine states block by block; what is found in a block depends on that block alone."""
         return StateFindings.join([self.examine(block) for block in states.each_block()])
 
-    def examine(self, block: States) -> StateFindings:
-        """Examine one block of B states."""
+    def examine(self, block: States, placed: ScenePoses | None = None) -> StateFindings:
+        """Examine one block of B states, whose poses among what stands are given or built."""
         clock = Clock()
         with clock.timed("geometry"):
-            placed = ScenePoses.of(self.setting.world_map, block.scenarios, block.poses, block.episode)
+            if placed is None:
+                placed = ScenePoses.of(self.setting.world_map, block.scenarios, block.poses, block.episode)
             movers = movers_around(
                 self.setting, block.scenarios, block.poses, block.episode, block.observations, block.people
             )
@@ -84,7 +102,7 @@ class StateExamination:
             with clock.timed("reach"):
                 bounded = sensors.reach(self.policy, effort, wanted, thorough)
                 reachable = bounded if reachable is None else bounded.where(wanted, reachable)
-                pieces = CommandPieces.of(policy, reachable, *sensors.bounds)
+                pieces = sensors.pieces(policy, reachable)
                 commands = reachable if policy.is_plain else pieces.reachable(reachable)
             with clock.timed("judge"):
                 judgement = judge_pieces(judged, pieces, contested)
@@ -96,7 +114,7 @@ class StateExamination:
         with clock.timed("search"):
             doubtful = np.flatnonzero(~judgement.safe & judged.known & self.search)
             bounds = commands.lower, commands.upper
-            found = sensors.search(policy, judged, doubtful, bounds, (self.seed, block.first))
+            found = sensors.search(policy, judged, doubtful, bounds, self.seed)
             witnesses = replace(found, state=block.first + found.state)
         with clock.timed("horizon"):
             tubes, crashes = self._follow(block, placed)
@@ -124,7 +142,7 @@ class StateExamination:
         if inner.possible is not None:
             known &= inner.possible.any(axis=1)
         asked = Contested(contested.collision & open_ & known, contested.danger & open_ & known)
-        best = judge_pieces(judged, CommandPieces.of(policy, inner, *sensors.bounds), asked)
+        best = judge_pieces(judged, sensors.pieces(policy, inner), asked)
         return open_ & (
             (best.safe & ~judgement.safe)
             | (best.danger & ~judgement.danger)

@@ -21,7 +21,7 @@ from viatool.setting.received import as_received, commands_observed, commands_un
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
 from viatool.simulate import Places
-from viatool.taylor import Arithmetic, Refinement, bounds_in_passing, efforts_of, engine_of
+from viatool.taylor import Arithmetic, Refinement, engine_of
 from viatool.taylor.approximation import Approximation
 from viatool.trajectory import BagSettings, Trajectory
 from viatool.uncertainty import ErrorModel, as_error_model
@@ -192,17 +192,20 @@ def verify(
         recording = source.compared(setting, trajectory)
     engine: dict[str, Any] = {"order": order, "approximation": approximation, "refine": refine}
     commanding = setting.commanding(policy)
-    efforts = efforts_of(commanding, {**engine, "arithmetic": arithmetic})
-    if len(efforts) > 1:
+    beyond = None if horizon is None else HorizonExamination(commanding, setting.bare(), horizon, arithmetic)
+    examination = StateExamination.of(
+        commanding,
+        setting,
+        {**engine, "arithmetic": arithmetic},
+        only_contested=only_contested,
+        seed=seed,
+        horizon=beyond,
+    )
+    if len(examination.efforts) > 1:
         engine["refined"] = "where a verdict depends on it"
     engine["passes"] = engine_of(commanding.network)
-    everywhere = not only_contested and bounds_in_passing(commanding.network)
-    if not (everywhere or only_contested):
+    if not (examination.everywhere or only_contested):
         engine["bounded"] = "contested states alone"
-    beyond = None if horizon is None else HorizonExamination(commanding, setting.bare(), horizon, arithmetic)
-    examination = StateExamination(
-        commanding, setting.bare(), efforts, everywhere, only_contested, seed, beyond
-    )
     campaign = Campaign(scheduler, checkpoint, resume, chunk)
     with clock.timed("examine"):
         work = StateWork(examination, asked, result_versions())
@@ -251,5 +254,6 @@ def verify(
 def _states(setting: Setting, trajectory: Trajectory, *, followed: bool) -> States:
     """Return the states of a trajectory with all that a setting needs to know of them."""
     previous = commands_observed(setting, trajectory) if followed else None
-    under_way, velocity = commands_under_way(setting, trajectory), velocities_measured(setting, trajectory)
-    return States.of(trajectory, under_way, previous, velocity, states_begun(setting, trajectory))
+    under_way, seen = commands_under_way(setting, trajectory), trajectory.observations
+    velocity, begun = velocities_measured(setting, seen), states_begun(setting, seen, trajectory.motion)
+    return States.of(trajectory, under_way, previous, velocity, begun)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -16,6 +16,8 @@ from viatool.policy import Policy
 from viatool.policy.repeated import repeating
 from viatool.safety import JudgedStates, ScenePoses, Witnesses, search_witnesses
 from viatool.safety.moving import movers_around
+from viatool.safety.pieces import CommandPieces
+from viatool.sets.chance import RowChance
 from viatool.setting.admissible import AdmissibleSets
 from viatool.setting.driven import DrivenPolicy
 from viatool.setting.explanation import explain
@@ -73,14 +75,14 @@ class BlockSensors:
     @cached_property
     def shared(self) -> Indices | None:
         """The first of the inputs that may hold the same reading as each, (B, n); None where every one is another."""
-        inputs, states = self.setting.spec.inputs, self.states
+        inputs, states = self.setting.inputs, self.states
         before = np.where(np.isnan(states.steps), states.rows, states.steps)
         return inputs.shared(self.observations, before) if inputs.memory else None
 
     @cached_property
     def repeated(self) -> Indices | None:
         """The first of the inputs that surely hold the reading of each, (B, n); None where every one is another."""
-        inputs, steps = self.setting.spec.inputs, self.states.steps
+        inputs, steps = self.setting.inputs, self.states.steps
         if not (inputs.memory and (steps < inputs.memory).any()):
             return None
         return inputs.shared(self.observations, steps)
@@ -97,6 +99,12 @@ class BlockSensors:
     def bounds(self) -> tuple[Floats, Floats]:
         """Return the least and the largest number that the network may take, (B, n) each."""
         return self.setting.observed(self.observations, self.drift)
+
+    def pieces(self, policy: DrivenPolicy, reachable: ReachableSet) -> CommandPieces:
+        """Return the commands that may be sent, where the network may give what is reachable."""
+        if policy.is_plain:
+            return CommandPieces.plain(reachable)
+        return CommandPieces.of(policy, reachable, *self.bounds)
 
     def reach(
         self, policy: Policy, engine: Mapping[str, Any], wanted: Booleans, contested: Booleans
@@ -160,7 +168,7 @@ class BlockSensors:
         judged: JudgedStates,
         doubtful: Indices,
         commands: tuple[Floats, Floats],
-        seed: Sequence[int],
+        seed: int,
     ) -> Witnesses:
         """Look for counterexamples in some states, within bounds of the commands, (B, A) each.
 
@@ -168,7 +176,9 @@ class BlockSensors:
         -----
         Sound: yes, as `search_witnesses`; where errors are no box, each is one that `explain` explains.
         """
-        inputs = self.setting.spec.inputs
+        inputs = self.setting.inputs
+        if not len(doubtful) and not self.errors.scans:
+            return Witnesses.none(self.observations.shape[1], commands[0].shape[1])
         if self.is_box and judged.observing.radii is None:
             box = Box(*inputs.box(self.observations, self.setting.radii, within=True))
             return search_witnesses(
@@ -192,23 +202,23 @@ class BlockSensors:
         judged: JudgedStates,
         doubtful: Indices,
         commands: tuple[Floats, Floats],
-        seed: Sequence[int],
+        seed: int,
     ) -> Witnesses:
         """Search from some true poses of each box, with some believed ones."""
         if not len(doubtful):
-            turn, passed = self._scans(0, np.random.default_rng(seed))
-            none = Witnesses.join([], self.observations.shape[1], commands[0].shape[1])
-            return replace(none, turn=turn, passed=passed) if self.errors.scans else none
-        generator = np.random.default_rng(seed)
+            turn, passed = self._scans(RowChance(seed, self.observations[:0]))
+            none = Witnesses.none(self.observations.shape[1], commands[0].shape[1])
+            return replace(none, turn=turn, passed=passed)
+        chance = RowChance(seed, self.states.poses[doubtful], self.observations[doubtful])
         rows = np.repeat(doubtful, _BELIEFS)
         recorded, radii = self.states.poses[rows], _WITHIN * self.setting.pose_radii
         true, believed = recorded.copy(), recorded.copy()
         worst = self._worst_corners(judged.select(doubtful), commands, doubtful)
-        turn, passed = self._scans(len(doubtful), generator)
+        turn, passed = self._scans(chance)
         for number in range(1, _BELIEFS):
             true[number::_BELIEFS] += radii * worst
             if number > 1:
-                corners = _CORNERS[generator.integers(len(_CORNERS), size=len(doubtful))]
+                corners = _CORNERS[(len(_CORNERS) * chance.random(1)[:, 0]).astype(int)]
                 believed[number::_BELIEFS] += radii * corners
         drifted = self._drifted(rows, true, believed, turn, passed)
         sets = AdmissibleSets(self.errors, self.observations[rows], drifted)
@@ -256,19 +266,21 @@ class BlockSensors:
             clearances.append(replace(judged, observing=here).closest_approach(middle)[0][:, 0])
         return np.asarray(_CORNERS[np.argmin(clearances, axis=0)])
 
-    def _scans(self, count: int, generator: np.random.Generator) -> tuple[Floats, Booleans]:
+    def _scans(self, chance: RowChance) -> tuple[Floats, Booleans]:
         """Return turns (P, T) of scans and which bins pass what is thin, (P, n), for every belief of D states.
 
         The first of each are none, the others ends of the model.
         """
         limits = _WITHIN * np.array([scan.angle for scan in self.errors.scans])
+        count, size = len(chance), self.errors.inputs.size
         turn = np.zeros((count, _BELIEFS, len(limits)))
-        passed = np.zeros((count, _BELIEFS, self.errors.inputs.size), dtype=bool)
-        turn[:, 1:] = limits * generator.choice([-1.0, 1.0], size=turn[:, 1:].shape)
+        passed = np.zeros((count, _BELIEFS, size), dtype=bool)
+        signs = chance.random((_BELIEFS - 1) * len(limits)).reshape(turn[:, 1:].shape) < 0.5
+        turn[:, 1:] = np.where(signs, -limits, limits)
         turn[:, 2] = -turn[:, 1]
         if self.errors.passes:
             passed[:, 2] = True
-            passed[:, 3] = generator.random(passed[:, 3].shape) < 0.5
+            passed[:, 3] = chance.random(size) < 0.5
         rows = count * _BELIEFS
         return turn.reshape(rows, len(limits)), passed.reshape(rows, passed.shape[2])
 
