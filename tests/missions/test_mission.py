@@ -17,14 +17,16 @@ from viatool.cli import main
 from viatool.errors import ConfigurationError
 from viatool.loop import successor
 from viatool.loop.closed_loop import ClosedLoop
-from viatool.missions import MissionLimits, follow, mission
+from viatool.loop.successor import states_of
+from viatool.missions import MissionLimits, cells, follow, mission
 from viatool.missions.cells import CellSides
 from viatool.missions.directions import BoundedParts, PoseDirections
 from viatool.missions.families import directions_of
 from viatool.missions.follow import MissionFollower
 from viatool.missions.work import MissionExamination
 from viatool.schedule import Campaign, Deadline
-from viatool.sets.forms import Forms
+from viatool.sets.forms import Forms, PoseBoxes
+from viatool.sets.states import StateBoxes
 from viatool.setting.driven import DrivenPolicy
 from viatool.setting.setting import Setting
 from viatool.uncertainty import ErrorModel
@@ -243,6 +245,21 @@ def test_cells_cover_sets_from_end_to_end_whatever_their_ends_round_to(side):
         assert volume == pytest.approx(np.prod(high - low), abs=1e-9 * side**3)
 
 
+def test_cells_become_coarser_along_every_side_where_there_would_be_too_many(monkeypatch):
+    """Half of the sets reach over a border, however long cells are; commands are cut as poses are."""
+    monkeypatch.setattr(cells, "_MOST_PIECES", 4)
+    lower, upper = np.full((2, 5), -0.3), np.full((2, 5), 0.3)
+    lower[1] = 0.01
+    box = StateBoxes(
+        PoseBoxes((lower + upper)[:, :3] / 2, (upper - lower)[:, :3] / 2), lower[:, 3:], upper[:, 3:]
+    )
+    sides = CellSides(np.array([0.1, 0.1, 0.1, 0.01, 0.01]))
+    found = sides.divide(states_of(box), (lower, upper), PoseDirections.none())
+    assert 1 < len(found) <= 2 * 2**5
+    for q in np.random.default_rng(0).uniform(-0.3, 0.3, (500, 5)):
+        assert ((found.lower <= q) & (q <= found.upper)).all(axis=1).any()
+
+
 def test_parts_that_are_cut_for_their_interval_cover_what_they_are_cut_of(hall, dodging):
     """Every pose of a part is in one of its eighths, and each eighth steps on from its own box."""
     some, (lower, upper), _ = follower(hall, dodging)
@@ -393,6 +410,31 @@ def test_starts_of_the_error_model_are_those_of_the_option(hall, dodging, proved
 def test_what_cannot_be_asked_is_refused_before_any_work(hall, dodging, given, said):
     with pytest.raises(ConfigurationError, match=said):
         mission(dodging, hall, eps=EPS, **given)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"position": 0.0},
+        {"heading": 1e-20},
+        {"position": np.nan},
+        {"position": -1.0},
+        {"parts": 0},
+        {"finer": -1},
+        {"steps": -1},
+    ],
+)
+def test_limits_that_no_cells_keep_are_refused(given):
+    with pytest.raises(ConfigurationError):
+        MissionLimits(**{"steps": 0} | given)
+
+
+def test_a_cell_of_no_length_is_refused_by_name(hall, dodging, capsys):
+    arguments = ["mission", str(dodging.path), "--map", str(hall.path), "--eps", "0.01", "--cell", "0,0"]
+    with pytest.raises(SystemExit) as left:
+        main(arguments)
+    assert left.value.code == 2
+    assert "the largest cells are 0 m and 0 rad long, expected at least 1e-06 each" in capsys.readouterr().err
 
 
 def test_the_report_holds_the_contract(hall, dodging, tmp_path):

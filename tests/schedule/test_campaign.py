@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from tests.schedule.local_cluster import LocalCluster
 from tests.schedule.work import SinceBegun, Sleep
+from viatool.errors import ConfigurationError
 from viatool.schedule import (
     NEVER,
     Campaign,
@@ -209,3 +210,8 @@ def test_a_cluster_stops_in_time(tmp_path):
         )
     assert 0 < found.units < 3000
     assert found.part == list(range(found.units))
+
+
+def test_nothing_is_resumed_without_a_checkpoint():
+    with pytest.raises(ConfigurationError, match="nothing is there to resume from"):
+        Campaign(resume=True)

@@ -84,8 +84,11 @@ class CellSides:
         states, bounds = states.select(there), (bounds[0][there], bounds[1][there])
         firsts, lasts = self._ranges(bounds)
         pieces = np.prod(lasts - firsts + 1, axis=1)
-        if np.prod((lasts - firsts + 1).astype(np.float64), axis=1).sum() > _MOST_PIECES:
-            return self.scaled(_COARSER).divide(states, bounds, directions)
+        most = max(
+            _MOST_PIECES, len(firsts) * 2 ** len(self.cut)
+        )  # any side may pass the border of two cells
+        if np.prod((lasts - firsts + 1).astype(np.float64), axis=1).sum() > most:
+            return CellSides(self.sides * _COARSER).divide(states, bounds, directions)
         states = directions.beside(states)
         width = states.centre.shape[1] * (len(self.cut) + 4)
         found: list[tuple[Indices, Floats, Floats]] = []

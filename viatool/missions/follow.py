@@ -27,6 +27,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from viatool.arrays import Booleans, Floats, Indices
+from viatool.errors import ConfigurationError
 from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.destination import Destination, NearPlace
 from viatool.loop.elapsed import loop_after
@@ -39,6 +40,9 @@ from viatool.missions.directions import BoundedParts, PoseDirections
 from viatool.missions.families import directions_of
 from viatool.schedule import check_time
 from viatool.sets.states import StateBoxes
+
+SMALLEST_CELL = 1e-6
+"""Metres, and radians."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,20 @@ class MissionLimits:
     position: float = 0.06
     heading: float = 0.04
     finer: int = 2
+
+    def __post_init__(self) -> None:
+        if self.steps < 0 or self.parts < 1 or self.finer < 0:
+            raise ConfigurationError(
+                f"a mission cannot be followed for {self.steps} steps, in {self.parts} parts, begun again {self.finer} "
+                "times",
+                "give at least 0 steps (0: those of the time limit), 1 part and 0 times",
+            )
+        if not (self.position >= SMALLEST_CELL and self.heading >= SMALLEST_CELL):
+            raise ConfigurationError(
+                f"the largest cells are {self.position:g} m and {self.heading:g} rad long, expected at least "
+                f"{SMALLEST_CELL:g} each",
+                "give metres and radians, such as 0.06,0.04",
+            )
 
 
 @dataclass(frozen=True, eq=False)

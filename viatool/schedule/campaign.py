@@ -24,6 +24,7 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 from numpy.typing import NDArray
 
+from viatool.errors import ConfigurationError
 from viatool.schedule.checkpoint import Checkpoint
 from viatool.schedule.deadline import NEVER, Deadline, TimeUp, within
 from viatool.schedule.pieces import Content, Piece, Scheduler, Span, cut
@@ -155,6 +156,10 @@ class Campaign:
     checkpoint: str | os.PathLike[str] | None = None
     resume: bool = False
     chunk: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.resume and self.checkpoint is None:
+            raise ConfigurationError("nothing is there to resume from", "give the folder with --checkpoint")
 
     def within(self, folder: str) -> Campaign:
         """Return the campaign of a part of the work, kept in a folder of its own below this one's checkpoint."""
