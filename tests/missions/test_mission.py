@@ -29,6 +29,7 @@ from viatool.sets.forms import Forms, PoseBoxes
 from viatool.sets.states import StateBoxes
 from viatool.setting.driven import DrivenPolicy
 from viatool.setting.setting import Setting
+from viatool.sight import windows
 from viatool.uncertainty import ErrorModel
 from viatool.world import Scenario
 
@@ -199,6 +200,19 @@ def cut_and_lose_a_rim(monkeypatch, some):
 honest_ways = MissionFollower._ways
 
 
+def lose_the_far_side(monkeypatch, some):
+    honest = windows.sides_of
+
+    def nearer_alone(gaps, most):
+        found = honest(gaps, most)
+        first = np.unique(found.row, return_index=True)[1] if found is not None else []
+        return found and windows.Sides(
+            found.row[first], {name: one.select(first) for name, one in found.windows.items()}
+        )
+
+    monkeypatch.setattr("viatool.channels.quantities.sides_of", nearer_alone)
+
+
 def arrive_early(monkeypatch, some):
     object.__setattr__(some, "goal_radius", 0.6)
 
@@ -215,6 +229,7 @@ def arrive_early(monkeypatch, some):
         tighten_too_far,
         forget_the_other_axes,
         cut_and_lose_a_rim,
+        lose_the_far_side,
         arrive_early,
     ],
 )

@@ -14,11 +14,14 @@ from viatool.channels.quantity import Part, Quantity, observes
 from viatool.channels.views import BoxView, Extent, RecordedInstants, View
 from viatool.errors import PolicyError
 from viatool.sets.forms import Forms
-from viatool.sight.scan import enclose_losing
+from viatool.sight.scan import enclose_losing, gaps_of, has_gaps
+from viatool.sight.windows import Gaps
 from viatool.world import Lidar
 
 _SHORTEST = 0.01
 """Metres that a LiDAR sees beyond its least range, however little its network tells apart."""
+_LEAST_JUMP = 0.05
+"""Metres by which a reading has to jump for its sides to be told apart."""
 
 
 @observes("lidar")
@@ -94,15 +97,32 @@ class LidarReadings(Quantity):
 
     def enclose_losing(self, view: BoxView, lost: int) -> tuple[Forms, Floats]:
         """Enclose the bins, and bound what they read at most, (C, bins), when so many rays return nothing."""
-        lidar = self.fan.lidar
-        if self.farthest < lidar.maximum_range:
-            lidar = replace(lidar, maximum_range=self.farthest)
-        seen, most = enclose_losing(view.start.poses, view.shapes, lidar, lost)
+        windows = view.windows.get(self.channel.name)
+        seen, most = enclose_losing(view.start.poses, view.shapes, self._over_sets, lost, windows)
         if view.submerged.any():
             ends = (np.full_like(seen.centre, end) for end in self._ends)
             seen = Forms.choose(view.submerged, Forms.between(*ends), seen)
             most = np.where(view.submerged[:, None], self._ends[1], most)
         return view.over_states(seen), most
+
+    @property
+    def _over_sets(self) -> Lidar:
+        """Return the LiDAR as it is enclosed over sets of states."""
+        lidar = self.fan.lidar
+        return replace(lidar, maximum_range=self.farthest) if self.farthest < lidar.maximum_range else lidar
+
+    def gaps(self, view: BoxView, seen: Forms) -> Gaps:
+        """Return what bins never read where they jump, in C sets of which they are enclosed by forms (C, bins).
+
+        Where some rays may be lost nothing is told apart, nor where the sensor may stand in an obstacle or off the map.
+        """
+        found = Gaps.none(*seen.centre.shape)
+        some = np.flatnonzero((seen.rest > _LEAST_JUMP).any(axis=1) & ~view.submerged)
+        if some.size and has_gaps(view.shapes, self.fan.lidar):
+            gaps = gaps_of(view.start.poses.select(some), view.shapes, self._over_sets)
+            wide = (gaps.width > _LEAST_JUMP) & (seen.rest[some] > _LEAST_JUMP)
+            found.middle[some], found.width[some] = gaps.middle, np.where(wide, gaps.width, 0.0)
+        return found
 
     def up_to(self, reading: float) -> LidarReadings:
         """Return these readings for a network to which one that is larger is as good as this one.

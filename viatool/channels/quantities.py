@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
@@ -23,6 +23,7 @@ from viatool.errors import PolicyError
 from viatool.rounding import SLIGHTLY_MORE, UNIT_ROUNDOFF
 from viatool.sets.forms import Forms
 from viatool.sets.observations import Few, ObservationSets
+from viatool.sight.windows import Gaps, sides_of
 from viatool.world import Robot
 
 
@@ -43,6 +44,11 @@ class Sightings:
     forms: Forms
     cell: Indices
     few: tuple[Few, ...] = ()
+
+    def select(self, which: Indices) -> Sightings:
+        """Return some of the parts."""
+        few = tuple(few.select(which) for few in self.few)
+        return Sightings(self.forms.select(which), self.cell[which], few)
 
     @property
     def sets(self) -> ObservationSets:
@@ -198,7 +204,7 @@ class Quantities:
         """Return what sensors read at S instants of a recording, (S, m), as `read` does; NaN where unknown."""
         return self._filled(len(recorded.poses), lambda quantity: quantity.record(recorded))
 
-    def enclose(self, view: BoxView, radii: Floats | Erring | None = None) -> Sightings:
+    def enclose(self, view: BoxView, radii: Floats | Erring | None = None, *, jumps: int = 0) -> Sightings:
         """Enclose what the network takes anywhere in C sets of states.
 
         Parameters
@@ -207,11 +213,13 @@ class Quantities:
             C sets of states.
         radii : ndarray or Erring, optional
             (n,) by how much each reading may be off, in the unit of its sensor, or how else; None for perfect sensors.
+        jumps : int
+            Of how many readings of a LiDAR that jump, the widest, the sides are told apart.
 
         Returns
         -------
         Sightings
-            Of all sets; of those that reach over the half turn of an angle, both sides.
+            Of all sets; of those that reach over the half turn of an angle, both sides; of jumps, all choices of sides.
 
         Notes
         -----
@@ -219,16 +227,22 @@ class Quantities:
         """
         every = np.arange(len(view))
         erring = radii if isinstance(radii, Erring) or radii is None else Erring.within(radii)
-        rows, found = [every], [self._enclose(view, erring)]
+        first = self._enclose(view, erring)
+        rows, found = [every], [first]
+        jumping = sides_of(first.gaps, jumps) if jumps else None
+        if jumping is not None:
+            told = replace(view.select(jumping.row, view.behind), windows=jumping.windows)
+            rows.append(jumping.row)
+            found.append(self._enclose(told, erring))
         for behind, both in self._other_sides(view if erring is None else erring.believed(view)):
             rows.append(every[both])
             found.append(self._enclose(view.select(every[both], behind), erring))
-        parts, few = [part[0] for part in found], zip(*(part[1] for part in found), strict=True)
-        return Sightings(
-            parts[0] if len(parts) == 1 else Forms.concatenate(parts),
+        seen = Sightings(
+            first.forms if len(found) == 1 else Forms.concatenate([part.forms for part in found]),
             np.concatenate(rows),
-            tuple(Few.concatenate(some) for some in few),
+            tuple(Few.concatenate(some) for some in zip(*(part.few for part in found), strict=True)),
         )
+        return seen if jumping is None else seen.select(jumping.in_place_of_sets(len(view), len(seen.cell)))
 
     def _other_sides(self, view: BoxView) -> Iterator[tuple[frozenset[str], Booleans]]:
         """Give every choice of angles that may be on the other side of the half turn, and in which sets (C,)."""
@@ -246,16 +260,19 @@ class Quantities:
             if both.any():
                 yield behind, both
 
-    def _enclose(self, view: BoxView, erring: Erring | None) -> tuple[Forms, list[Few]]:
-        """Enclose what the network takes, on the sides of half turns that the view names; and what may be elsewhere."""
-        parts, few, symbols = [], [], view.states.slope.shape[1]
+    def _enclose(self, view: BoxView, erring: Erring | None) -> _Seen:
+        """Enclose what the network takes, on the sides of half turns and jumps that the view names."""
+        parts, few, gaps, symbols = [], [], {}, view.states.slope.shape[1]
         believed = view if erring is None else erring.believed(view)
         for quantity, place in zip(self.each, self.columns, strict=True):
             lost: list[Few] = []
             if erring is None:
                 seen = quantity.enclose(view)
             elif isinstance(quantity, LidarReadings):
-                seen, most = quantity.enclose_losing(erring.looking(view, place), erring.losing(place))
+                looking, losing = erring.looking(view, place), erring.losing(place)
+                seen, most = quantity.enclose_losing(looking, losing)
+                if not losing:
+                    gaps[quantity.channel.name] = quantity.gaps(looking, seen)
                 seen = erring.added(seen, place, symbols)
                 lost = erring.lost(seen, place, most)
             else:
@@ -269,7 +286,7 @@ class Quantities:
             np.concatenate([part.slope for part in parts], axis=2),
             np.concatenate([part.rest for part in parts], axis=1),
         ).checked()
-        return forms, few
+        return _Seen(forms, few, gaps)
 
     def bounds(self, extent: Extent) -> tuple[Floats, Floats]:
         """Return the least and the largest number of each input on a map, (n,) each."""
@@ -292,6 +309,15 @@ class Quantities:
         for quantity, columns in zip(self.each, self.columns, strict=True):
             table[:, columns] = read(quantity).reshape(count, quantity.channel.size)
         return table.astype(np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """What the network takes in C sets, (C, n), what may be elsewhere, and what bins of LiDARs never read."""
+
+    forms: Forms
+    few: list[Few]
+    gaps: Mapping[str, Gaps]
 
 
 def _encoded(some: Few, channel: Channel) -> Few:

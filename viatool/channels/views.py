@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
@@ -17,6 +17,7 @@ from viatool.rounding import SPARE
 from viatool.sets.forms import Forms
 from viatool.sets.states import POSE, StateBoxes
 from viatool.sight.shapes import Shapes
+from viatool.sight.windows import Windows
 from viatool.world import Scenes
 
 
@@ -147,6 +148,8 @@ class BoxView:
         (C, 2) ends of the control intervals that are left; None where an episode is not long enough to be known.
     raw : Forms, optional
         (C, K) what the network gave in the step before; None where nothing tells.
+    windows : mapping of str to Windows
+        Of a LiDAR channel by its name: what its bins read at the poses that count; others count all.
     """
 
     start: StateBoxes
@@ -157,6 +160,7 @@ class BoxView:
     behind: frozenset[str] = frozenset()
     left: Floats | None = None
     raw: Forms | None = None
+    windows: Mapping[str, Windows] = field(default_factory=dict)
 
     def __len__(self) -> int:
         """Return C."""
@@ -172,6 +176,7 @@ class BoxView:
             behind=behind,
             left=None if self.left is None else self.left[which],
             raw=None if self.raw is None else self.raw.select(which),
+            windows={name: windows.select(which) for name, windows in self.windows.items()},
         )
 
     @cached_property

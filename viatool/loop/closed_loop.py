@@ -378,7 +378,8 @@ class ClosedLoop:
         if self.driven.choice is None:
             self.watch(sightings.forms.centre, linear)
         if self.driven.is_plain:
-            return SentReach(np.arange(count), linear.joined(sightings.cell, count))
+            order = np.argsort(sightings.cell, kind="stable")
+            return SentReach(sightings.cell[order], linear.select(order))
         pieces = self._sent(sightings, linear.lower, linear.upper, count)
         constant = LinearReach.constant(pieces.lower, pieces.upper, common)
         if self.driven.choice is not None:

@@ -57,7 +57,9 @@ class Sensors:
     loose: ScenePoses | None = None
     recollection: Recollection = field(default_factory=Recollection)
 
-    def enclose(self, cells: StateBoxes, states: Forms | None = None, told: Told = NOTHING) -> Sightings:
+    def enclose(
+        self, cells: StateBoxes, states: Forms | None = None, told: Told = NOTHING, *, jumps: int = 0
+    ) -> Sightings:
         """Enclose what the network takes anywhere in sets of states, whatever the sensors err.
 
         Parameters
@@ -68,6 +70,8 @@ class Sensors:
             (C, 5) the sets within the boxes, in S symbols; by default all of the boxes, in five.
         told : Told
             What else is known of the sets.
+        jumps : int
+            Of how many readings of a LiDAR that jump, the sides are told apart.
 
         Returns
         -------
@@ -82,7 +86,7 @@ class Sensors:
         left, raw = self.recollection.over(told, cells, states)
         submerged = self._submerged(cells.poses)
         view = BoxView(cells, states, self.shapes, self.goal, submerged, left=left, raw=raw)
-        return self.quantities.enclose(view, self.radii)
+        return self.quantities.enclose(view, self.radii, jumps=jumps)
 
     def encode(self, readings: Floats) -> Floats:
         """Return what the network takes of readings (B, n), not yet rounded to its numbers."""

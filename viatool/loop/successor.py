@@ -32,6 +32,8 @@ from viatool.setting.rules import Rules
 
 _POSE = slice(0, 3)
 _BEFORE = slice(3, None)
+_JUMPS = 2
+"""Readings that jump of a set, whose sides are followed by themselves."""
 _MOST_NUMBERS = 500_000
 """Of coefficients in the arrays of a chunk, so that they stay in the cache."""
 
@@ -168,7 +170,7 @@ def hull(states: Forms) -> StateBoxes:
 def _step(loop: ClosedLoop, states: Forms, told: Told) -> LoopStep:
     """Enclose one chunk of sets without rests."""
     start = hull(states)
-    sightings = loop.sensors.enclose(start, states, told)
+    sightings = loop.sensors.enclose(start, states, told, jumps=_JUMPS)
     sent = loop.commands_of_sets(sightings, states.slope.shape[1], len(start))
     start, states, reached = start.select(sent.cell), select(states, sent.cell), sent.reach
     rules, bounds = loop.rules, (reached.lower, reached.upper)

@@ -38,9 +38,10 @@ def see_circles(boxes: PoseBoxes, shapes: Shapes, lidar: Lidar, slack: float) ->
         nearest=np.where((np.abs(b) <= radius) & (a > 0.0), a - depth, np.inf),
         slope=rays.slopes(np.asarray(1.0 + 1j * s, dtype=np.complex128), w),
         lower=np.where(missed, np.inf, value - tangent - rest),
-        upper=np.where(certain, value - chord + rest, np.inf),
+        upper=value - chord + rest,
         least=np.where(missed, np.inf, np.maximum(far - radius - rays.reach, 0.0) - slack),
-        most=np.where(certain, far + rays.reach + slack, np.inf),
+        most=far + rays.reach + slack,
+        certain=certain,
     )
 
 

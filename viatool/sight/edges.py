@@ -43,9 +43,10 @@ def see_edges(boxes: PoseBoxes, shapes: Shapes, lidar: Lidar, slack: float) -> G
         nearest=np.where(met, t, np.inf),
         slope=np.where(oblique, slope, 0.0),
         lower=np.where(missed, np.inf, np.where(oblique, t - below, -np.inf)),
-        upper=np.where(certain & oblique, t + above, np.inf),
+        upper=np.where(oblique, t + above, np.inf),
         least=np.where(missed, np.inf, np.maximum(least, 0.0) - slack),
-        most=np.where(certain, most + slack, np.inf),
+        most=most + slack,
+        certain=certain,
     )
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -27,9 +28,11 @@ class Glimpses:
     slope : ndarray
         (3, T) scaled slopes of the linear form.
     lower, upper : ndarray
-        (T,) constants of the forms below and above the range; the upper one is infinite where a pose may miss.
+        (T,) constants of the forms below and above the range, where the ray meets the shape.
     least, most : ndarray
-        (T,) bounds that do not depend on the pose.
+        (T,) bounds that do not depend on the pose, likewise; `lower` and `least` are infinite where no pose meets it.
+    certain : ndarray
+        (T,) bool: whether every pose meets it and sees it.
     """
 
     row: Indices
@@ -39,6 +42,23 @@ class Glimpses:
     upper: Floats
     least: Floats
     most: Floats
+    certain: Booleans
+
+    def select(self, which: Indices | Booleans) -> Glimpses:
+        """Return some of them."""
+        return Glimpses(**{each.name: getattr(self, each.name)[..., which] for each in fields(self)})
+
+    @classmethod
+    def concatenate(cls, parts: Sequence[Glimpses]) -> Glimpses:
+        """Return all of several kinds."""
+        names = [each.name for each in fields(cls)]
+        return cls(*(np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in names))
+
+    @property
+    def ends(self) -> tuple[Floats, Floats]:
+        """Return bounds of the range where the ray meets the shape, whatever the pose, (T,) each."""
+        spread = np.abs(self.slope).sum(axis=0)
+        return np.maximum(self.lower - spread, self.least), np.minimum(self.upper + spread, self.most)
 
 
 @dataclass(frozen=True, eq=False)

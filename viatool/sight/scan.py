@@ -35,6 +35,12 @@ A shape that hides another needs no rule: the least range counts.
 6. *What may be elsewhere* is somewhere within a region. A range is at least what it would be if the whole region were
    solid, and at most what it would be without the thing: the lower form of the one and the upper form of the other
    hold it. Bins, whatever they make of their rays, do not fall when ranges grow.
+
+7. *Jumps.* Where some pose sees a near thing and some pose one behind it, a bin reads either, and nothing in between.
+   Of the poses at which it reads at most b, less than the maximum range, what is read is met, and not beyond b: the
+   reading is at most the largest of the upper bounds of what may be so near. Of those at which it reads at least a,
+   nothing is met that is surely nearer than a. So with b = a in the gap each side has a form as tight as that of one
+   thing alone.
 """
 
 from __future__ import annotations
@@ -50,6 +56,7 @@ from viatool.sight.circles import see_circles
 from viatool.sight.edges import see_edges
 from viatool.sight.glimpses import Glimpses
 from viatool.sight.shapes import Shapes
+from viatool.sight.windows import Gaps, Windows
 from viatool.world import Lidar
 
 
@@ -79,7 +86,9 @@ def enclose_scan(boxes: PoseBoxes, shapes: Shapes, lidar: Lidar) -> Forms:
     return enclose_losing(boxes, shapes, lidar, 0)[0]
 
 
-def enclose_losing(boxes: PoseBoxes, shapes: Shapes, lidar: Lidar, lost: int) -> tuple[Forms, Floats]:
+def enclose_losing(
+    boxes: PoseBoxes, shapes: Shapes, lidar: Lidar, lost: int, windows: Windows | None = None
+) -> tuple[Forms, Floats]:
     """Enclose the bins of a perfect LiDAR, and bound what they read when rays return nothing.
 
     Parameters
@@ -88,6 +97,8 @@ def enclose_losing(boxes: PoseBoxes, shapes: Shapes, lidar: Lidar, lost: int) ->
         As in `enclose_scan`.
     lost : int
         How many rays return nothing, whichever they are.
+    windows : Windows, optional
+        Which poses count, where `has_gaps`, and no ray is lost; elsewhere all do.
 
     Returns
     -------
@@ -101,11 +112,22 @@ def enclose_losing(boxes: PoseBoxes, shapes: Shapes, lidar: Lidar, lost: int) ->
     -----
     Sound: yes; of what may be elsewhere, rays are bounded without it.
     """
-    seen, most = _enclose(boxes.checked(), shapes, lidar, lost)
+    seen, most = _enclose(boxes.checked(), shapes, lidar, lost, windows if has_gaps(shapes, lidar) else None)
     if shapes.without is None:
         return seen, most
-    far, most = _enclose(boxes, shapes.without, lidar, lost)
+    far, most = _enclose(boxes, shapes.without, lidar, lost, None)
     return _spanning(seen, far), most
+
+
+def has_gaps(shapes: Shapes, lidar: Lidar) -> bool:
+    """Tell whether poses are told apart by what bins read there: by the least of rays, of things that stay in place."""
+    return lidar.reduce == "minimum" and lidar.no_return is None and shapes.without is None
+
+
+def gaps_of(boxes: PoseBoxes, shapes: Shapes, lidar: Lidar) -> Gaps:
+    """Return what bins (C, bins) never read between what they read at some poses and at others."""
+    parts = _glimpses(boxes, shapes, lidar, _slack(boxes, shapes, lidar))
+    return Gaps.between(Glimpses.concatenate(parts), len(boxes), lidar.bins, lidar.maximum_range)
 
 
 def _spanning(near: Forms, far: Forms) -> Forms:
@@ -127,15 +149,21 @@ def _spanning(near: Forms, far: Forms) -> Forms:
     )
 
 
-def _enclose(boxes: PoseBoxes, shapes: Shapes, lidar: Lidar, lost: int) -> tuple[Forms, Floats]:
+def _slack(boxes: PoseBoxes, shapes: Shapes, lidar: Lidar) -> float:
+    """Return what covers the rounding of ranges, in metres."""
+    size = float(np.abs(boxes.centre).max(initial=0.0))
+    return SIGHT_ROUNDING * (shapes.scale + lidar.maximum_range + size)
+
+
+def _enclose(
+    boxes: PoseBoxes, shapes: Shapes, lidar: Lidar, lost: int, windows: Windows | None
+) -> tuple[Forms, Floats]:
     """Enclose the bins where all shapes are there, and bound them without some rays."""
-    slack = SIGHT_ROUNDING * (
-        shapes.scale + lidar.maximum_range + float(np.abs(boxes.centre).max(initial=0.0))
-    )
+    slack = _slack(boxes, shapes, lidar)
     if lidar.reduce == "minimum" and lidar.no_return is None:
         if not lost:
             parts = _glimpses(boxes, shapes, lidar, slack)
-            return _bins(parts, len(boxes), lidar, slack), _no_limit(len(boxes), lidar, slack)
+            return _bins(parts, len(boxes), lidar, slack, windows), _no_limit(len(boxes), lidar, slack)
         parts = _glimpses(boxes, shapes, lidar.unreduced, slack)
         each = _most_of_rays(parts, len(boxes), lidar, slack)
         binned = [replace(part, row=part.row // lidar.each) for part in parts]
@@ -169,8 +197,8 @@ def _most_of_rays(parts: list[Glimpses], count: int, lidar: Lidar, slack: float)
     """Bound from above what each ray reads, (C, rays), of what each ray may meet."""
     most = _no_limit(count, lidar.unreduced, slack).ravel()
     for part in parts:
-        ends = np.minimum(part.upper + np.abs(part.slope).sum(axis=0), part.most)
-        np.fmin.at(most, part.row, ends + 2.0 * slack)
+        sure = part.select(part.certain)
+        np.fmin.at(most, sure.row, sure.ends[1] + 2.0 * slack)
     return np.maximum(most, lidar.minimum_range).reshape(count, lidar.rays)
 
 
@@ -223,29 +251,49 @@ def _least(rays: Forms, bins: int) -> Forms:
     return Forms(0.5 * (low + high), reference[:, :, :, 0], 0.5 * (high - low) * SLIGHTLY_MORE)
 
 
-def _bins(parts: list[Glimpses], count: int, lidar: Lidar, slack: float) -> Forms:
-    """Take the minimum of every bin relative to its reference."""
+def _bins(
+    parts: list[Glimpses], count: int, lidar: Lidar, slack: float, windows: Windows | None = None
+) -> Forms:
+    """Take the minimum of every bin relative to its reference, of the poses that count."""
     size, limit = count * lidar.bins, lidar.maximum_range
-    middle = np.full(size, limit)
-    for part in parts:
-        np.minimum.at(middle, part.row, part.nearest)
-    slope = np.zeros((3, size))
-    for part in parts:
-        chosen = np.flatnonzero(part.nearest <= middle[part.row])
-        chosen = chosen[part.nearest[chosen] < limit]
-        slope[:, part.row[chosen]] = part.slope[:, chosen]
+    nearer = np.zeros(size, dtype=bool)
+    if windows is not None:
+        parts = [windows.may_read(part, slack) for part in parts]
+        nearer = windows.upper.ravel() < limit - slack
+    slope = _references(parts, size, limit, nearer)
     # Everything from here on is relative to the reference: what a range exceeds `slope . pose` by.
     spread = np.abs(slope).sum(axis=0)
-    low, high = limit - spread, limit + spread
+    low, high, met = limit - spread, limit + spread, np.full(size, -np.inf)
     for part in parts:
         reference = slope[:, part.row]
         apart = _apart(part.slope, reference)
         around = np.abs(reference).sum(axis=0)
+        most = np.minimum(part.upper + apart, part.most + around)
         np.minimum.at(low, part.row, np.maximum(part.lower - apart, part.least - around))
-        np.minimum.at(high, part.row, np.minimum(part.upper + apart, part.most + around))
+        np.minimum.at(high, part.row[part.certain], most[part.certain])
+        np.maximum.at(met, part.row, most)
+    if windows is not None:
+        high = np.where(nearer & (met > -np.inf), np.minimum(high, met), high)
+        low = np.maximum(low, windows.lower.ravel() - spread)
+        high = np.maximum(
+            np.minimum(high, windows.upper.ravel() + spread), low
+        )  # crossed where no pose counts
     low, high = low - slack, high + slack
     forms = Forms(0.5 * (low + high), slope, 0.5 * (high - low) + slack)
     return _clipped(forms, count, lidar)
+
+
+def _references(parts: list[Glimpses], size: int, limit: float, nearer: Booleans) -> Floats:
+    """Return the slopes (3, size) of what bins read at the middle pose, or, where that is nearer, could read there."""
+    middle, slope = np.full(size, limit), np.zeros((3, size))
+    values = [np.where(nearer[part.row], np.maximum(part.lower, part.least), part.nearest) for part in parts]
+    for part, value in zip(parts, values, strict=True):
+        np.minimum.at(middle, part.row, value)
+    for part, value in zip(parts, values, strict=True):
+        chosen = np.flatnonzero(value <= middle[part.row])
+        chosen = chosen[value[chosen] < limit]
+        slope[:, part.row[chosen]] = part.slope[:, chosen]
+    return slope
 
 
 def _apart(slope: Floats, reference: Floats) -> Floats:
