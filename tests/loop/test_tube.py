@@ -82,7 +82,7 @@ def blind_to_jumps(some):
     sensors = some.loop.sensors
 
     class Linear(type(sensors)):
-        def enclose(self, *sets):
+        def enclose(self, *sets, jumps):
             seen = super().enclose(*sets)
             forms = seen.forms
             return replace(seen, forms=replace(forms, rest=0.0 * forms.rest))
