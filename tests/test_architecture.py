@@ -27,7 +27,9 @@ HEAVY = (
     "rich",
 )
 PUBLIC = [
+    "Decision",
     "ErrorModel",
+    "Monitor",
     "Policy",
     "ReachableSet",
     "Result",

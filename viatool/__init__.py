@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from viatool.missions import mission
+    from viatool.monitoring import Decision, Monitor
     from viatool.places import certify
     from viatool.policy import Policy, load_policy
     from viatool.report.map_figure import draw_map
@@ -23,7 +24,9 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _ROOM_OF = {
+    "Decision": "viatool.monitoring",
     "ErrorModel": "viatool.uncertainty",
+    "Monitor": "viatool.monitoring",
     "Policy": "viatool.policy",
     "ReachableSet": "viatool.taylor",
     "Result": "viatool.verification.result",
@@ -45,7 +48,9 @@ _ROOM_OF = {
 }
 
 __all__ = [
+    "Decision",
     "ErrorModel",
+    "Monitor",
     "Policy",
     "ReachableSet",
     "Result",

@@ -1,4 +1,4 @@
-"""How long one verdict takes: every state by itself, on one thread.
+"""How long one verdict takes, and one decision of the monitor: every state by itself, on one thread.
 
     OMP_NUM_THREADS=1 python tests/benchmarks/online.py [--policy policies/via.onnx] [--map maps/lab.yaml] [--rounds 5]
 
@@ -47,6 +47,10 @@ def main() -> None:
     }
     for name, asked in kinds.items():
         report(name, given.rounds, calls_of_verifier(policy, world, states, asked))
+    for name, errors in {"monitor": None, "monitor, pose within 2 cm": POSE}.items():
+        report(name, given.rounds, calls_of_monitor(world, states, policy.run(states.observations), errors))
+        ahead = np.tile([world.robot.max_linear, 0.0], (len(states), 1))
+        report(f"{name}, full speed ahead", given.rounds, calls_of_monitor(world, states, ahead, errors))
 
 
 def calls_of_verifier(policy, world, states, asked):
@@ -54,6 +58,12 @@ def calls_of_verifier(policy, world, states, asked):
     each = [verifier.within(scenario) for scenario in states.scenarios]
     rows = zip(states.episode, states.poses, states.observations, strict=True)
     return [lambda at=each[one], pose=pose, seen=seen: at(pose, seen) for one, pose, seen in rows]
+
+
+def calls_of_monitor(world, states, commands, errors):
+    each = [viatool.Monitor(None, world, scenario=scenario, errors=errors) for scenario in states.scenarios]
+    rows = zip(states.episode, states.poses, commands, strict=True)
+    return [lambda at=each[one], pose=pose, asked=asked: at.decide(pose, asked) for one, pose, asked in rows]
 
 
 def report(name, rounds, calls):

@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+import jsonschema
 import numpy as np
 import pytest
 from click.testing import Result
@@ -15,6 +16,7 @@ from tests.needs import needs_pybullet
 from viatool.policy import load_policy
 from viatool.trajectory import load_trajectory
 
+ROOT = Path(__file__).resolve().parents[2]
 Run = Callable[..., Result]
 DRIVE = ("simulate", "policy.onnx", "--map", "map.yaml")
 
@@ -140,3 +142,40 @@ def test_scenarios_that_cannot_be_drawn_are_refused_with_a_way_on(run):
     assert "to draw 3 scenarios" in done.output
     assert "leave the number of scenarios out" in done.output
     assert run("simulate", "via", "--map", "room", "--quiet").exit_code == 0
+
+
+def test_the_monitor_is_compared_on_the_same_scenarios(run: Run, tmp_path: Path) -> None:
+    target, plain = tmp_path / "run.json", tmp_path / "plain.json"
+    asked = (*DRIVE, "--episodes", "12", "--seed", "4", "--clearance", "0.55", "--danger", "0.8")
+    result = run(*asked, "--monitor", "-o", f"json:{target}")
+    assert result.exit_code == 0, result.output
+    assert run(*asked, "-o", f"json:{plain}").exit_code == 0
+    document, without = (json.loads(path.read_text(encoding="utf-8")) for path in (target, plain))
+    schema = json.loads((ROOT / "docs" / "simulation.schema.json").read_text(encoding="utf-8"))
+    jsonschema.validate(document, schema)
+    monitor = document.pop("monitor")
+    for changing in ("seconds", "versions"):
+        del document[changing], without[changing]
+    assert document == without  # the usual figures are those without the monitor
+    assert document["collision"]["count"] > 0
+    assert monitor["collision"]["count"] == 0
+    assert monitor["least_clearance"] > 0.55
+    assert monitor["prevented_collisions"] == document["collision"]["count"]
+    assert 0 < monitor["interventions"] < monitor["intervals"]
+    assert sum(monitor[name]["count"] for name in ("success", "collision", "timeout")) == 12
+    gained = monitor["success"]["count"] - document["success"]["count"]
+    assert monitor["gained_success"] - monitor["lost_success"] == gained
+    words = " ".join(result.stdout.split())
+    assert (
+        f"interventions {monitor['interventions']:,} of {monitor['intervals']:,} commands did not pass"
+        in words
+    )
+
+
+def test_what_the_monitor_does_not_count_with_is_a_wrong_usage(run: Run, tmp_path: Path) -> None:
+    assert run(*DRIVE, "--monitor", "--drift", "0.01").exit_code == 2
+    errors = tmp_path / "errors.yaml"
+    errors.write_text("version: 1\nactuation: {linear: {lag: [0.1, 0.2]}}\n", encoding="utf-8")
+    result = run(*DRIVE, "--monitor", "--errors", errors)
+    assert result.exit_code == 2
+    assert "monitor" in result.output + getattr(result, "stderr", "")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -42,6 +43,12 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Let an adversary choose the errors of --errors: as large as they may be, and of some those that lead nearest "
     "to an obstacle. Without it chance draws them evenly.",
+)
+@click.option(
+    "--monitor",
+    is_flag=True,
+    help="Drive the same scenarios once more under the run-time monitor, which lets a command pass only if the stop "
+    "after it is proved, and report what that changes.",
 )
 @options.clearance_option
 @options.danger_option
@@ -132,19 +139,16 @@ def _simulate(given: Mapping[str, Any]) -> Simulation:
     setting = Setting.of(
         policy, world_map, 0.0, wishes, scenarios, job=job_of(given["engine"], given["lidar"])
     )
+    asked = {"engine": given["engine"], "conditions": _conditions(given)}
+    asked |= {name: given[name] for name in ("horizon", "seed", "workers", "lidar", "adversary")}
     with show_progress(quiet=given["quiet"]) as progress:
-        return simulate(
-            policy,
-            setting,
-            engine=given["engine"],
-            conditions=_conditions(given),
-            horizon=given["horizon"],
-            seed=given["seed"],
-            workers=given["workers"],
-            lidar=given["lidar"],
-            adversary=given["adversary"],
-            progress=progress,
-        )
+        if not given["monitor"]:
+            return simulate(policy, setting, **asked, progress=progress)
+        from viatool.monitoring.simulated import simulate_monitored
+
+        braking = replace(wishes, criterion="braking")
+        monitor = Setting.of(policy, world_map, 0.0, braking, scenarios, job="monitor")
+        return simulate_monitored(policy, setting, monitor, **asked, progress=progress)
 
 
 def _conditions(given: Mapping[str, Any]) -> Conditions:

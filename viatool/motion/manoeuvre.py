@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from viatool.arrays import Booleans, Floats
+from viatool.arrays import Booleans, Floats, Indices
 from viatool.motion.kinematics import DIFFERENTIAL
 from viatool.motion.law import Directions, Kinematics, PathDeviation
 from viatool.rounding import CLOCK_ROUNDING, SLIGHTLY_MORE
@@ -68,6 +68,37 @@ class Manoeuvre:
     def duration(self, actions: Floats) -> Floats:
         """Return `seconds` of commands (..., A), as (...)."""
         return self.seconds(*self.kinematics.last_rates(actions, actions, self.interval))
+
+    def stopping(self, actions: Floats) -> Floats:
+        """Return how many seconds robots with commands (..., A) brake until they stand, (...); 0 without brakes."""
+        return np.asarray(2.0 * (self.duration(actions) - self.interval))
+
+    def braked(self, actions: Floats, intervals: Indices) -> Floats:
+        """Return the commands that, held for one interval after the other, brake as the brakes do.
+
+        Parameters
+        ----------
+        actions : ndarray
+            (..., A) commands that are given up, each part a velocity.
+        intervals : ndarray
+            (...) whole intervals since the brakes took hold.
+
+        Returns
+        -------
+        ndarray
+            (..., A) commands: the share that brakes leave of the velocity, on average over the interval.
+
+        Notes
+        -----
+        All parts fall in proportion, so the robot stays on the path of the command. When an interval ends it is where
+        the brakes would have brought it by then, and it is never beyond where they bring it at last.
+        """
+        stop, interval = self.stopping(actions), self.interval
+        safe = np.where(stop > 0.0, stop, 1.0)
+        ends = [np.minimum((intervals + more) * interval / safe, 1.0) for more in (0, 1)]
+        covered = [end - 0.5 * np.square(end) for end in ends]
+        share = np.where(stop > 0.0, safe / interval * (covered[1] - covered[0]), 0.0)
+        return np.asarray(share[..., None] * actions)
 
     def path(self, poses: Floats, actions: Floats, fractions: Floats) -> Floats:
         """Return the poses at fractions of the path.

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from viatool.arrays import Floats, Indices
+from viatool.arrays import Booleans, Floats, Indices
 from viatool.policy.memory import CarriedMemory
 from viatool.policy.specified import Specified, name_of, specification_of
 from viatool.schedule import Progress
@@ -35,6 +35,19 @@ class RunnablePolicy(Specified, Protocol):
 
     def remember(self, observations: ArrayLike, /) -> Floats:
         """Return what the program keeps for the next step, (B, M); asked where the policy has a memory."""
+
+
+class Supervisor(Protocol):
+    """What may stand between policies and their robots: it is told what they command, and says what is sent."""
+
+    def __call__(self, simulator: Simulator, observations: Floats, commands: Floats) -> Floats:
+        """Return the commands (E, A) that are sent in the place of those that the policies give, (E, A)."""
+
+    def begin(self, which: Booleans) -> None:
+        """Begin anew with some robots, (E,) bool, that were put at the start of another scenario."""
+
+    def keep(self, which: Booleans) -> None:
+        """Go on with some of the robots only, (E,) bool."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +99,7 @@ def drive(
     lidar: str | None = None,
     errors: ErrorModel | None = None,
     adversary: bool = False,
+    supervisor: Supervisor | None = None,
     progress: Progress | None = None,
 ) -> Drive:
     """Drive a policy through scenarios, many at once, until each ends.
@@ -116,6 +130,8 @@ def drive(
         Errors within bounds, beside those of the conditions.
     adversary : bool
         Whether an adversary chooses the errors, not chance.
+    supervisor : Supervisor, optional
+        What may send robots other commands than their policies give.
     progress : Progress, optional
         Told the episodes that have ended and all of them.
 
@@ -152,7 +168,7 @@ def drive(
         adversary=adversary,
     )
     try:
-        return _record(policy, simulator, chosen, setting, progress)
+        return _record(policy, simulator, chosen, setting, supervisor, progress)
     finally:
         simulator.close()
 
@@ -162,6 +178,7 @@ def _record(
     simulator: Simulator,
     scenarios: tuple[Scenario, ...],
     setting: Setting,
+    supervisor: Supervisor | None,
     progress: Progress | None,
 ) -> Drive:
     """Drive all scenarios; a robot that is done takes the next one, or leaves."""
@@ -177,7 +194,10 @@ def _record(
         recording.add_states(simulator, observations, actions)
         memory.carry(policy, observations)
         raw = policy.outputs(observations) if simulator.observes_raw else None
-        step = simulator.step(setting.sent(observations, actions), raw)
+        commands = setting.sent(observations, actions)
+        if supervisor is not None:
+            commands = supervisor(simulator, observations, commands)
+        step = simulator.step(commands, raw)
         recording.add_step(simulator, step)
         sensed = step.observation
         done = np.flatnonzero(step.done)
@@ -193,9 +213,13 @@ def _record(
             begun += int(renewed.sum())
             sensed = simulator.reset(renewed)
             memory.begin(renewed)
+            if supervisor is not None:
+                supervisor.begin(renewed)
         if not going.all():
             simulator.keep(going)
             memory.keep(going)
+            if supervisor is not None:
+                supervisor.keep(going)
             sensed = sensed[going]
     return recording.drive(scenarios)
 

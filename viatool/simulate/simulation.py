@@ -6,7 +6,9 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from viatool.arrays import Floats, Indices
 from viatool.policy import Policy
 from viatool.schedule import Progress
 from viatool.setting.asked import Asked
@@ -15,6 +17,37 @@ from viatool.setting.setting import Setting
 from viatool.simulate.conditions import Conditions
 from viatool.simulate.roll_out import Drive, drive
 from viatool.simulate.statistics import Statistics, summarise_drive
+
+
+@dataclass(frozen=True, eq=False)
+class MonitoredDrive:
+    """What came of the same scenarios when a monitor stood between policy and robot.
+
+    Parameters
+    ----------
+    statistics : Statistics
+        Of this drive.
+    outcomes : ndarray
+        (N,) of its episodes.
+    least_clearance : ndarray
+        (N,) the smallest of each episode, in metres.
+    interventions : ndarray
+        (N,) intervals of each episode in which the policy's command did not pass.
+    unproved : ndarray
+        (N,) intervals of each episode in which nothing was proved, as it began too near to something.
+    intervals : int
+        Of all episodes.
+    seconds : float
+        Wall time.
+    """
+
+    statistics: Statistics
+    outcomes: NDArray[np.str_]
+    least_clearance: Floats
+    interventions: Indices
+    unproved: Indices
+    intervals: int
+    seconds: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +76,8 @@ class Simulation(Asked):
         Wall time.
     adversary : bool
         Whether an adversary chose the errors of the model.
+    monitored : MonitoredDrive, optional
+        The same scenarios under the monitor.
     """
 
     policy: Policy
@@ -55,6 +90,7 @@ class Simulation(Asked):
     statistics: Statistics
     seconds: float
     adversary: bool = False
+    monitored: MonitoredDrive | None = None
 
     @property
     def premises(self) -> tuple[Premise, ...]:

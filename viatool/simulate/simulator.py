@@ -105,6 +105,8 @@ class Simulator(ABC):
     ----------
     poses, goals, previous : ndarray
         (E, 3), (E, 2) and (E, A): x, y, theta; x, y; the last command as sent to the motors.
+    believed : ndarray
+        (E, 3) where localisation says that the robots are, as they observe it.
     steps : ndarray
         (E,) since the last reset.
     time : ndarray
@@ -172,10 +174,11 @@ class Simulator(ABC):
         self.scene = np.zeros(robots, np.int64)
         self.poses = np.zeros((robots, 3))
         self.goals = np.zeros((robots, 2))
+        self.believed = np.zeros((robots, 3))
         self.previous = np.zeros((robots, axes))
         self.steps = np.zeros(robots, np.int64)
         self.time: Floats = np.zeros(robots)
-        self._offered = np.zeros((0, robots, 0))
+        self._offered, self._offered_poses = np.zeros((0, robots, 0)), np.zeros((0, robots, 3))
         self._velocity = np.zeros((robots, 3))
         self.motion = np.zeros((robots, len(self.kinematics.state)))
         self._raw = np.zeros((robots, self.observer.quantities.outputs))
@@ -421,12 +424,17 @@ class Simulator(ABC):
 
     def offer(self, count: int) -> Floats:
         """Return observations (C, E, n) of the present, each with other errors, of which `take` takes one."""
-        self._offered = np.stack([self._read(self._view(slice(None))) for _ in range(count)])
+        offered, believed = [], []
+        for _ in range(count):
+            offered.append(self._read(self._view(slice(None))))
+            believed.append(self.believed.copy())
+        self._offered, self._offered_poses = np.stack(offered), np.stack(believed)
         return np.stack([self.observer.quantities.observe(seen, self._earlier) for seen in self._offered])
 
     def take(self, which: Indices) -> Floats:
         """Take one of the offered observations, (E,), as what the robots observe, and return it, (E, n)."""
-        readings = self._offered[which, np.arange(len(self))]
+        robots = np.arange(len(self))
+        readings, self.believed = self._offered[which, robots], self._offered_poses[which, robots]
         self._observation = self.observer.quantities.observe(readings, self._earlier)
         self._past = _with(readings, self._earlier)
         return self._observation.copy()
@@ -438,6 +446,7 @@ class Simulator(ABC):
             "scene",
             "poses",
             "goals",
+            "believed",
             "previous",
             "steps",
             "time",
@@ -457,13 +466,14 @@ class Simulator(ABC):
     def _view(self, index: Indices | slice) -> View:
         """Return some robots and what is around them, as their sensors see it."""
         scenes, scene = self.around(index)
+        self.believed[index] = self._believed(index)
         return View(
             scenes,
             self.poses[index],
             scene,
             self.goals[index],
             self.previous[index],
-            self._believed(index),
+            self.believed[index],
             self.steps[index],
             self.task.horizon,
             self._velocity[index],

@@ -33,6 +33,7 @@ SUPPORTED: dict[str, frozenset[str]] = {
     "verify": _SENSOR | MOTION | _POSE | _MOVING,
     "verify with a horizon": _OVER_SETS | _START | MOTION | _SHOWN,
     "certify": _SENSOR | MOTION | _POSE | _SHOWN,
+    "monitor": _SENSOR | _POSE | _START | {"obstacles.roams"},
     "mission": _OVER_SETS | _START | MOTION | _SHOWN,
     "simulate": _DRAWN | MOTION | _SHOWN | _SENSOR | {"obstacles.people"},
     "simulate with bullet": _DRAWN,

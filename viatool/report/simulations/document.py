@@ -22,7 +22,13 @@ from viatool.report.sections import (
     Table,
     Tally,
 )
-from viatool.report.simulations.record import EpisodeCount, EpisodeRecord, SimulationRecord, SpreadRecord
+from viatool.report.simulations.record import (
+    EpisodeCount,
+    EpisodeRecord,
+    MonitoredRecord,
+    SimulationRecord,
+    SpreadRecord,
+)
 from viatool.report.wording import describe_value
 
 TONES = {"success": "safe", "collision": "unsafe", "timeout": "unknown"}
@@ -115,6 +121,7 @@ class SimulationDocument(Cased, Annotated, Located, Tabled):
         return [
             Breakdown(head, tuple(self._part(name) for name in TONES)),
             Facts("Episodes", tuple(facts)),
+            *([] if record.monitor is None else [self._monitored(record.monitor)]),
             self._clearances(),
         ]
 
@@ -127,6 +134,32 @@ class SimulationDocument(Cased, Annotated, Located, Tabled):
         low, high = (f"{100.0 * end:.1f}" for end in found.interval)
         figures = f"{count(found.count)} ({found.share.percentage()}; 95 % interval {low} to {high} %)"
         return Part(name, (figures,), MEANING[name], found.count, TONES[name])
+
+    def _monitored(self, monitor: MonitoredRecord) -> Facts:
+        """Return what the monitor did, and what came of it."""
+        what = (
+            f"{count(monitor.interventions)} of {count(monitor.intervals)} commands did not pass, in "
+            f"{count(monitor.intervened_episodes)} of {counted(monitor.success.total, 'episode')}"
+        )
+        collisions = (
+            f"{count(monitor.collision.count)}, without it {count(self.record.collision.count)} "
+            f"({count(monitor.prevented_collisions)} prevented)"
+        )
+        goals = (
+            f"{count(monitor.success.count)}, without it {count(self.record.success.count)} "
+            f"({count(monitor.lost_success)} lost, {count(monitor.gained_success)} gained)"
+        )
+        facts = [
+            ("interventions", what),
+            ("collisions", collisions),
+            ("reach the goal", goals),
+            ("time to goal", _spread(monitor.time_to_goal, "s")),
+            ("least clearance", f"{significant(monitor.least_clearance)} m"),
+        ]
+        if monitor.unproved:
+            words = "intervals in which nothing was proved, as the robot stood too near to something"
+            facts.append(("unproved", f"{count(monitor.unproved)} {words}"))
+        return Facts("Under the monitor", tuple(facts))
 
     def _clearances(self) -> Table:
         """Return the clearances with bars, in steps of half a metre and finer near obstacles."""

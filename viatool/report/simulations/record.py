@@ -88,6 +88,30 @@ class DrawnErrors(ReportPart):
     terms: dict[str, str]
 
 
+class MonitoredRecord(ReportPart):
+    """The same scenarios under the monitor: what it did, how the episodes ended, and which end otherwise."""
+
+    intervals: Count
+    interventions: Count
+    intervened_episodes: Count
+    unproved: Count
+    success: EpisodeCount
+    collision: EpisodeCount
+    timeout: EpisodeCount
+    lost_success: Count
+    gained_success: Count
+    prevented_collisions: Count
+    least_clearance: float
+    time_to_goal: SpreadRecord
+    seconds: Amount
+
+    @model_validator(mode="after")
+    def _consistent(self) -> MonitoredRecord:
+        if max(self.interventions, self.unproved) > self.intervals:
+            raise ValueError(f"{self.interventions} interventions in {self.intervals} intervals")
+        return self
+
+
 class SimulationRecord(RunRecord):
     """The whole simulation."""
 
@@ -107,6 +131,7 @@ class SimulationRecord(RunRecord):
     clipped_commands: CommandCount
     beyond_limits: list[str]
     episodes: list[EpisodeRecord]
+    monitor: MonitoredRecord | None = None
     seconds: Amount
 
     @property

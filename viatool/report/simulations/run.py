@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from viatool.simulate import Simulation
+    from viatool.simulate.simulation import MonitoredDrive
 
 SCHEMA_VERSION = 1
 
@@ -79,9 +80,30 @@ def _content(simulation: Simulation) -> dict[str, Any]:
         "clipped_commands": {"count": found.clipped.count, "total": found.clipped.total},
         "beyond_limits": simulation.beyond_limits(),
         "episodes": _episodes(simulation),
+        **({} if simulation.monitored is None else {"monitor": _monitored(simulation, simulation.monitored)}),
         "seconds": round(simulation.seconds, 3),
         "versions": installed_versions(),
         "premises": [premise.to_json() for premise in simulation.premises],
+    }
+
+
+def _monitored(simulation: Simulation, found: MonitoredDrive) -> dict[str, Any]:
+    """Return what the monitor did, and what came of it."""
+    without, under, statistics = simulation.drive.trajectory.outcomes, found.outcomes, found.statistics
+    return {
+        "intervals": found.intervals,
+        "interventions": int(found.interventions.sum()),
+        "intervened_episodes": int((found.interventions > 0).sum()),
+        "unproved": int(found.unproved.sum()),
+        "success": _share(statistics.success),
+        "collision": _share(statistics.collision),
+        "timeout": _share(statistics.timeout),
+        "lost_success": int(((without == "success") & (under != "success")).sum()),
+        "gained_success": int(((without != "success") & (under == "success")).sum()),
+        "prevented_collisions": int(((without == "collision") & (under != "collision")).sum()),
+        "least_clearance": round(float(found.least_clearance.min()), 6),
+        "time_to_goal": _spread(statistics.time_to_goal),
+        "seconds": round(found.seconds, 3),
     }
 
 
