@@ -10,6 +10,7 @@ import torch
 from viatool.arrays import Floats
 from viatool.train.configuration import TrainingConfiguration, WidthForm
 from viatool.train.embedding import Embedding
+from viatool.train.gains import action_gain, limit_gain
 from viatool.train.methods import Method
 from viatool.train.networks import TrainedNetwork, Weights
 from viatool.train.observation import Mirror, UnitScaling, near_features
@@ -66,10 +67,13 @@ def make_agent(
     inputs = features + ACTIONS
     hidden = configuration.critic_hidden
     actor = scaling.actor(configuration.actor_hidden, seeds, configuration.actor_activation)
+    actor.draw(generator, configuration.actor_output_scale)
+    if configuration.gain_limit is not None:
+        limit_gain(actor, scaling.radius(1.0), configuration.gain_limit)
     task_critics = Weights((inputs, *hidden, 1), 2 * seeds)
     cost_critic = Weights((inputs, *hidden, method.cost_outputs), seeds) if method.cost_outputs else None
     return Agent(
-        actor=TrainedNetwork(actor.draw(generator, configuration.actor_output_scale)),
+        actor=TrainedNetwork(actor),
         task_critics=TrainedNetwork(task_critics.draw(generator)),
         cost_critic=None if cost_critic is None else TrainedNetwork(cost_critic.draw(generator)),
         embedding=embedding,
@@ -122,6 +126,7 @@ class Learner:
         self.bins = scaling.bins
         self.mirror = Mirror(scaling.channels)
         self.radius = scaling.radius(configuration.reachability_eps)
+        self.unit_error = scaling.radius(1.0)
         self.generator = generator
         self.updates = 0
         self.progress = 0.0
@@ -151,6 +156,15 @@ class Learner:
             other = jumped(batch.observation, self.bins, self.generator)
             found["action_jump"] = options.jump_penalty, restlessness(actor, batch.observation, other)
         return found
+
+    def keep_limits(self) -> Metrics:
+        """Bring the actor and its target, of which a mean of limited networks is none, back to the gain's limit."""
+        limit, actor = self.configuration.gain_limit, self.agent.actor
+        if limit is None:
+            return {}
+        for weights in (actor.weights, actor.target):
+            limit_gain(weights, self.unit_error, limit)
+        return {"action_gain": action_gain(actor.target, self.unit_error).amax(1)}
 
     def _grown(self) -> float:
         """Return which part of the weight of the reachable sets counts by now."""
@@ -210,6 +224,7 @@ class Learner:
                 penalties=self.penalties(batch),
             )
             update_targets(agent, options.target_rate)
+            metrics |= self.keep_limits()
         return metrics
 
     def start_cost(self, observation: torch.Tensor) -> Floats:

@@ -200,6 +200,11 @@ class TrainingConfiguration(BaseModel):
         "weight of the actions' change where one LiDAR bin reads what its neighbour does, in the actor's loss; 0 is "
         "off",
     )
+    gain_limit: Positive | None = _option(
+        None,
+        "most by which an action, in [-1, 1], may change for an error of 1 in every channel's unit at once; kept by "
+        "making the last layer smaller after each update, null is no limit",
+    )
     select_by: Selection = _option(
         "success",
         "the exported policy has the best 'success', or among those about as good the best 'safety', or of the "

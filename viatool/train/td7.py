@@ -90,4 +90,4 @@ class Td7Learner(Learner):
             loss = loss + weight * metric
         agent.actor.descend(grad(loss.sum(), agent.actor.weights.layers), learning_rate)
         measured = {name: metric.detach() for name, (_, metric) in penalties.items()}
-        return {"actor_value": value.detach(), **measured}
+        return {"actor_value": value.detach(), **measured, **self.keep_limits()}
