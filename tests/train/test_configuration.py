@@ -57,6 +57,8 @@ def test_later_sources_win(tmp_path: Path) -> None:
         (["noise_highest=0.01"], "noise_highest 0.01 is below"),
         (["test_seed=1000001"], "test_seed must differ"),
         (["epochs=[1"], "not YAML"),
+        (["lidar_saturation=soft"], "soft needs lidar_range"),
+        (["gain_limit=0"], "gain_limit: "),
     ],
 )
 def test_a_wrong_setting_is_named(settings: list[str], part: str) -> None:

@@ -31,6 +31,7 @@ ShapingForm = Literal["potential", "progress"]
 BudgetRule = Literal["recursive", "fixed"]
 ShapingPath = Literal["straight", "around"]
 WidthForm = Literal["mean", "square"]
+SaturationForm = Literal["clip", "soft"]
 Selection = Literal["success", "safety", "missions"]
 Engine = Literal["kinematic", "bullet"]
 MethodName = Literal["td3", "td7", "rcpo", "sac-lag", "wcsac", "cvar-cpo", "via"]
@@ -75,6 +76,11 @@ class TrainingConfiguration(BaseModel):
         None,
         "metres up to which the actor sees: min(reading, lidar_range) stands inside the exported program, whose "
         "specification keeps the robot's LiDAR; null is all that the LiDAR gives",
+    )
+    lidar_saturation: SaturationForm = _option(
+        "clip",
+        "how readings saturate at lidar_range: 'clip' leaves nearer ones as they are, 'soft' bends them, so that the "
+        "actor answers the less the farther they are: lidar_range / 2 * tanh(2 * reading / lidar_range)",
     )
     observe_previous: bool = _option(
         True, "whether the actor observes the command of the step before; critics always do"
@@ -248,6 +254,8 @@ class TrainingConfiguration(BaseModel):
             raise ValueError("select_by: safety needs verification_scenarios, for example 20")
         if self.select_by == "missions" and not self.mission_scenarios:
             raise ValueError("select_by: missions needs mission_scenarios, for example 20")
+        if self.lidar_saturation == "soft" and self.lidar_range is None:
+            raise ValueError("lidar_saturation: soft needs lidar_range, for example 2.5")
         if self.reachability_weight and self.actor_activation not in ENCLOSED:
             raise ValueError(f"reachability_weight needs actor_activation {' or '.join(ENCLOSED)}")
         if self.noise_highest < self.noise_lowest:
@@ -265,7 +273,7 @@ class TrainingConfiguration(BaseModel):
     @property
     def layout(self) -> ActorLayout:
         """What of an observation the actor sees."""
-        return ActorLayout(self.lidar_range, self.observe_previous)
+        return ActorLayout(self.lidar_range, self.observe_previous, self.lidar_saturation == "soft")
 
     def to_yaml(self) -> str:
         """Return the configuration as a YAML file that `load_configuration` reads."""

@@ -62,7 +62,7 @@ def actor_network(actor: Weights, scaling: UnitScaling) -> Network:
     factor, offset, ceiling = (
         part[scaling.seen] for part in (scaling.factor, scaling.offset, scaling.ceiling)
     )
-    nodes += _cut_off(nodes[0].size, ceiling)
+    nodes += _cut_off(nodes[0].size, ceiling, scaling.layout.height)
     affine(np.diag(factor), -offset * factor)
     for index in range(0, len(actor.layers), 2):
         weight, bias = (
@@ -74,8 +74,11 @@ def actor_network(actor: Weights, scaling: UnitScaling) -> Network:
     return Network(tuple(nodes))
 
 
-def _cut_off(size: int, ceiling: Floats) -> list[Node]:
-    """Return nodes that let no input (size,) be more than its ceiling: taken apart, clipped, and put together again."""
+def _cut_off(size: int, ceiling: Floats, height: float | None) -> list[Node]:
+    """Return nodes that let no input (size,) be more than its ceiling: taken apart, clipped, and put together again.
+
+    With a `height`, the clipped ones are bent: ``height * tanh(x / height)``.
+    """
     nodes: list[Node] = []
     every = np.eye(size)
     parts: list[tuple[int, Floats]] = []
@@ -86,7 +89,13 @@ def _cut_off(size: int, ceiling: Floats) -> list[Node]:
             continue
         nodes.append(Affine((0,), (chosen,), np.zeros(len(chosen))))
         nodes.append(Activation(len(nodes), activation("Clip", max=float(np.float32(limit))), len(chosen)))
-        parts.append((len(nodes), chosen.T))
+        if height is None:
+            parts.append((len(nodes), chosen.T))
+            continue
+        steepness = _float32(np.eye(len(chosen)) / height)
+        nodes.append(Affine((len(nodes),), (steepness,), np.zeros(len(chosen))))
+        nodes.append(Activation(len(nodes), activation("Tanh"), len(chosen)))
+        parts.append((len(nodes), _float32(height * chosen.T)))
     if nodes:
         sources, chosen_by = zip(*parts, strict=True)
         nodes.append(Affine(tuple(sources), chosen_by, np.zeros(size)))

@@ -33,6 +33,30 @@ ADAM_DECAY = (0.9, 0.999)
 ADAM_EPSILON = 1e-8
 
 
+@dataclass(frozen=True)
+class Bend:
+    """What a soft saturation makes of the first numbers that are seen: ``height * tanh(steepness * x + shift) + base``.
+
+    Parameters
+    ----------
+    count : int
+        Of how many numbers.
+    steepness, shift, height, base : float
+        In normalised units.
+    """
+
+    count: int
+    steepness: float
+    shift: float
+    height: float
+    base: float
+
+    def __call__(self, seen: Tensor) -> Tensor:
+        """Return numbers ``(..., k)``, the first of them bent."""
+        bent = self.height * torch.tanh(self.steepness * seen[..., : self.count] + self.shift) + self.base
+        return torch.cat([bent, seen[..., self.count :]], dim=-1)
+
+
 @dataclass(frozen=True, eq=False)
 class ActorView:
     """What actors see of an observation: some of its numbers, each up to a ceiling.
@@ -43,14 +67,18 @@ class ActorView:
         ``(k,)`` which of the n numbers of an observation, ascending.
     ceiling : Tensor
         ``(k,)`` normalised; what is larger is seen as this. Infinite where nothing is cut off.
+    bend : Bend, optional
+        Of what is seen below the ceiling; it grows with that, nowhere faster.
     """
 
     columns: Tensor
     ceiling: Tensor
+    bend: Bend | None = None
 
     def __call__(self, observation: Tensor) -> Tensor:
         """Return ``(..., k)`` of normalised observations ``(..., n)``."""
-        return torch.minimum(observation.index_select(-1, self.columns), self.ceiling)
+        seen = torch.minimum(observation.index_select(-1, self.columns), self.ceiling)
+        return seen if self.bend is None else self.bend(seen)
 
     def box(self, observation: Tensor, radius: Tensor) -> tuple[Tensor, Tensor]:
         """Return middle and half-widths ``(..., k)`` of what is seen of boxes with half-widths ``(n,)``."""

@@ -16,11 +16,14 @@ from viatool.channels import Quantities
 from viatool.policy import ActionChannel, ObservationChannel, PolicySpecification
 from viatool.setting.setting import Setting
 from viatool.simulate import navigation_channels
-from viatool.train.networks import ActorView, HiddenActivation, Weights
+from viatool.train.networks import ActorView, Bend, HiddenActivation, Weights
 from viatool.world import Robot, WorldMap
 
 LIDAR_CENTRE, LIDAR_SCALE = 2.0, 2.0  # metres
 GOAL_CENTRE, GOAL_SCALE = 3.0, 3.0  # metres
+SOFTNESS = (
+    2.0  # of a soft saturation: how deep in tanh its range ends; the slope there is 1 - tanh(2)^2 = 0.07
+)
 
 
 @dataclass(frozen=True)
@@ -33,10 +36,18 @@ class ActorLayout:
         Metres; what is farther is seen as this far. None where all that the LiDAR gives is seen.
     previous : bool
         Whether the command of the step before is seen.
+    soft : bool
+        Whether readings up to that range are seen bent, ``height * tanh(reading / height)`` with `height`.
     """
 
     lidar_range: float | None = None
     previous: bool = True
+    soft: bool = False
+
+    @property
+    def height(self) -> float | None:
+        """Return what bent readings stay below, in metres; None where they are seen as they are."""
+        return self.lidar_range / SOFTNESS if self.soft and self.lidar_range is not None else None
 
     def sees(self, channel: ObservationChannel) -> bool:
         """Tell whether a channel is seen."""
@@ -90,9 +101,17 @@ class UnitScaling:
         if self.layout == EVERYTHING:
             return Weights(sizes, seeds, activation)
         ceiling = ((self.ceiling - self.offset) * self.factor)[self.seen].astype(np.float32)
-        return Weights(
-            sizes, seeds, activation, ActorView(torch.from_numpy(self.seen), torch.from_numpy(ceiling))
-        )
+        view = ActorView(torch.from_numpy(self.seen), torch.from_numpy(ceiling), self._bend)
+        return Weights(sizes, seeds, activation, view)
+
+    @property
+    def _bend(self) -> Bend | None:
+        """Return what a soft saturation makes of the bins, which are the first numbers that are seen."""
+        height = self.layout.height
+        if height is None:
+            return None
+        bends = height / LIDAR_SCALE, -LIDAR_CENTRE / LIDAR_SCALE
+        return Bend(self.bins, LIDAR_SCALE / height, LIDAR_CENTRE / height, *bends)
 
     @property
     def bins(self) -> int:
