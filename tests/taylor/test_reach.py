@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tests.oracles import MP, precise
 from tests.strategies import NetworkPlan
 from tests.taylor.containment import Bare
+from viatool import load_policy
 from viatool.errors import ConfigurationError, EnclosureError
 from viatool.policy.activations import activation
 from viatool.policy.network import Activation, Affine, Cast, Input, Network
@@ -202,3 +203,21 @@ def test_progress_counts_every_state_once() -> None:
     done: list[int] = []
     ask(progress=done.append)
     assert sum(done) == 37
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (np.ones((2, 26)) * 1j, "observations hold complex128 values, expected real numbers"),
+        (np.ones((2, 26)).astype(str), "observations hold <U32 values"),
+        ([[None] * 26], "observations hold object values"),
+        ([[0.0] * 26, [0.0] * 25], "observations are rows of different lengths"),
+    ],
+    ids=["complex", "text", "nothing", "ragged"],
+)
+def test_observations_that_are_no_numbers_are_refused(given, said):
+    policy = load_policy("policies/via.onnx")
+    with pytest.raises(ConfigurationError, match=said):
+        reach(policy, given, 0.01)
+    with pytest.raises(ConfigurationError, match=said):
+        policy.run(given)

@@ -17,6 +17,7 @@ from viatool.policy.action_map import apply_action_map, with_action_map
 from viatool.policy.command_map import CommandMap
 from viatool.policy.entries import as_specified
 from viatool.policy.executed import executed_networks
+from viatool.policy.given import numbers
 from viatool.policy.maps import Maps, maps_of
 from viatool.policy.memory import memory_program, with_memory
 from viatool.policy.model_file import ModelFile, Ports, actor_graph, open_model
@@ -155,7 +156,7 @@ class Policy:
         return np.zeros((len(rows), size)) if self.memory is None or not len(rows) else self.memory(rows)
 
     def _rows(self, observations: ArrayLike) -> Floats:
-        rows = np.asarray(observations, dtype=np.float64)
+        rows = numbers("observations", observations)
         if rows.ndim != 2 or rows.shape[1] != self.input_size:
             raise PolicyError(
                 f"observations have shape {list(rows.shape)}, the policy takes (states, {self.input_size})",

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from viatool.arrays import Booleans, Floats, Hull, Indices
 from viatool.errors import ConfigurationError, EnclosureError
+from viatool.policy.given import numbers
 from viatool.policy.network import Network
 from viatool.policy.summing import without_other_orders
 from viatool.taylor.approximation import Approximation
@@ -310,7 +311,7 @@ def is_choice(policy: HasNetwork) -> bool:
 
 def observation_box(policy: HasNetwork, observations: ArrayLike, eps: ArrayLike) -> Box:
     """Return the boxes of observations (B, n), their ends rounded outward."""
-    centre = np.asarray(observations, dtype=np.float64)
+    centre = numbers("observations", observations)
     size = policy.network.input_size
     if centre.ndim != 2 or centre.shape[1] != size:
         raise ConfigurationError(
@@ -318,7 +319,7 @@ def observation_box(policy: HasNetwork, observations: ArrayLike, eps: ArrayLike)
         )
     if not np.isfinite(centre).all():
         raise ConfigurationError("observations contain NaN or infinity", "drop or repair these states first")
-    radius = np.asarray(eps, dtype=np.float64)
+    radius = numbers("eps", eps)
     if not (np.isfinite(radius).all() and (radius >= 0).all()):
         raise ConfigurationError(
             f"eps is {radius}, expected finite numbers >= 0", "give the half-width of the error"
