@@ -59,6 +59,8 @@ def test_later_sources_win(tmp_path: Path) -> None:
         (["epochs=[1"], "not YAML"),
         (["lidar_saturation=soft"], "soft needs lidar_range"),
         (["gain_limit=0"], "gain_limit: "),
+        (["mission_feedback=0.2"], "mission_feedback needs mission_scenarios"),
+        (["mission_feedback=1.5"], "mission_feedback: "),
     ],
 )
 def test_a_wrong_setting_is_named(settings: list[str], part: str) -> None:

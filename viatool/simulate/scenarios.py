@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from viatool.arrays import Floats, Indices
+from viatool.arrays import Booleans, Floats, Indices
 from viatool.errors import ConfigurationError
 from viatool.world import (
     Footprint,
@@ -82,6 +83,35 @@ class FixedScenarios:
         return scene, self._starts[scene], self._goals[scene]
 
 
+@dataclass(frozen=True, eq=False)
+class Repeats:
+    """Scenarios that robots drive again instead of new ones.
+
+    Parameters
+    ----------
+    share : float
+        Of the episodes of robots that have some.
+    batch : ScenarioBatch
+        With as many obstacles as the map's generator places.
+    first, count : ndarray
+        (E,) each robot draws from `count` scenarios of the batch, beginning with `first`.
+    """
+
+    share: float
+    batch: ScenarioBatch
+    first: Indices
+    count: Indices
+
+    def draw(
+        self, slots: Indices, fresh: ScenarioBatch, rng: np.random.Generator
+    ) -> tuple[Booleans, ScenarioBatch]:
+        """Return which of W robots drive again, (W,), and the scenarios of all, of which the others are `fresh`."""
+        again, place = rng.random((2, len(slots)))
+        which = (again < self.share) & (self.count[slots] > 0)
+        row = (self.first[slots] + place * self.count[slots]).astype(np.int64)[which]
+        return which, fresh.with_rows(which, self.batch[row])
+
+
 class RandomScenarios:
     """Scenarios that are drawn when they are needed; every robot has a scene of its own.
 
@@ -93,6 +123,13 @@ class RandomScenarios:
         E.
     seed : numpy.random.SeedSequence
         Of the scenarios.
+
+    Attributes
+    ----------
+    repeats : Repeats, optional
+        What is driven again.
+    repeated : ndarray
+        (E,) which robots drive such a scenario at present.
     """
 
     def __init__(self, world_map: WorldMap, robots: int, seed: np.random.SeedSequence) -> None:
@@ -103,6 +140,8 @@ class RandomScenarios:
             )
         self._generator = world_map.generator
         self._latest: dict[int, tuple[ScenarioBatch, int]] = {}
+        self.repeats: Repeats | None = None
+        self.repeated = np.zeros(robots, dtype=bool)
         self._ahead = max(_DRAWN_AHEAD, robots)
         self.reseed(seed)
         first = self._drawn[:robots]
@@ -127,6 +166,8 @@ class RandomScenarios:
     def take(self, slots: Indices) -> Taken:
         """Draw a scenario for each of W robots and build it into their scenes."""
         batch = self._next(len(slots))
+        if self.repeats is not None:
+            self.repeated[slots], batch = self.repeats.draw(slots, batch, self._rng)
         self.scenes.replace(slots, batch.circles, batch.edges())
         self._latest.update((slot, (batch, row)) for row, slot in enumerate(slots.tolist()))
         return slots, batch.starts, batch.goals

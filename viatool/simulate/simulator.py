@@ -26,7 +26,7 @@ from viatool.simulate.crowd import Crowd
 from viatool.simulate.models import track_of
 from viatool.simulate.observation import Observer, navigation_channels
 from viatool.simulate.odometry import DelayLine, Odometry
-from viatool.simulate.scenarios import FixedScenarios, RandomScenarios
+from viatool.simulate.scenarios import FixedScenarios, RandomScenarios, Repeats
 from viatool.simulate.sensor_flaws import SensorFlaws
 from viatool.simulate.task import NavigationTask
 from viatool.uncertainty import ErrorModel
@@ -307,11 +307,24 @@ class Simulator(ABC):
 
     @generator.setter
     def generator(self, generator: ScenarioGenerator) -> None:
+        self._drawing.generator = generator
+
+    def repeat(self, repeats: Repeats) -> None:
+        """Let robots drive some scenarios again in later resets, instead of new ones."""
+        self._drawing.repeats = repeats
+
+    @property
+    def repeated(self) -> Booleans:
+        """Return which robots drive a scenario again, (E,)."""
+        return self._drawing.repeated.copy()
+
+    @property
+    def _drawing(self) -> RandomScenarios:
         if not isinstance(self._source, RandomScenarios):
             raise ConfigurationError(
                 "a simulator of fixed scenarios draws none", "create it with scenarios=None"
             )
-        self._source.generator = generator
+        return self._source
 
     def own_obstacles(self, robot: int) -> Obstacles:
         """Return the obstacles around one robot that only its scenario has."""

@@ -13,8 +13,10 @@ from torch import Tensor
 
 from viatool.arrays import Booleans, Floats, Indices
 from viatool.simulate import NavigationTask, Step, make_simulator
+from viatool.simulate.scenarios import Repeats
 from viatool.train.configuration import TrainingConfiguration
 from viatool.train.constraint import next_budget
+from viatool.train.feedback import Feedback
 from viatool.train.guide import Guide
 from viatool.train.methods import Method
 from viatool.train.networks import Weights
@@ -36,7 +38,7 @@ class Episodes:
     length: Indices
     success: Booleans
     collision: Booleans
-    steady: Booleans  # driven with little exploration noise: u and lambda are updated from these
+    steady: Booleans  # with little exploration noise, from a start of the task: u and lambda are updated from these
 
     @staticmethod
     def joined(parts: list[Episodes]) -> Episodes:
@@ -105,6 +107,8 @@ class Collector:
         ``(S,)`` u, the budget at the start of an episode.
     epoch : int
         Finished epochs of the run; part of the seed, since robots are set down more than once.
+    feedback : Feedback, optional
+        Where a share of the episodes begins again.
     """
 
     def __init__(
@@ -115,6 +119,7 @@ class Collector:
         method: Method,
         var: Floats,
         epoch: int,
+        feedback: Feedback | None = None,
     ) -> None:
         self.configuration = configuration
         self.budgeted = method.budgeted and configuration.budget_rule == "recursive"
@@ -139,9 +144,12 @@ class Collector:
         self.distance = np.zeros(count)
         around = configuration.shaping_path == "around"
         self.guide = Guide(world_map, count, configuration.shaping_narrow) if around else None
+        self.fed, self.repeated = False, np.zeros(count, dtype=bool)
+        if feedback is not None:
+            self.feed_back(feedback)
         self.cost, self.reward = np.zeros(count), np.zeros(count)
         self.length = np.zeros(count, dtype=np.int64)
-        self._observe(self.simulator.reset())
+        self._observe(self._reset(np.ones(count, dtype=bool)))
         self._aim(np.ones(count, dtype=bool))
         self.start_observation = self.observation.clone()  # (S, E, n), of every robot's latest episode
 
@@ -249,7 +257,13 @@ class Collector:
 
     def _finished(self, done: Booleans, step: Step) -> Episodes:
         return Episodes(
-            self.seed_of_robot, self.cost, self.reward, self.length, step.success, step.collision, self.steady
+            seed=self.seed_of_robot,
+            cost=self.cost,
+            reward=self.reward,
+            length=self.length,
+            success=step.success,
+            collision=step.collision,
+            steady=self.steady & ~self.repeated,
         ).where(done)
 
     def _begin(self, done: Booleans, budget: Floats, var: Floats, step: Step) -> None:
@@ -257,11 +271,27 @@ class Collector:
         self.budget = np.where(done, var[self.seed_of_robot], budget)
         for total in (self.cost, self.reward, self.length):
             total[done] = 0
-        self._observe(self.simulator.reset(done) if done.any() else step.observation)
+        self._observe(self._reset(done) if done.any() else step.observation)
         if done.any():
             self._aim(done)
-        fresh = torch.from_numpy(done).view(self.observation.shape[:2])
+        fresh = torch.from_numpy(done & ~self.repeated).view(self.observation.shape[:2])
         self.start_observation[fresh] = self.observation[fresh]
+
+    def _reset(self, done: Booleans) -> Floats:
+        """Put robots at the start of their next scenario; return the observations of all."""
+        observation = self.simulator.reset(done)
+        if self.fed:
+            self.repeated = self.simulator.repeated
+        return observation
+
+    def feed_back(self, feedback: Feedback) -> None:
+        """Let a share of the coming episodes begin again where missions of their seed were not proved."""
+        first = np.cumsum(feedback.counts) - feedback.counts
+        share, robots = self.configuration.mission_feedback, self.configuration.robots
+        self.fed = True
+        self.simulator.repeat(
+            Repeats(share, feedback.batch, np.repeat(first, robots), np.repeat(feedback.counts, robots))
+        )
 
     def limit_goal_distance(self, largest: float) -> None:
         """Draw goals of the coming episodes within this distance of their start (curriculum), in metres."""

@@ -228,6 +228,12 @@ class TrainingConfiguration(BaseModel):
         0, "further random scenarios whose missions are tried to be proved for each finalist; 0 is off"
     )
     mission_parts: Count = _option(1500, "most parts of the set of such a mission, which bounds its time")
+    mission_feedback: Fraction = _option(
+        0.0,
+        "share of the episodes that begin where missions were not proved: at their starts, or where their proofs "
+        "ended; mission_scenarios fresh ones are tried for each seed, 0 is off",
+    )
+    mission_interval: Count = _option(10, "epochs between two such trials")
 
     # Evaluation and records
     evaluation_interval: Count = _option(3, "epochs between evaluations")
@@ -254,6 +260,8 @@ class TrainingConfiguration(BaseModel):
             raise ValueError("select_by: safety needs verification_scenarios, for example 20")
         if self.select_by == "missions" and not self.mission_scenarios:
             raise ValueError("select_by: missions needs mission_scenarios, for example 20")
+        if self.mission_feedback and not self.mission_scenarios:
+            raise ValueError("mission_feedback needs mission_scenarios, for example 5")
         if self.lidar_saturation == "soft" and self.lidar_range is None:
             raise ValueError("lidar_saturation: soft needs lidar_range, for example 2.5")
         if self.reachability_weight and self.actor_activation not in ENCLOSED:

@@ -16,6 +16,7 @@ from viatool.train.collection import Collector
 from viatool.train.configuration import TrainingConfiguration
 from viatool.train.constraint import initial_var
 from viatool.train.evaluation import actor_commands, drive
+from viatool.train.feedback import Feedback
 from viatool.train.methods import METHODS
 from viatool.train.networks import Weights
 from viatool.train.observation import UnitScaling, make_scaling, training_setting
@@ -48,6 +49,8 @@ class TrainingRun:
         The best so far.
     rows : list of dict
         Metrics of the finished epochs.
+    feedback : Feedback, optional
+        Where episodes begin again.
     collector, returns : Collector and NStepReturns, or None
         The robots on their way; None when they are to be set down anew.
     """
@@ -62,6 +65,7 @@ class TrainingRun:
     steps: int = 0
     candidates: list[Candidate] = field(default_factory=list)
     rows: list[dict[str, float]] = field(default_factory=list)
+    feedback: Feedback | None = None
     collector: Collector | None = None
     returns: NStepReturns | None = None
 
@@ -85,6 +89,7 @@ class TrainingRun:
                 self.learner.method,
                 self.var,
                 self.epoch,
+                self.feedback,
             )
             self.returns = NStepReturns(options.return_steps, options.discount)
         return self.collector, self.returns
@@ -109,6 +114,11 @@ def begin_run(configuration: TrainingConfiguration, world_map: WorldMap | None =
         raise ConfigurationError(
             f"map {configuration.map} has neither scenarios nor a generator",
             "add one of them to train on it",
+        )
+    if configuration.mission_feedback and world_map.generator is None:
+        raise ConfigurationError(
+            f"map {configuration.map} has no generator, of whose scenarios mission_feedback tries missions",
+            "add one, or set mission_feedback to 0",
         )
     world_map = training_setting(world_map).world_map
     _check_lidar(configuration, world_map.robot.lidar)
@@ -204,6 +214,7 @@ def run_state(run: TrainingRun) -> dict[str, Any]:
         "value_range": run.learner.agent.value_range,
         "candidates": candidates,
         "rows": run.rows,
+        "feedback": None if run.feedback is None else run.feedback.state(),
     }
 
 
@@ -224,6 +235,8 @@ def resume_run(state: dict[str, Any], where: Path, world_map: WorldMap | None = 
             "restore the map, or start a new run",
         )
     run.epoch, run.steps, run.rows = state["epoch"], state["steps"], state["rows"]
+    if state.get("feedback") is not None:
+        run.feedback = Feedback.of_state(state["feedback"])
     run.var, run.multiplier = state["var"].numpy(), state["multiplier"].numpy()
     for name, network in run.learner.agent.networks().items():
         network.restore(state["networks"][name])

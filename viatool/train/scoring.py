@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from viatool.missions import MissionLimits, mission
+from viatool.missions import MissionLimits, Missions, mission
 from viatool.policy import Policy
 from viatool.train.configuration import TrainingConfiguration
 from viatool.train.export import export_actor
@@ -14,7 +16,7 @@ from viatool.train.networks import Weights
 from viatool.train.observation import UnitScaling, make_specification
 from viatool.train.selection import random_scenarios
 from viatool.verification import verify
-from viatool.world import WorldMap
+from viatool.world import Scenario, WorldMap
 
 START_ERROR = (0.02, 0.02)
 """Metres and radians by which missions may begin elsewhere."""
@@ -40,6 +42,14 @@ class Safety:
         return {"verified_safety_rate": self.collision, "verified_danger_rate": self.danger}
 
 
+@contextmanager
+def exported(actor: Weights, budget: float, world_map: WorldMap, scaling: UnitScaling) -> Iterator[Policy]:
+    """Export the policy of one seed for a while; its budget channel is fixed to `budget`."""
+    with tempfile.TemporaryDirectory() as directory:
+        specification = make_specification(world_map.robot, budget, {}, scaling.layout)
+        yield export_actor(actor, scaling, specification, Path(directory) / "policy.onnx")
+
+
 def score_safety(
     actor: Weights, budget: float, world_map: WorldMap, scaling: UnitScaling, options: TrainingConfiguration
 ) -> Safety:
@@ -57,9 +67,7 @@ def score_safety(
         Says how many validation scenarios are driven, and the sensor error.
     """
     scenarios = random_scenarios(world_map, options.verification_scenarios, options.validation_seed)
-    with tempfile.TemporaryDirectory() as directory:
-        specification = make_specification(world_map.robot, budget, {}, scaling.layout)
-        policy = export_actor(actor, scaling, specification, Path(directory) / "policy.onnx")
+    with exported(actor, budget, world_map, scaling) as policy:
         result = verify(
             policy,
             world_map,
@@ -71,8 +79,10 @@ def score_safety(
     return Safety(float(result.safety_rate), float(result.danger_rate))
 
 
-def proved_missions(policy: Policy, world_map: WorldMap, options: TrainingConfiguration) -> float:
-    """Return the share of missions that are proved, as ``viatool mission`` does, with cells of one size.
+def try_missions(
+    policy: Policy, world_map: WorldMap, options: TrainingConfiguration, scenarios: Sequence[Scenario]
+) -> Missions:
+    """Try to prove missions, as ``viatool mission`` does, with cells of one size.
 
     Parameters
     ----------
@@ -81,16 +91,24 @@ def proved_missions(policy: Policy, world_map: WorldMap, options: TrainingConfig
     world_map : WorldMap
         Of the training.
     options : TrainingConfiguration
-        Says how many scenarios, the sensor error, and how many parts a set may have.
+        Says the sensor error, and how many parts a set may have.
+    scenarios : sequence of Scenario
+        What is driven.
     """
-    found = mission(
+    return mission(
         policy,
         world_map,
         eps=options.verification_eps,
         start_error=START_ERROR,
-        scenarios=random_scenarios(world_map, options.mission_scenarios, options.validation_seed + 2),
+        scenarios=scenarios,
         limits=MissionLimits(options.horizon, parts=options.mission_parts, finer=0),
     )
+
+
+def proved_missions(policy: Policy, world_map: WorldMap, options: TrainingConfiguration) -> float:
+    """Return the share of the further random scenarios whose missions are proved, see `try_missions`."""
+    scenarios = random_scenarios(world_map, options.mission_scenarios, options.validation_seed + 2)
+    found = try_missions(policy, world_map, options, scenarios)
     return found.counts["proved"] / len(found)
 
 
@@ -98,7 +116,5 @@ def score_missions(
     actor: Weights, budget: float, world_map: WorldMap, scaling: UnitScaling, options: TrainingConfiguration
 ) -> float:
     """Export the policy of one seed, and return its `proved_missions`."""
-    with tempfile.TemporaryDirectory() as directory:
-        specification = make_specification(world_map.robot, budget, {}, scaling.layout)
-        policy = export_actor(actor, scaling, specification, Path(directory) / "policy.onnx")
+    with exported(actor, budget, world_map, scaling) as policy:
         return proved_missions(policy, world_map, options)

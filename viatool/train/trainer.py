@@ -22,6 +22,7 @@ from viatool.train.collection import Collector, Episodes
 from viatool.train.configuration import TrainingConfiguration, load_configuration
 from viatool.train.constraint import update_multiplier, update_var
 from viatool.train.export import export_actor, training_record
+from viatool.train.feedback import find_feedback
 from viatool.train.methods.method import EpochCosts
 from viatool.train.observation import make_specification
 from viatool.train.records import (
@@ -363,6 +364,8 @@ def finish_epoch(run: TrainingRun, directory: Path) -> str:
     due = run.epoch % options.evaluation_interval == 0
     if last or (due and run.epoch >= options.evaluation_start * options.epochs):
         line += _evaluate(run, rows)
+    if options.mission_feedback and run.epoch % options.mission_interval == 0 and not last:
+        line += _feed_back(run, rows)
     if run.epoch % options.checkpoint_interval == 0 or last:
         write_checkpoint(directory / "checkpoints" / f"epoch_{run.epoch:04d}.pt", checkpoint(run))
     if run.epoch % options.state_interval == 0 or last:
@@ -386,6 +389,17 @@ def _evaluate(run: TrainingRun, rows: list[dict[str, float]]) -> str:
     best = run.candidates[0]
     rates = " ".join(f"{rate:.1%}" for rate in evaluation.success.mean(axis=1))
     return f"  validation {rates} (best: seed {best.seed}, epoch {best.epoch})"
+
+
+def _feed_back(run: TrainingRun, rows: list[dict[str, float]]) -> str:
+    """Let coming episodes begin where missions are not proved; return the end of the epoch's line."""
+    found = find_feedback(run.actor, run.var, run.world_map, run.scaling, run.configuration, run.epoch)
+    run.feedback, shares = found
+    for row, share in zip(rows, shares, strict=True):
+        row["proved_mission_rate"] = float(share)
+    if run.collector is not None:
+        run.collector.feed_back(run.feedback)
+    return f"  missions {' '.join(f'{share:.0%}' for share in shares)}"
 
 
 def _verified(run: TrainingRun, candidate: Candidate, row: dict[str, float]) -> Candidate:

@@ -54,6 +54,13 @@ class ScenarioBatch:
         pairs = zip(self._arrays(), other._arrays(), strict=True)
         return ScenarioBatch(*(np.concatenate(pair) for pair in pairs))
 
+    def with_rows(self, rows: Booleans, other: ScenarioBatch) -> ScenarioBatch:
+        """Return the batch, in which some of the scenarios (N,) are those of another one, in their order."""
+        arrays = [own.copy() for own in self._arrays()]
+        for own, new in zip(arrays, other._arrays(), strict=True):
+            own[rows] = new
+        return ScenarioBatch(*arrays)
+
     def edges(self) -> Floats:
         """Return the edges of the boxes, (N, 4 L, 4), their inside to the left."""
         following = self.boxes[:, :, [1, 2, 3, 0]]
