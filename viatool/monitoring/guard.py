@@ -84,6 +84,11 @@ class Guard:
         roaming = moving_obstacles(world_map, self.scenarios, self.setting.uncertainty.obstacles)
         return placed, Movers(roaming, np.arange(count)) if len(roaming) else None
 
+    def carried_out(self, asked: Floats) -> Floats:
+        """Return commands (E, A) as robots carry them out: within their limits, and no harder than cars steer."""
+        rules = self.setting.rules
+        return rules.kinematics.carried_out(self.setting.world_map.robot, rules.clip(asked))
+
     def placed(self, poses: Floats, scene: Indices) -> ScenePoses:
         """Return where robots may be that localisation puts at poses (E, 3) of scenes (E,)."""
         still, roaming = self._around
@@ -206,11 +211,11 @@ class Watch:
         Sound: yes; the robots have to be told what is decided, see the top of this module.
         """
         rules, guard = self.guard.setting.rules, self.guard
-        commands, source = rules.clip(asked), np.full(len(asked), POLICY)
+        commands, source = guard.carried_out(asked), np.full(len(asked), POLICY)
         passed = guard.proves(poses, scene, commands, self.under_way)
         if alternative is not None and not passed.all():
             rows = np.flatnonzero(~passed)
-            commands[rows], source[rows] = rules.clip(alternative(rows)), FALLBACK
+            commands[rows], source[rows] = guard.carried_out(alternative(rows)), FALLBACK
             passed[rows] = guard.proves(poses[rows], scene[rows], commands[rows], self.under_way[rows])
         brakes = rules.manoeuvre.braked(self._given_up, self._intervals)
         commands = np.where(passed[:, None], commands, brakes)

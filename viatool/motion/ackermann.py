@@ -46,3 +46,9 @@ class AckermannDrive(HeldTwist):
         fastest = max(abs(robot.min_linear), abs(robot.max_linear))
         turn = fastest * math.tan(robot.max_steering) / robot.wheelbase
         return np.array([robot.min_linear, -turn]), np.array([robot.max_linear, turn])
+
+    def carried_out(self, robot: Limited, commands: Floats) -> Floats:
+        """See `Kinematics.carried_out`: a car turns no harder than it steers, and not at rest."""
+        speed, turn = commands[..., 0], commands[..., 1]
+        most = np.abs(speed) * math.tan(robot.max_steering) / robot.wheelbase
+        return np.stack([speed, np.clip(turn, -most, most)], axis=-1)

@@ -179,6 +179,10 @@ class Kinematics(ABC):
         """Return the kinematics with what it has to know of a robot: itself, unless its motion has a state."""
         return self
 
+    def carried_out(self, robot: Limited, commands: Floats) -> Floats:
+        """Return commands (..., A) within `limits` as a robot carries them out, if one axis limits another."""
+        return commands
+
     @property
     def parameters(self) -> dict[str, float]:
         """Return the numbers that it knows of its robot by name; none of a kinematics without a state."""
