@@ -178,6 +178,51 @@ def test_commands_beyond_the_robot_pass_as_it_carries_them_out(lab):
     assert found.asked.tolist() == [9.0, -9.0]
 
 
+@pytest.mark.parametrize("speed", [3.0, -3.0, 1.0])
+def test_a_car_is_told_no_harder_turn_than_it_steers(lab, speed):
+    """It would come to the wall on the way that its wheels allow where the turn it is asked for ends before it."""
+    monitor = viatool.Monitor(None, lab, robot="f1tenth", clearance=0.1)
+    robot, manoeuvre = monitor.setting.robot, monitor.setting.rules.manoeuvre
+    passed = 0
+    for gap in np.arange(0.3, 1.5, 0.1):
+        pose = np.array([lab.bounds[2] - gap, 0.0, 0.0 if speed > 0.0 else np.pi])
+        monitor.reset()
+        found = monitor.decide(pose, [speed, 26.0])
+        assert abs(found.command[1]) <= abs(found.command[0]) * np.tan(robot.max_steering) / robot.wheelbase
+        if found.passed:
+            seconds = np.linspace(0.0, manoeuvre.duration(found.command[None])[0], 50)[None]
+            steered = abs(speed) * np.tan(robot.max_steering) / robot.wheelbase
+            way = drive_all(pose[None], np.array([speed]), np.array([min(26.0, steered)]), seconds)
+            assert (clearance(lab, way[0], robot.footprint, None) > 0.1).all()
+            passed += 1
+    assert passed
+    monitor.reset()
+    assert monitor.decide([0.0, 0.0, 0.0], [0.0, 5.0]).command.tolist() == [0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    "answer", [lambda seen: 1 / 0, lambda seen: None, lambda seen: [0.0], lambda seen: "a"]
+)
+def test_the_robot_brakes_where_the_fallback_fails(lab, answer):
+    scenario, pose = start(lab)
+    monitor = viatool.Monitor(None, lab, scenario=scenario, fallback=answer)
+    assert monitor.decide(pose, [0.5, 0.0]).passed
+    with pytest.warns(RuntimeWarning, match="the fallback failed, the robot brakes"):
+        found = monitor.decide(pose, [np.nan, 0.0], np.zeros(26))
+    assert (found.source, found.proved) == ("brake", True)
+    np.testing.assert_allclose(found.command, [0.45, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("name", "command"), [("f1tenth", [1.0, 0.5]), ("spot", [0.5, 0.2, -0.4]), ("mir100", [1.0, 0.3])]
+)
+def test_without_a_policy_any_robot_is_monitored_that_is_told_velocities(lab, name, command):
+    monitor = viatool.Monitor(None, lab, scenario=lab.scenarios[0], robot=name)
+    found = monitor.decide(lab.scenarios[0].start, command)
+    assert found.passed
+    assert found.command.tolist() == command
+
+
 def test_what_the_monitor_does_not_count_with_is_refused(lab):
     def model(**terms):
         return ErrorModel.model_validate(terms)

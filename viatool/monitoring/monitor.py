@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,7 @@ from viatool.monitoring.guard import BRAKE, FALLBACK, POLICY, Guard, Watch
 from viatool.motion.kinematics import motion_of
 from viatool.policy import ActionChannel, ObservationChannel, Policy, PolicySpecification, load_policy
 from viatool.setting.premises import Premise
+from viatool.setting.reconcile import with_robot
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
 from viatool.uncertainty import ErrorModel, as_error_model
@@ -79,7 +81,7 @@ class Monitor:
         The error of the pose; other terms are accepted where they change nothing, and refused by name where they would.
     fallback : Policy, path or callable, optional
         What takes over where the policy's command does not pass: another policy of the same observation, or a function
-        that gives a command (A,) for an observation (n,).
+        that gives a command (A,) for an observation (n,). Where it fails the robot brakes, with a RuntimeWarning.
     spec, clearance, interval, footprint, delay, robot, prefer
         As for `viatool.verify`.
     deceleration : float, optional
@@ -199,7 +201,7 @@ class Monitor:
             seen = np.asarray(observation, dtype=np.float64)
 
             def alternative(_: Indices) -> Floats:
-                return _row("the fallback's command", fallback(seen), asked.shape[1])
+                return _answer_of(fallback, seen, asked.shape[1])
 
         found = self._watch.decide(poses, _SCENE, asked, alternative)
         return Decision(found.commands[0], _SOURCES[int(found.source[0])], bool(found.proved[0]), asked[0])
@@ -217,17 +219,35 @@ def commander_of(policy: Policy, setting: Setting) -> Commander:
 
 def setting_of_commands(world_map: WorldMap, wishes: Wishes) -> Setting:
     """Return what is asked where commands come from nobody knows where: the map and its robot say all."""
+    if wishes.robot is not None:
+        world_map = with_robot(world_map, wishes.robot)
     kinematics = motion_of(world_map.robot)
     ends = zip(kinematics.axes, *(end.tolist() for end in kinematics.limits(world_map.robot)), strict=True)
-    actions = [
-        ActionChannel(name=axis.name, unit=axis.unit, lower=low, upper=high, kind=axis.kind)
+    known = {
+        axis.kind: ActionChannel(name=axis.name, unit=axis.unit, lower=low, upper=high, kind=axis.kind)
         for axis, low, high in ends
-    ]
+    }
+    taken = kinematics.takes[0]
+    if "steering" in taken:
+        angle = world_map.robot.max_steering
+        known["steering"] = ActionChannel(
+            name="steering", unit="rad", lower=-angle, upper=angle, kind="steering"
+        )
+    actions = [known[kind] for kind in taken]
     nothing = ObservationChannel(name="nothing", kind="constant", value=0.0)
     spec = PolicySpecification(observation=[nothing], action=actions)
     return Setting.of_specification(
         spec, world_map, 0.0, wishes, (), name="a source of commands", job="monitor"
     )
+
+
+def _answer_of(fallback: Commander, observation: Floats, size: int) -> Floats:
+    """Return a fallback's command, (1, size); NaN, so that the robot brakes, where it fails."""
+    try:
+        return _row("the fallback's command", fallback(observation), size)
+    except Exception as problem:  # whatever it raises, the robot has to be told something now
+        warnings.warn(f"the fallback failed, the robot brakes: {problem!r}", RuntimeWarning, stacklevel=2)
+        return np.full((1, size), np.nan)
 
 
 def _row(what: str, given: ArrayLike, size: int) -> Floats:
