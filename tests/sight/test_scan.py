@@ -58,7 +58,8 @@ def test_readings_lie_within_their_forms(arena, name):
 
 
 NUMBERED = Lidar(math.pi, 36, 6, 0.2, 5.0, no_return=0.0)
-OTHERS = {"half turn": LIDAR, "whole turn": WHOLE_TURN, "a number": NUMBERED}
+FAR_OFF = Lidar(math.pi, 36, 6, 0.2, 5.0, no_return=9.0)
+OTHERS = {"half turn": LIDAR, "whole turn": WHOLE_TURN, "a number": NUMBERED, "a large number": FAR_OFF}
 
 
 def beyond(world, scenario, boxes, lidar, lost, generator, samples=40):
@@ -72,7 +73,8 @@ def beyond(world, scenario, boxes, lidar, lost, generator, samples=40):
     if lidar.no_return is not None:
         rays = np.where(rays < lidar.maximum_range, rays, lidar.no_return)
     rays = np.sort(rays.reshape(len(boxes), samples, lidar.bins, -1), axis=3)
-    left = rays[..., lost] if lost < lidar.each else np.full(rays.shape[:3], lidar.maximum_range)
+    nothing = lidar.maximum_range if lidar.no_return is None else lidar.no_return
+    left = rays[..., lost] if lost < lidar.each else np.full(rays.shape[:3], nothing)
     return left - most[:, None]
 
 

@@ -106,7 +106,7 @@ def enclose_losing(
         (C, bins), of bins of which every ray returns.
     ndarray
         (C, bins) metres: a bin that is the least of its rays reads at most so much when the others return; of other
-        bins the maximum range.
+        bins the maximum range, or what a ray reads without a return if that is more.
 
     Notes
     -----
@@ -211,8 +211,9 @@ def _most_without(rays: Floats, lidar: Lidar, lost: int, slack: float) -> Floats
 
 
 def _no_limit(count: int, lidar: Lidar, slack: float) -> Floats:
-    """Return what bins (C, bins) read at most, whatever is around."""
-    return np.full((count, lidar.bins), lidar.maximum_range + 2.0 * slack)
+    """Return what bins (C, bins) read at most, whatever is around and whether or not anything returns."""
+    nothing = lidar.maximum_range if lidar.no_return is None else lidar.no_return
+    return np.full((count, lidar.bins), max(lidar.maximum_range, nothing) + 2.0 * slack)
 
 
 def _without_return(rays: Forms, met: Booleans, limit: float, reading: float) -> Forms:
