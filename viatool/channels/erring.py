@@ -144,7 +144,8 @@ class Erring:
             columns, among = scan.columns, scan.columns - place.start
             common = np.abs(self.common[:, columns]).sum(axis=0)
             relative, other = self.relative[columns], self.absolute[columns] + common
-            beyond = (other + relative * scan.lidar.maximum_range) * SLIGHTLY_MORE
+            largest = max(scan.lidar.maximum_range, abs(scan.reading))
+            beyond = (other + relative * largest) * SLIGHTLY_MORE
             others = most[:, among] + (other + relative * most[:, among]) * SLIGHTLY_MORE
             ends = scan.bounds(seen.lower[:, among], seen.upper[:, among], beyond, others * SLIGHTLY_MORE)
             found.append(Few(scan.count, columns, *ends))

@@ -44,8 +44,8 @@ class Missing:
     ) -> Hull:
         """Bound what bins (B, E) read of which a ray returns nothing, of bounds of what they read else.
 
-        Rays that return something may read beyond the limits of the LiDAR by (E,) m. `others` (B, E) bounds what is
-        read at most of the rays that are left, where that is known.
+        Rays that are left may read beyond the limits of the LiDAR, and beyond what is read where nothing is met, by
+        (E,) m. `others` (B, E) bounds what is read at most of the rays that are left, where that is known.
 
         Notes
         -----
@@ -57,7 +57,7 @@ class Missing:
         if self.is_one:
             return np.full_like(lower, reading), np.full_like(upper, reading)
         least, most = lidar.minimum_range - beyond, lidar.maximum_range + beyond
-        ends = np.minimum(least, reading), np.maximum(most, reading)
+        ends = np.minimum(least, reading - beyond), np.maximum(most, reading + beyond)
         if lidar.reduce == "minimum":
             known = ends[1] if others is None else np.minimum(others, ends[1])
             return np.minimum(lower, reading), np.maximum(upper, known)
