@@ -361,8 +361,10 @@ class ClosedLoop:
         require_ordered("commands", pieces.lower, pieces.upper)
         return pieces
 
-    def commands_of_sets(self, sightings: Sightings, common: int, count: int) -> SentReach:
-        """Bound what is sent in C sets as forms of their `common` symbols. **Sound:** yes.
+    def commands_of_sets(
+        self, sightings: Sightings, common: int, count: int, *, apart: bool = True
+    ) -> SentReach:
+        """Bound what is sent in C sets as forms of their `common` symbols, apart or joined for each. **Sound:** yes.
 
         Each command that a policy may choose, or a rule may send, is a piece of its own, which does not vary.
         """
@@ -377,6 +379,8 @@ class ClosedLoop:
         linear = found[0]
         if self.driven.choice is None:
             self.watch(sightings.forms.centre, linear)
+        if self.driven.is_plain and not apart:
+            return SentReach(np.arange(count), linear.joined(sightings.cell, count))
         if self.driven.is_plain:
             order = np.argsort(sightings.cell, kind="stable")
             return SentReach(sightings.cell[order], linear.select(order))

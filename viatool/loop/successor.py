@@ -91,7 +91,7 @@ def states_of(cells: StateBoxes) -> Forms:
     return cells.checked().forms
 
 
-def step(loop: ClosedLoop, states: Forms, told: Told = NOTHING) -> LoopStep:
+def step(loop: ClosedLoop, states: Forms, told: Told = NOTHING, *, apart: bool = True) -> LoopStep:
     """Enclose where the closed loop is after one control interval.
 
     Parameters
@@ -102,6 +102,8 @@ def step(loop: ClosedLoop, states: Forms, told: Told = NOTHING) -> LoopStep:
         (C, 3 + K) in S symbols.
     told : Told
         What else is known of the sets.
+    apart : bool
+        Whether the sides of a jump of a reading are pieces of their own, or joined, for callers that do not join them.
 
     Returns
     -------
@@ -124,7 +126,7 @@ def step(loop: ClosedLoop, states: Forms, told: Told = NOTHING) -> LoopStep:
     parts = []
     for some in chunks:
         check_time()
-        parts.append(_step(loop, select(states, some), told.select(some)))
+        parts.append(_step(loop, select(states, some), told.select(some), apart))
     return parts[0] if len(parts) == 1 else join_steps(parts, firsts)
 
 
@@ -167,11 +169,11 @@ def hull(states: Forms) -> StateBoxes:
     return StateBoxes(poses, middle - half, middle + half)
 
 
-def _step(loop: ClosedLoop, states: Forms, told: Told) -> LoopStep:
+def _step(loop: ClosedLoop, states: Forms, told: Told, apart: bool) -> LoopStep:
     """Enclose one chunk of sets without rests."""
     start = hull(states)
     sightings = loop.sensors.enclose(start, states, told, jumps=_JUMPS)
-    sent = loop.commands_of_sets(sightings, states.slope.shape[1], len(start))
+    sent = loop.commands_of_sets(sightings, states.slope.shape[1], len(start), apart=apart)
     start, states, reached = start.select(sent.cell), select(states, sent.cell), sent.reach
     rules, bounds = loop.rules, (reached.lower, reached.upper)
     require_ordered("commands", *bounds)
