@@ -125,7 +125,9 @@ def test_every_run_of_a_proved_mission_stays_in_its_tube_keeps_its_clearance_and
 
 def no_errors(patch):
     right = Sensors.enclose
-    patch.setattr(Sensors, "enclose", lambda self, *given: right(replace(self, radii=None), *given))
+    patch.setattr(
+        Sensors, "enclose", lambda self, *given, **named: right(replace(self, radii=None), *given, **named)
+    )
 
 
 def half_a_remainder(patch):
