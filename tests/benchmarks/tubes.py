@@ -51,7 +51,7 @@ def main() -> None:
     previous = commands_observed(setting, trajectory)[chosen]
     start = time.process_time()
     tubes, crashes = examination.examine(
-        trajectory.scenarios, poses, previous, episode, np.ones(len(chosen), dtype=bool), first=0, seed=0
+        trajectory.scenarios, poses, np.stack([previous] * 2, axis=1), episode, np.ones(len(chosen), dtype=bool), first=0, seed=0
     )
     tube_seconds = time.process_time() - start
     start = time.process_time()

@@ -90,8 +90,8 @@ def test_a_command_that_is_not_followed_lets_cells_last_too_long(policy, robot, 
     """The mutant that follows the first of several possible commands alone."""
     follow = passages.step
 
-    def first_of_each(loop, states, *, apart):
-        after = follow(loop, states, apart=apart)
+    def first_of_each(loop, states, *, jumps):
+        after = follow(loop, states, jumps=jumps)
         rows = np.unique(after.origin, return_index=True)[1]
         names = ("origin", "lower", "upper", "least", "most", "before_lower", "before_upper")
         return type(after)(

@@ -227,9 +227,9 @@ class Quantities:
         """
         every = np.arange(len(view))
         erring = radii if isinstance(radii, Erring) or radii is None else Erring.within(radii)
-        first = self._enclose(view, erring)
+        first = self._enclose(view, erring, gaps=jumps > 0)
         rows, found = [every], [first]
-        jumping = sides_of(first.gaps, jumps) if jumps else None
+        jumping = sides_of(first.gaps, jumps)
         if jumping is not None:
             told = replace(view.select(jumping.row, view.behind), windows=jumping.windows)
             rows.append(jumping.row)
@@ -260,9 +260,9 @@ class Quantities:
             if both.any():
                 yield behind, both
 
-    def _enclose(self, view: BoxView, erring: Erring | None) -> _Seen:
+    def _enclose(self, view: BoxView, erring: Erring | None, *, gaps: bool = False) -> _Seen:
         """Enclose what the network takes, on the sides of half turns and jumps that the view names."""
-        parts, few, gaps, symbols = [], [], {}, view.states.slope.shape[1]
+        parts, few, never, symbols = [], [], {}, view.states.slope.shape[1]
         believed = view if erring is None else erring.believed(view)
         for quantity, place in zip(self.each, self.columns, strict=True):
             lost: list[Few] = []
@@ -271,8 +271,8 @@ class Quantities:
             elif isinstance(quantity, LidarReadings):
                 looking, losing = erring.looking(view, place), erring.losing(place)
                 seen, most = quantity.enclose_losing(looking, losing)
-                if not losing:
-                    gaps[quantity.channel.name] = quantity.gaps(looking, seen)
+                if gaps and not losing:
+                    never[quantity.channel.name] = quantity.gaps(looking, seen)
                 seen = erring.added(seen, place, symbols)
                 lost = erring.lost(seen, place, most)
             else:
@@ -286,7 +286,7 @@ class Quantities:
             np.concatenate([part.slope for part in parts], axis=2),
             np.concatenate([part.rest for part in parts], axis=1),
         ).checked()
-        return _Seen(forms, few, gaps)
+        return _Seen(forms, few, never)
 
     def bounds(self, extent: Extent) -> tuple[Floats, Floats]:
         """Return the least and the largest number of each input on a map, (n,) each."""

@@ -366,7 +366,8 @@ class ClosedLoop:
     ) -> SentReach:
         """Bound what is sent in C sets as forms of their `common` symbols, apart or joined for each. **Sound:** yes.
 
-        Each command that a policy may choose, or a rule may send, is a piece of its own, which does not vary.
+        What is observed in several parts of a set gives a piece for each, or one that holds them all. Each command that
+        a policy may choose, or a rule may send, is a piece of its own, of all parts, which does not vary.
         """
         found: list[LinearReach] = []
         for seen in sightings.choices(MOST_CHOICES):

@@ -32,8 +32,6 @@ from viatool.setting.rules import Rules
 
 _POSE = slice(0, 3)
 _BEFORE = slice(3, None)
-_JUMPS = 2
-"""Readings that jump of a set, whose sides are followed by themselves."""
 _MOST_NUMBERS = 500_000
 """Of coefficients in the arrays of a chunk, so that they stay in the cache."""
 
@@ -91,7 +89,7 @@ def states_of(cells: StateBoxes) -> Forms:
     return cells.checked().forms
 
 
-def step(loop: ClosedLoop, states: Forms, told: Told = NOTHING, *, apart: bool = True) -> LoopStep:
+def step(loop: ClosedLoop, states: Forms, told: Told = NOTHING, *, jumps: int = 2) -> LoopStep:
     """Enclose where the closed loop is after one control interval.
 
     Parameters
@@ -102,8 +100,9 @@ def step(loop: ClosedLoop, states: Forms, told: Told = NOTHING, *, apart: bool =
         (C, 3 + K) in S symbols.
     told : Told
         What else is known of the sets.
-    apart : bool
-        Whether the sides of a jump of a reading are pieces of their own, or joined, for callers that do not join them.
+    jumps : int
+        Of how many readings of a LiDAR that jump, the widest, the sides are pieces of their own; 0 for callers that
+        could not follow so many.
 
     Returns
     -------
@@ -126,7 +125,7 @@ def step(loop: ClosedLoop, states: Forms, told: Told = NOTHING, *, apart: bool =
     parts = []
     for some in chunks:
         check_time()
-        parts.append(_step(loop, select(states, some), told.select(some), apart))
+        parts.append(_step(loop, select(states, some), told.select(some), jumps))
     return parts[0] if len(parts) == 1 else join_steps(parts, firsts)
 
 
@@ -169,11 +168,11 @@ def hull(states: Forms) -> StateBoxes:
     return StateBoxes(poses, middle - half, middle + half)
 
 
-def _step(loop: ClosedLoop, states: Forms, told: Told, apart: bool) -> LoopStep:
+def _step(loop: ClosedLoop, states: Forms, told: Told, jumps: int) -> LoopStep:
     """Enclose one chunk of sets without rests."""
     start = hull(states)
-    sightings = loop.sensors.enclose(start, states, told, jumps=_JUMPS)
-    sent = loop.commands_of_sets(sightings, states.slope.shape[1], len(start), apart=apart)
+    sightings = loop.sensors.enclose(start, states, told, jumps=jumps)
+    sent = loop.commands_of_sets(sightings, states.slope.shape[1], len(start), apart=jumps > 0)
     start, states, reached = start.select(sent.cell), select(states, sent.cell), sent.reach
     rules, bounds = loop.rules, (reached.lower, reached.upper)
     require_ordered("commands", *bounds)

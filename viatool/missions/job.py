@@ -7,7 +7,6 @@ import os
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from viatool.loop.told import told_of_time
 from viatool.missions.follow import MissionLimits
 from viatool.missions.verdicts import Mission, Missions
 from viatool.missions.work import MissionExamination, MissionWork
-from viatool.policy import Policy, PolicySpecification, load_policy
+from viatool.policy import Policy, PolicySpecification, as_policy
 from viatool.schedule import NEVER, Campaign, Deadline, Progress, digest_of, ignore
 from viatool.setting.criteria import PROVING
 from viatool.setting.rules import Rules
@@ -28,7 +27,7 @@ from viatool.simulate import NavigationTask
 from viatool.taylor import Arithmetic
 from viatool.uncertainty import ErrorModel, as_error_model
 from viatool.versions import result_versions
-from viatool.world import Footprint, Scenario, Scenes, WorldMap, load_map
+from viatool.world import Footprint, Scenario, Scenes, WorldMap, as_map
 
 StrPath = str | os.PathLike[str]
 
@@ -118,8 +117,8 @@ def mission(
     begun = time.perf_counter()
     if criterion not in PROVING:
         raise ConfigurationError(f"criterion '{criterion}' proves nothing", f"choose {' or '.join(PROVING)}")
-    policy = policy if isinstance(policy, Policy) else load_policy(policy, spec)
-    world_map = world_map if isinstance(world_map, WorldMap) else load_map(Path(world_map))
+    policy = as_policy(policy, spec)
+    world_map = as_map(world_map)
     model = as_error_model(errors)
     wishes = Wishes(
         criterion, clearance, None, interval, footprint, 0.0, deceleration, robot, prefer or {}, model

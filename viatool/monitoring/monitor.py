@@ -6,7 +6,6 @@ import os
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -16,13 +15,14 @@ from viatool.arrays import Floats, Indices
 from viatool.errors import ConfigurationError
 from viatool.monitoring.guard import BRAKE, FALLBACK, POLICY, Guard, Watch
 from viatool.motion.kinematics import motion_of
-from viatool.policy import ActionChannel, ObservationChannel, Policy, PolicySpecification, load_policy
+from viatool.policy import ActionChannel, ObservationChannel, Policy, PolicySpecification, as_policy
+from viatool.policy.given import row
 from viatool.setting.premises import Premise
 from viatool.setting.reconcile import with_robot
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
 from viatool.uncertainty import ErrorModel, as_error_model
-from viatool.world import Footprint, Scenario, WorldMap, load_map
+from viatool.world import Footprint, Scenario, WorldMap, as_map
 
 StrPath = str | os.PathLike[str]
 Commander = Callable[[Floats], ArrayLike]
@@ -127,12 +127,12 @@ class Monitor:
             prefer=prefer or {},
             errors=as_error_model(errors),
         )
-        world_map = world_map if isinstance(world_map, WorldMap) else load_map(Path(world_map))
+        world_map = as_map(world_map)
         if policy is None:
             self._setting = setting_of_commands(world_map, wishes)
             self._policy: Commander | None = None
         else:
-            loaded = policy if isinstance(policy, Policy) else load_policy(policy, spec)
+            loaded = as_policy(policy, spec)
             self._setting = Setting.of(loaded, world_map, 0.0, wishes, (), job="monitor")
             self._policy = commander_of(loaded, self._setting)
         self._fallback = self._commander(fallback, world_map, wishes)
@@ -143,7 +143,7 @@ class Monitor:
     ) -> Commander | None:
         if given is None or (callable(given) and not isinstance(given, Policy)):
             return given
-        policy = given if isinstance(given, Policy) else load_policy(given)
+        policy = as_policy(given)
         return commander_of(policy, Setting.of(policy, world_map, 0.0, wishes, (), job="monitor"))
 
     def reset(self, scenario: Scenario | None = None) -> None:
@@ -195,7 +195,7 @@ class Monitor:
         observation : array_like, optional
             (n,) for the fallback, which does not take over without one.
         """
-        poses, asked = _row("a pose", pose, 3), _row("a command", command, len(self._setting.rules.lower))
+        poses, asked = row("a pose", pose, 3), row("a command", command, len(self._setting.rules.lower))
         fallback, alternative = self._fallback, None
         if fallback is not None and observation is not None:
             seen = np.asarray(observation, dtype=np.float64)
@@ -244,15 +244,7 @@ def setting_of_commands(world_map: WorldMap, wishes: Wishes) -> Setting:
 def _answer_of(fallback: Commander, observation: Floats, size: int) -> Floats:
     """Return a fallback's command, (1, size); NaN, so that the robot brakes, where it fails."""
     try:
-        return _row("the fallback's command", fallback(observation), size)
+        return row("the fallback's command", fallback(observation), size)
     except Exception as problem:  # whatever it raises, the robot has to be told something now
         warnings.warn(f"the fallback failed, the robot brakes: {problem!r}", RuntimeWarning, stacklevel=2)
         return np.full((1, size), np.nan)
-
-
-def _row(what: str, given: ArrayLike, size: int) -> Floats:
-    """Return one row of numbers, (1, size)."""
-    row = np.asarray(given, dtype=np.float64)
-    if row.shape != (size,):
-        raise ConfigurationError(f"{what} has shape {row.shape}, expected ({size},)", "give one state")
-    return np.asarray(row[None])

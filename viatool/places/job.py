@@ -7,7 +7,6 @@ import os
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from viatool.places.explaining import cost_of_cells
 from viatool.places.lasting import Lookahead
 from viatool.places.over_time import check_lookahead, look_ahead
 from viatool.places.tree import Lattice
-from viatool.policy import Policy, PolicySpecification, load_policy
+from viatool.policy import Policy, PolicySpecification, as_policy
 from viatool.schedule import Campaign, Deadline, Progress, ignore
 from viatool.setting.criteria import PROVING
 from viatool.setting.error_costs import drop_each
@@ -32,7 +31,7 @@ from viatool.simulate import NavigationTask
 from viatool.taylor import Arithmetic
 from viatool.uncertainty import ErrorModel, as_error_model
 from viatool.versions import result_versions
-from viatool.world import Footprint, Scenario, WorldMap, load_map
+from viatool.world import Footprint, Scenario, WorldMap, as_map
 
 StrPath = str | os.PathLike[str]
 
@@ -153,8 +152,8 @@ def certify(
     resolution, budget = resolution or Resolution(), budget or SearchBudget()
     if criterion not in PROVING:
         raise ConfigurationError(f"criterion '{criterion}' proves nothing", f"choose {' or '.join(PROVING)}")
-    policy = policy if isinstance(policy, Policy) else load_policy(policy, spec)
-    world_map = world_map if isinstance(world_map, WorldMap) else load_map(Path(world_map))
+    policy = as_policy(policy, spec)
+    world_map = as_map(world_map)
     scenario = scenario if isinstance(scenario, Scenario) else world_map.numbered(scenario)
     wishes = Wishes(
         criterion,

@@ -125,7 +125,7 @@ def follow(
     going = np.arange(len(found.owner))
     for number in range(intervals):
         check_time()
-        after = step(loop, states, apart=False)
+        after = step(loop, states, jumps=0)
         holds = np.ones(len(after.origin), bool)
         if number > 0:
             holds = loop.holds(after.start, after.lower, after.upper)

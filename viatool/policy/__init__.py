@@ -16,7 +16,7 @@ from viatool.policy.network import (
     Network,
     Product,
 )
-from viatool.policy.policy import Policy, load_policy
+from viatool.policy.policy import Policy, as_policy, load_policy
 from viatool.policy.specification import ObservationChannel, PolicySpecification
 from viatool.policy.specification_file import load_specification
 from viatool.policy.writer import write_onnx
@@ -39,6 +39,7 @@ __all__ = [
     "Policy",
     "PolicySpecification",
     "Product",
+    "as_policy",
     "describe",
     "load_policy",
     "load_specification",

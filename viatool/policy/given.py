@@ -28,3 +28,11 @@ def numbers(what: str, values: ArrayLike) -> Floats:
             f"{what} hold {found.dtype} values, expected real numbers", "give them as an array of float64"
         )
     return found.astype(np.float64)
+
+
+def row(what: str, values: ArrayLike, size: int) -> Floats:
+    """Return one row of numbers that a caller gave, (1, size); refused as by `numbers`, and if it has another size."""
+    found = numbers(what, values)
+    if found.shape != (size,):
+        raise ConfigurationError(f"{what} has shape {found.shape}, expected ({size},)", "give one state")
+    return found[None]

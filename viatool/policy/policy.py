@@ -165,6 +165,13 @@ class Policy:
         return rows
 
 
+def as_policy(
+    given: Policy | str | os.PathLike[str], spec: str | os.PathLike[str] | PolicySpecification | None = None
+) -> Policy:
+    """Return a policy as it was given, or read it with `load_policy`."""
+    return given if isinstance(given, Policy) else load_policy(given, spec)
+
+
 def load_policy(
     path: str | os.PathLike[str],
     spec: str | os.PathLike[str] | PolicySpecification | None = None,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, Literal
 
 from viatool.arrays import Booleans, Indices
@@ -13,7 +12,7 @@ from viatool.errors import ConfigurationError
 from viatool.loop.elapsed import check_moving_on
 from viatool.loop.horizon import Horizon
 from viatool.loop.knowable import require_known_over_poses
-from viatool.policy import Policy, PolicySpecification, load_policy
+from viatool.policy import Policy, PolicySpecification, as_policy
 from viatool.schedule import Campaign, Progress, Scheduler, ignore, open_scheduler
 from viatool.setting.begun import states_begun
 from viatool.setting.error_costs import cost_of_errors
@@ -33,7 +32,7 @@ from viatool.verification.result import Result
 from viatool.verification.source import Source
 from viatool.verification.states import States
 from viatool.versions import result_versions
-from viatool.world import Footprint, Scenario, WorldMap, load_map
+from viatool.world import Footprint, Scenario, WorldMap, as_map
 
 StrPath = str | os.PathLike[str]
 
@@ -176,8 +175,8 @@ def verify(
     if scheduler is None or isinstance(scheduler, str):
         scheduler = open_scheduler(workers, scheduler)
     with clock.timed("load"):
-        policy = policy if isinstance(policy, Policy) else load_policy(policy, spec)
-        world_map = world_map if isinstance(world_map, WorldMap) else load_map(Path(world_map))
+        policy = as_policy(policy, spec)
+        world_map = as_map(world_map)
         job = "verify" if horizon is None else "verify with a horizon"
         setting = Setting.of(policy, world_map, eps, wishes, scenarios, job=job)
         if horizon is not None:

@@ -6,15 +6,14 @@ import copy
 import os
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from viatool.arrays import Floats
 from viatool.errors import ConfigurationError
-from viatool.policy import Policy, PolicySpecification, load_policy
+from viatool.policy import Policy, PolicySpecification, as_policy
+from viatool.policy.given import row
 from viatool.safety import ScenePoses
 from viatool.setting.begun import states_begun
 from viatool.setting.premises import Premise
@@ -27,7 +26,7 @@ from viatool.uncertainty import ErrorModel, as_error_model
 from viatool.verification.examination import StateExamination
 from viatool.verification.findings import StateFindings
 from viatool.verification.states import States
-from viatool.world import Footprint, Scenario, WorldMap, load_map
+from viatool.world import Footprint, Scenario, WorldMap, as_map
 
 StrPath = str | os.PathLike[str]
 _NOBODY: Floats = np.zeros((0, 5))
@@ -195,8 +194,8 @@ class Verifier:
             prefer=prefer or {},
             errors=as_error_model(errors),
         )
-        policy = policy if isinstance(policy, Policy) else load_policy(policy, spec)
-        world_map = world_map if isinstance(world_map, WorldMap) else load_map(Path(world_map))
+        policy = as_policy(policy, spec)
+        world_map = as_map(world_map)
         asked = () if scenario is None else (scenario,)
         self._setting = Setting.of(policy, world_map, eps, wishes, asked, job="verify")
         engine = {"order": order, "approximation": approximation, "refine": refine, "arithmetic": arithmetic}
@@ -267,9 +266,9 @@ class Verifier:
         Sound: yes. Commands on their way that are NaN are not known, and with a delay nothing is proved then.
         """
         setting = self._setting
-        poses = _rows("a pose", pose, 3)
+        poses = row("a pose", pose, 3)
         observations = numbers_received(
-            setting, _rows("an observation", observation, setting.spec.observation_size)
+            setting, row("an observation", observation, setting.spec.observation_size)
         )
         told = _NOBODY if people is None else np.asarray(people, dtype=np.float64)
         check_people(setting, told=len(told) > 0)
@@ -311,11 +310,3 @@ class Verifier:
                 "give the commands that still count, the oldest first",
             )
         return rules.clip(given[len(given) - count :])[None]
-
-
-def _rows(what: str, given: ArrayLike, size: int) -> Floats:
-    """Return one row of numbers, (1, size)."""
-    row: Any = np.asarray(given, dtype=np.float64)
-    if row.shape != (size,):
-        raise ConfigurationError(f"{what} has shape {row.shape}, expected ({size},)", "give one state")
-    return np.asarray(row[None])

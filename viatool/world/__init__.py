@@ -9,7 +9,7 @@ from viatool.world.map_file import MapFile
 from viatool.world.map_server import MapServerFile
 from viatool.world.occupancy import Cell, OccupancyGrid
 from viatool.world.reachability import unreachable_scenarios
-from viatool.world.reading import load_map
+from viatool.world.reading import as_map, load_map
 from viatool.world.rings import simple_polygon
 from viatool.world.robot import ROBOTS, Footprint, Robot
 from viatool.world.scenario import Scenario
@@ -35,6 +35,7 @@ __all__ = [
     "ScenarioGenerator",
     "Scenes",
     "WorldMap",
+    "as_map",
     "bin_ranges",
     "box_polygon",
     "load_map",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
@@ -30,6 +31,11 @@ from viatool.world.yaml_text import YamlDocument, read_yaml
 
 # Of a map_server map alone: starts and goals apart, wherever there is room.
 _DEFAULT_GENERATOR = file.GeneratorFile(area=None, goal_clearance=0.4, goal_distance=(1.0, 1e6))
+
+
+def as_map(given: WorldMap | str | os.PathLike[str]) -> WorldMap:
+    """Return a map as it was given, or read it with `load_map`."""
+    return given if isinstance(given, WorldMap) else load_map(Path(given))
 
 
 def load_map(path: str | Path, *, unknown: Unknown | None = None) -> WorldMap:
