@@ -49,9 +49,10 @@ def main() -> None:
     chosen = np.arange(0, len(trajectory), given.every)
     poses, episode = trajectory.poses[chosen], trajectory.episode[chosen]
     previous = commands_observed(setting, trajectory)[chosen]
+    before = np.stack([previous, previous], axis=1)  # lower and upper ends
     start = time.process_time()
     tubes, crashes = examination.examine(
-        trajectory.scenarios, poses, np.stack([previous] * 2, axis=1), episode, np.ones(len(chosen), dtype=bool), first=0, seed=0
+        trajectory.scenarios, poses, before, episode, np.ones(len(chosen), dtype=bool), first=0, seed=0
     )
     tube_seconds = time.process_time() - start
     start = time.process_time()
