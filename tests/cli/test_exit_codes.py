@@ -119,6 +119,11 @@ def stored(path: Path, *counts: int, **changes: Any) -> Path:
         (("--max-unsafe", "0", "--exit-zero"), (0, 0, 0), 5),
         (("--baseline", "same.json"), (0, 0, 0), 5),
         (("--fail-under", "timeout=0"), (97, 1, 2), 5),
+        (("--fail-under", "contested=0.5"), (97, 1, 2), 1),
+        (("--fail-under", "contested=0"), (97, 0, 0), 5),
+        (("--min-contested", "3"), (97, 1, 2), 0),
+        (("--min-contested", "4"), (97, 1, 2), 5),
+        (("--min-contested", "4", "--exit-zero", "--max-unsafe", "0"), (97, 1, 2), 5),
     ],
     ids=str,
 )

@@ -198,7 +198,7 @@ def test_hostile_names_stay_text(runs: Runs, kind: type[Document]) -> None:
         assert not re.search("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f]", text)
         if name == "github":
             for line in text.splitlines():
-                assert re.match(r"::(error|warning) file=[^,:]*,title=[^,:]*::", line)
+                assert re.match(r"::(notice|error|warning) file=[^,:]*,title=[^,:]*::", line)
         else:
             assert not [line for line in text.splitlines() if line.lstrip().startswith(("::", "##["))]
     bare = re.sub(r"\\.", "", written(document, "markdown", FAILED).decode())

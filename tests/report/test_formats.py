@@ -95,10 +95,10 @@ def test_no_string_of_a_map_starts_a_workflow_command(
 ) -> None:
     monkeypatch.delenv("GITHUB_STEP_SUMMARY", raising=False)
     lines = render(hostile, "github", FAILED).splitlines()
-    assert len(lines) == 2  # the condition and the trajectory
-    for line in lines:
-        assert line.startswith("::error file=")
-        properties, _, message = line.removeprefix("::error ").partition("::")
+    assert len(lines) == 3  # what was at stake, the condition and the trajectory
+    for level, line in zip(("notice", "error", "error"), lines, strict=True):
+        assert line.startswith(f"::{level} file=")
+        properties, _, message = line.removeprefix(f"::{level} ").partition("::")
         assert "::" not in properties
         assert properties.count("title=") == 1
         assert not set("\r\n\x1b") & set(line)
@@ -108,7 +108,7 @@ def test_no_string_of_a_map_starts_a_workflow_command(
 def test_annotations_stop_at_what_github_shows(plain: Result, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("GITHUB_STEP_SUMMARY", raising=False)
     lines = render(plain, "github", FAILED * 30).splitlines()
-    assert len(lines) == 10
+    assert len(lines) == 1 + 10
     assert "and 22 more" in lines[-1]
 
 

@@ -73,6 +73,19 @@ def test_unknown_states_are_counted(document) -> None:
     assert not passes(Gate(max_unknown=1), document(97, 1, 2))
 
 
+def test_too_few_contested_states_are_nothing_evaluated(document) -> None:
+    (enough,) = evaluate(Gate(min_contested=3), document(97, 1, 2))
+    assert (enough.passed, enough.empty) == (True, False)
+    (few,) = evaluate(Gate(min_contested=4), document(97, 1, 2))
+    assert (few.passed, few.empty, few.condition, few.figures) == (
+        False,
+        True,
+        "at least 4 contested",
+        "3 contested",
+    )
+    assert "more scenarios" in few.hint
+
+
 def test_a_report_passes_against_itself_and_fails_against_a_better_baseline(document) -> None:
     assert passes(Gate(baseline=document(97, 1, 2)), document(97, 1, 2))
     assert not passes(Gate(baseline=document(98, 1, 1)), document(97, 1, 2))

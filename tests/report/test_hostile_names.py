@@ -124,7 +124,7 @@ def read_markdown(text: str, plain: Result) -> None:
 
 def read_github(text: str, plain: Result) -> None:
     for line in text.splitlines():
-        assert re.match(r"::(error|warning) file=[^,:]*,title=[^,:]*::", line)
+        assert re.match(r"::(notice|error|warning) file=[^,:]*,title=[^,:]*::", line)
 
 
 READERS = {

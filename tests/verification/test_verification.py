@@ -24,7 +24,7 @@ LAB = "maps/lab.yaml"
 DISTANCES = {"clearance": 0.6, "danger": 0.8}
 KEYS = {
     "schema_version", "policy", "map", "eps", "criterion", "arithmetic", "engine", "states", "verdicts",
-    "safety_rate", "sampled_safety_rate", "danger_rate", "contested_rate", "task", "reachable_width",
+    "safety_rate", "sampled_safety_rate", "danger_rate", "contested_rate", "stake", "task", "reachable_width",
     "seconds", "versions", "assumptions",
     "premises", "unsafe_states",
 }  # fmt: skip

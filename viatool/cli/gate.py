@@ -9,13 +9,14 @@ import click
 
 from viatool.cli import options
 from viatool.cli.command import Command
-from viatool.cli.gating import build_gate, gate_options, leave_by_gate
+from viatool.cli.gating import build_gate, contested_option, gate_options, leave_by_gate
 from viatool.cli.terminal import open_console
 
 
 @click.command(cls=Command)
 @click.argument("report", type=options.READABLE)
 @gate_options
+@contested_option
 @options.quiet_option
 @click.pass_context
 def command(ctx: click.Context, /, report: Path, quiet: bool, **given: Any) -> None:

@@ -51,6 +51,16 @@ def gate_options(command: Command) -> Command:
     return command
 
 
+def contested_option(command: Command) -> Command:
+    """Add the condition that enough verdicts depend on the policy."""
+    return click.option(
+        "--min-contested",
+        type=click.IntRange(min=0),
+        metavar="N",
+        help="Exit 5, as nothing was evaluated, if the verdict of fewer than N driven states depends on the policy.",
+    )(command)
+
+
 def leave_by_gate(ctx: click.Context, checks: Sequence[Check], *, exit_zero: bool) -> None:
     """End a command by the decided conditions of its gate.
 
@@ -65,9 +75,7 @@ def leave_by_gate(ctx: click.Context, checks: Sequence[Check], *, exit_zero: boo
 
     for check in checks:
         if check.empty:
-            raise EmptyEvaluationError(
-                f"{check.condition}: {check.figures}", "evaluate more scenarios, or gate on another rate"
-            )
+            raise EmptyEvaluationError(f"{check.condition}: {check.figures}", check.hint)
     if not all(check.passed for check in checks) and not exit_zero:
         ctx.exit(GATE_FAILED)
 
@@ -82,4 +90,5 @@ def build_gate(given: Mapping[str, Any], kind: type[Document]) -> Gate:
         max_unsafe=given.get("max_unsafe"),
         max_unknown=given.get("max_unknown"),
         baseline=None if baseline is None else load_document(baseline),
+        min_contested=given.get("min_contested"),
     )

@@ -9,7 +9,7 @@ import click
 
 from viatool.cli import options
 from viatool.cli.command import Command
-from viatool.cli.gating import build_gate, gate_options, leave_by_gate
+from viatool.cli.gating import build_gate, contested_option, gate_options, leave_by_gate
 from viatool.cli.reporting import read_outputs, tell
 from viatool.cli.states import bag_settings, choose_scenarios, sampled_places, state_options
 from viatool.cli.terminal import show_progress
@@ -89,6 +89,7 @@ _PASSED_ON = (
     "figure (png, svg, pdf), markdown, junit, sarif or github; PATH - is stdout. Repeatable.",
 )
 @gate_options
+@contested_option
 @work_options
 @options.threads_option
 @options.quiet_option

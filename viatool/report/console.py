@@ -66,6 +66,8 @@ def print_checks(checks: Sequence[Check], console: Console) -> None:
 def _headline(document: Document) -> RenderableType:
     found, record = document.headline, document.record
     head = Text()
+    if found.stake:
+        head.append(f"{shown(found.stake)}\n", style="bold")
     head.append(shown(record.policy.path), style="bold")
     head.append(" on ")
     head.append(shown(record.map.path), style="bold")

@@ -120,7 +120,7 @@ class Document(ABC):
 
     @property
     def limited(self) -> Mapping[str, Count]:
-        """Return what ``--max-unsafe`` and ``--max-unknown`` count, by ``unsafe`` and ``unknown``."""
+        """Return what ``--max-unsafe``, ``--max-unknown`` and ``--min-contested`` count, by the word after the dash."""
         return {}
 
     @property

@@ -11,7 +11,7 @@ from viatool.errors import ConfigurationError
 from viatool.report.comparison import Difference, differences, require_same_kind
 from viatool.report.document import Document
 from viatool.report.numbers import count, digits_needed, percent_of
-from viatool.report.sections import NOTHING, Check, Share
+from viatool.report.sections import NOTHING, Check, Count, Share
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,8 @@ class Gate:
         Least rates.
     max_unsafe, max_unknown : int, optional
         The most failures, and the most of what stayed open.
+    min_contested : int, optional
+        Of how many the verdict has to depend on the policy; of fewer, nothing was evaluated.
     baseline : Document, optional
         An older report of the same kind: no rate may fall below its rate, and nothing may fail that did not.
     """
@@ -40,6 +42,7 @@ class Gate:
     max_unsafe: int | None = None
     max_unknown: int | None = None
     baseline: Document | None = None
+    min_contested: int | None = None
 
 
 def parse_threshold(text: str, kind: type[Document]) -> Threshold:
@@ -106,6 +109,8 @@ def evaluate(gate: Gate, document: Document) -> tuple[Check, ...]:
     for name, most in (("unsafe", gate.max_unsafe), ("unknown", gate.max_unknown)):
         if most is not None:
             checks.append(_limit(name, most, document))
+    if gate.min_contested is not None:
+        checks.append(_at_stake(gate.min_contested, document))
     if gate.baseline is not None:
         checks += _regressions(gate.baseline, document)
     if document.size == 0:  # then every count is 0 and says nothing
@@ -136,13 +141,26 @@ def _threshold(threshold: Threshold, document: Document) -> Check:
 
 
 def _limit(name: str, most: int, document: Document) -> Check:
-    if name not in document.limited:
-        raise ConfigurationError(
-            f"--max-{name} is not about {document.WHAT}", "use --fail-under with one of its rates instead"
-        )
-    found = document.limited[name]
+    found = _counted(f"--max-{name}", name, document)
     condition = f"at most {count(most)} {found.noun}"
     return Check(condition, found.number <= most, f"{count(found.number)} {found.noun}")
+
+
+def _at_stake(least: int, document: Document) -> Check:
+    found = _counted("--min-contested", "contested", document)
+    condition, figures = f"at least {count(least)} {found.noun}", f"{count(found.number)} {found.noun}"
+    if found.number < least:
+        hint = "evaluate more scenarios, or a map with less room, so that verdicts depend on the policy"
+        return Check(condition, passed=False, figures=figures, empty=True, hint=hint)
+    return Check(condition, passed=True, figures=figures)
+
+
+def _counted(option: str, name: str, document: Document) -> Count:
+    if name not in document.limited:
+        raise ConfigurationError(
+            f"{option} is not about {document.WHAT}", "use --fail-under with one of its rates instead"
+        )
+    return document.limited[name]
 
 
 def _regressions(baseline: Document, document: Document) -> list[Check]:

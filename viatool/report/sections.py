@@ -23,12 +23,15 @@ class Check:
         What decided it.
     empty : bool
         There was nothing to decide on; such a condition never passes.
+    hint : str
+        What to do then.
     """
 
     condition: str
     passed: bool
     figures: str
     empty: bool = False
+    hint: str = "evaluate more scenarios, or gate on another rate"
 
 
 @dataclass(frozen=True)
@@ -52,11 +55,12 @@ NOTHING = Share(0, 0)
 
 @dataclass(frozen=True)
 class Headline:
-    """The first line: a rate (none if empty), what it is of, and the figures behind it."""
+    """A rate (none if empty), what it is of, the figures behind it, and before all that what was at stake."""
 
     rate: str
     rest: str
     figures: str = ""
+    stake: str = ""
 
     def __str__(self) -> str:
         """Write rate and rest."""
@@ -139,7 +143,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Annotation:
-    """A remark for a log, of level error or warning."""
+    """A remark for a log, of level error, warning or notice."""
 
     level: str
     title: str

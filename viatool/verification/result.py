@@ -188,6 +188,11 @@ class Result(Asked):
         """Return the share of the contested states that are safe."""
         return self._rate(self.judgement.safe, self.contested.collision)
 
+    @property
+    def stake(self) -> dict[str, int]:
+        """Return in how many states the verdict depended on the policy, as `contested`, of how many `states`."""
+        return {"contested": int(self.contested.collision.sum()), "states": len(self.trajectory)}
+
     def _rate(self, safe: Booleans, counted: Booleans | None = None) -> RateByOutcome:
         return RateByOutcome.of(safe, self.outcomes[self.episode], counted)
 
@@ -258,6 +263,7 @@ class Result(Asked):
             "sampled_safety_rate": self.sampled_safety_rate.to_json(),
             "danger_rate": self.danger_rate.to_json(),
             "contested_rate": self.contested_rate.to_json(),
+            "stake": self.stake,
             "task": self.task(),
             "reachable_width": self.reachable_width(),
             **({"possible": possible} if (possible := self.possible()) else {}),

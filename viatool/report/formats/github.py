@@ -23,18 +23,21 @@ def render(document: Annotated, checks: Sequence[Check], suffix: str) -> str:
 
     Notes
     -----
-    At most `MOST_OF_A_KIND` errors and as many warnings; the last one counts what is left out.
+    What was at stake is a notice. At most `MOST_OF_A_KIND` errors and as many warnings; the last one counts what is
+    left out.
     """
     summary = os.environ.get(SUMMARY_VARIABLE)
     if summary:
         with Path(summary).open("a", encoding="utf-8") as stream:
             stream.write(markdown(document, checks) + "\n")
     failed = [Annotation("error", f"gate failed: {c.condition}", c.figures) for c in checks if not c.passed]
-    found = [*failed, *document.annotations()]
+    stake = document.headline.stake
+    told = [Annotation("notice", "at stake", stake)] if stake else []
+    found = [*told, *failed, *document.annotations()]
     file = document.record.map.path
     return "".join(
         f"{command(annotation, file)}\n"
-        for level in ("error", "warning")
+        for level in ("notice", "error", "warning")
         for annotation in _limited([a for a in found if a.level == level])
     )
 

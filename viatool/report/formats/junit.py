@@ -41,8 +41,9 @@ def render(document: Cased, checks: Sequence[Check], suffix: str) -> bytes:
 
 
 def _facts(document: Cased) -> list[tuple[str, str]]:
-    record = document.record
+    record, stake = document.record, document.headline.stake
     return [
+        *([("stake", stake)] if stake else []),
         ("map", record.map.path),
         *document.terms.items(),
         ("policy sha256", record.policy.sha256),

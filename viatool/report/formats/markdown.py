@@ -23,14 +23,15 @@ def render(document: Document, checks: Sequence[Check], suffix: str) -> str:
 
 def markdown(document: Document, checks: Sequence[Check] = ()) -> str:
     """Return a document as Markdown."""
-    record = document.record
+    record, found = document.record, document.headline
     conditions = [
         *document.subject,
         *([document.terms["arithmetic"]] if "arithmetic" in document.terms else []),
     ]
     lines = [
-        f"## viatool: {_escape(str(document.headline))}",
+        f"## viatool: {_escape(found.stake or str(found))}",
         "",
+        *([f"{_escape(str(found))} ({_escape(found.figures)})", ""] if found.stake else []),
         f"{_escape(record.policy.path)} on {_escape(record.map.path)}, "
         f"{_escape(', '.join(conditions))}, {seconds(record.total_seconds)}",
         "",

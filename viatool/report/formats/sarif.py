@@ -27,7 +27,7 @@ def render(document: Located, checks: Sequence[Check], suffix: str) -> str:
     findings, found = document.findings()
     failed = [_failed(check) for check in checks if not check.passed]
     kept = list(islice([*failed, *islice(findings, MOST_RESULTS)], MOST_RESULTS))
-    record = document.record
+    record, stake = document.record, document.headline.stake
     run = {
         "tool": {
             "driver": {
@@ -38,6 +38,7 @@ def render(document: Located, checks: Sequence[Check], suffix: str) -> str:
         },
         "results": [_result(finding, rules, record.map.path) for finding in kept],
         "properties": {
+            **({"stake": stake} if stake else {}),
             "resultsFound": len(failed) + found,
             **document.terms,
             "policySha256": record.policy.sha256,

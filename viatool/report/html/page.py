@@ -98,6 +98,7 @@ def _tables(document: StatesDocument) -> dict[str, Any]:
     overall, record = document.rates["overall"], document.record
     return {
         "headline": {
+            "stake": document.stake,
             "rate": overall.percentage(),
             "safe": count(overall.part),
             "total": count(overall.total),

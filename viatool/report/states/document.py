@@ -31,6 +31,7 @@ from viatool.report.states.record import (
     RecordingRecord,
     StatesRecord,
     UnsafeState,
+    Verdicts,
 )
 from viatool.report.verified import Verified
 from viatool.report.wording import describe_eps, describe_value
@@ -73,9 +74,18 @@ class StatesDocument(Verified):
 
     @property
     def headline(self) -> Headline:
-        """Return the safety rate."""
+        """Return the safety rate, behind what was at stake."""
         overall = self.record.safety_rate.overall.share
-        return Headline(overall.percentage(), "of the states are proved safe", overall.of())
+        return Headline(overall.percentage(), "of the states are proved safe", overall.of(), self.stake)
+
+    @property
+    def stake(self) -> str:
+        """Return in words in how many states the verdict depended on the policy, and what these verdicts are."""
+        record, contested = self.record, self.record.contested_rate.overall.share
+        if not contested.total:
+            return "no verdict depended on the policy"
+        tested = f"in {count(contested.total)} of {counted(record.states, 'state')}"
+        return f"the policy was put to the test {tested}: {_ended(contested, record.verdicts)}"
 
     @property
     def subject(self) -> Sequence[str]:
@@ -188,9 +198,13 @@ class StatesDocument(Verified):
 
     @property
     def limited(self) -> Mapping[str, Count]:
-        """Return how many states are unsafe and unknown."""
-        verdicts = self.record.verdicts
-        return {"unsafe": Count(verdicts.unsafe, "unsafe"), "unknown": Count(verdicts.unknown, "unknown")}
+        """Return how many states are unsafe, unknown and contested."""
+        verdicts, contested = self.record.verdicts, self.record.contested_rate.overall
+        return {
+            "unsafe": Count(verdicts.unsafe, "unsafe"),
+            "unknown": Count(verdicts.unknown, "unknown"),
+            "contested": Count(contested.total, "contested"),
+        }
 
     @property
     def tallies(self) -> Sequence[Tally]:
@@ -222,6 +236,12 @@ class StatesDocument(Verified):
 def by_outcome(rates: RateByOutcomeRecord) -> tuple[Share, ...]:
     """Return the rates in the order of `OUTCOMES`."""
     return tuple(getattr(rates, outcome).share for outcome in OUTCOMES)
+
+
+def _ended(contested: Share, verdicts: Verdicts) -> str:
+    """Write the verdicts of contested states; all that are not safe are contested."""
+    numbers = {"proved": contested.part, "unsafe": verdicts.unsafe, "unknown": verdicts.unknown}
+    return ", ".join(f"{count(number)} {name}" for name, number in numbers.items() if number)
 
 
 def _rate(share: float | None) -> str:

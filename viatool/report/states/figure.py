@@ -29,6 +29,7 @@ from viatool.report.foreign import one_line
 from viatool.report.numbers import count, percentage
 from viatool.report.palette import COLOUR, VERDICTS
 from viatool.report.states.closest_call import draw_closest_call
+from viatool.report.states.document import StatesDocument
 from viatool.report.states.poses_figure import draw_places
 from viatool.report.states.tubes import ALPHA, draw_tubes
 from viatool.report.wording import describe_eps
@@ -95,6 +96,7 @@ def _title(result: Result) -> str:
     safe, total = int((result.verdict == "safe").sum()), len(result.verdict)
     policy, world_map = plain(Path(result.policy_path).name), plain(result.world_map.name)
     return (
+        f"{StatesDocument(result.to_json()).stake}\n"
         f"{policy} on {world_map}, eps {plain(describe_eps(result.eps))}, {result.criterion}\n"
         f"{percentage(safe, total)} of the states proved safe ({count(safe)} of {count(total)})"
     )

@@ -17,6 +17,7 @@ from viatool.report.drawing import INK, WALL, draw_floor, draw_obstacles
 from viatool.report.foreign import one_line
 from viatool.report.numbers import count, percentage
 from viatool.report.palette import COLOUR, VERDICTS
+from viatool.report.states.document import StatesDocument
 from viatool.report.wording import describe_eps
 
 if TYPE_CHECKING:
@@ -99,6 +100,7 @@ def _title(result: Result) -> str:
     name = one_line(result.world_map.name).replace("$", r"\$")
     eps = one_line(describe_eps(result.eps)).replace("$", r"\$")
     return (
+        f"{StatesDocument(result.to_json()).stake}\n"
         f"Poses on {name}, eps {eps}, {result.criterion}: {percentage(safe, total)} proved safe "
         f"({count(safe)} of {count(total)})"
     )

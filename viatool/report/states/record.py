@@ -46,6 +46,13 @@ class RateByOutcomeRecord(ReportPart):
         return self
 
 
+class StakeRecord(ReportPart):
+    """In how many of the states the verdict depended on the policy: some command of the robot could make them fail."""
+
+    contested: Count
+    states: Count
+
+
 class TaskRecord(ReportPart):
     """How the simulated or recorded episodes ended: measured, not proved."""
 
@@ -139,6 +146,7 @@ class StatesRecord(VerifiedRecord):
     sampled_safety_rate: RateByOutcomeRecord
     danger_rate: RateByOutcomeRecord
     contested_rate: RateByOutcomeRecord
+    stake: StakeRecord | None = None
     task: TaskRecord
     reachable_width: dict[str, Width]
     unsafe_states: list[UnsafeState] | None = None
@@ -156,6 +164,11 @@ class StatesRecord(VerifiedRecord):
             whole = getattr(self, name).overall
             if whole.total != self.states:
                 raise ValueError(f"{name} is over {whole.total} states of {self.states}")
+        stake, contested = self.stake, self.contested_rate.overall.total
+        if stake is not None and (stake.contested, stake.states) != (contested, self.states):
+            raise ValueError(
+                f"stake is {stake.contested} of {stake.states} states, contested_rate over {contested} of {self.states}"
+            )
         if self.safety_rate.overall.safe != self.verdicts.safe:
             counted = self.safety_rate.overall.safe
             raise ValueError(f"safety_rate counts {counted} safe states, the verdicts {self.verdicts.safe}")
