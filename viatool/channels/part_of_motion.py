@@ -16,6 +16,7 @@ class PartOfMotion(Quantity):
     """One number of a velocity or a command, between limits of the robot."""
 
     believes = False
+    placed = False
     sign: ClassVar[float] = 1.0
     """Of the number in the scene's mirror image."""
 

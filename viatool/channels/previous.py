@@ -96,6 +96,7 @@ class PreviousRaw(Quantity):
     """The network's own outputs of the step before, as it gave them; 0 before the first."""
 
     believes = False
+    placed = False
     needs = frozenset({"outputs"})
 
     @classmethod

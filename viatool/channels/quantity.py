@@ -59,6 +59,9 @@ class Quantity(ABC):
     believes: ClassVar[bool] = True
     """Whether it may depend on the pose that the robot believes."""
 
+    placed: ClassVar[bool] = True
+    """Whether it follows from where the robot is; else how it came there counts, as for a command before."""
+
     wraps: ClassVar[bool] = False
     """Whether it is an angle within a half turn, so that a set of states may be observed on both of its sides."""
 

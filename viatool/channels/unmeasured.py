@@ -38,6 +38,7 @@ class StepsLeft(Quantity):
     """How many control intervals are left until the episode ends."""
 
     believes = False
+    placed = False
     needs = frozenset({"time"})
 
     def measure(self, view: View) -> Reals:

@@ -91,9 +91,7 @@ class StateExamination:
                 self.setting, block.scenarios, block.poses, block.episode, block.observations, block.people
             )
             sensors = BlockSensors(self.setting, block, placed.among(movers))
-            judged = JudgedStates(
-                self.setting.rules, sensors.placed, block.under_way, block.measured, block.begun
-            ).among_near()
+            judged = sensors.judged
             contested = find_contested(judged)
         policy = self.setting.driven(self.policy)
         wanted, reachable = contested.either | self.everywhere, None

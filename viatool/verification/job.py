@@ -14,9 +14,8 @@ from viatool.loop.horizon import Horizon
 from viatool.loop.knowable import require_known_over_poses
 from viatool.policy import Policy, PolicySpecification, as_policy
 from viatool.schedule import Campaign, Progress, Scheduler, ignore, open_scheduler
-from viatool.setting.begun import states_begun
 from viatool.setting.error_costs import cost_of_errors
-from viatool.setting.received import as_received, commands_observed, commands_under_way, velocities_measured
+from viatool.setting.received import as_received
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
 from viatool.simulate import Places
@@ -30,7 +29,7 @@ from viatool.verification.examination import StateExamination
 from viatool.verification.horizon import HorizonExamination
 from viatool.verification.result import Result
 from viatool.verification.source import Source
-from viatool.verification.states import States
+from viatool.verification.states import states_of
 from viatool.versions import result_versions
 from viatool.world import Footprint, Scenario, WorldMap, as_map
 
@@ -187,7 +186,7 @@ def verify(
         trajectory = as_received(setting, source.states(policy, setting))
         if setting.pose_radii.any() and "goal" in setting.quantities.needs:
             setting.goals(trajectory.scenarios)  # refuses episodes without one
-        asked = _states(setting, trajectory, followed=horizon is not None)
+        asked = states_of(setting, trajectory, followed=horizon is not None)
         recording = source.compared(setting, trajectory)
     engine: dict[str, Any] = {"order": order, "approximation": approximation, "refine": refine}
     commanding = setting.commanding(policy)
@@ -217,7 +216,7 @@ def verify(
             return Setting.of(policy, world_map, radii, wished, scenarios, job=job)
 
         def judge(other: Setting, rows: Indices) -> Booleans:
-            states = _states(other, trajectory, followed=False).select(rows)
+            states = states_of(other, trajectory, followed=False).select(rows)
             plain = replace(
                 examination, policy=other.commanding(policy), setting=other.bare(), only_contested=True, horizon=None,
                 everywhere=False, search=False,
@@ -248,11 +247,3 @@ def verify(
         recording=recording,
         error_costs=costs,
     )
-
-
-def _states(setting: Setting, trajectory: Trajectory, *, followed: bool) -> States:
-    """Return the states of a trajectory with all that a setting needs to know of them."""
-    previous = commands_observed(setting, trajectory) if followed else None
-    under_way, seen = commands_under_way(setting, trajectory), trajectory.observations
-    velocity, begun = velocities_measured(setting, seen), states_begun(setting, seen, trajectory.motion)
-    return States.of(trajectory, under_way, previous, velocity, begun)

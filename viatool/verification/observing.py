@@ -96,6 +96,15 @@ class BlockSensors:
         return replace(self.exact, radii=np.broadcast_to(radii, self.exact.poses.shape))
 
     @property
+    def judged(self) -> JudgedStates:
+        """Return the states with what is asked of them, among what moves so near that it may count."""
+        states = self.states
+        judged = JudgedStates(
+            self.setting.rules, self.placed, states.under_way, states.measured, states.begun
+        )
+        return judged.among_near()
+
+    @property
     def bounds(self) -> tuple[Floats, Floats]:
         """Return the least and the largest number that the network may take, (B, n) each."""
         return self.setting.observed(self.observations, self.drift)

@@ -10,6 +10,9 @@ import numpy as np
 
 from viatool.arrays import Floats, Indices
 from viatool.schedule import Span
+from viatool.setting.begun import states_begun
+from viatool.setting.received import commands_observed, commands_under_way, velocities_measured
+from viatool.setting.setting import Setting
 from viatool.trajectory import Trajectory
 from viatool.world import Scenario
 
@@ -147,6 +150,14 @@ class States:
         """Yield the blocks one by one."""
         for index in range(self.block_count):
             yield self.blocks(Span(index, index + 1))
+
+
+def states_of(setting: Setting, trajectory: Trajectory, *, followed: bool = False) -> States:
+    """Return the states of a trajectory with all that a setting needs to know of them, in small blocks if followed."""
+    previous = commands_observed(setting, trajectory) if followed else None
+    under_way, seen = commands_under_way(setting, trajectory), trajectory.observations
+    velocity, begun = velocities_measured(setting, seen), states_begun(setting, seen, trajectory.motion)
+    return States.of(trajectory, under_way, previous, velocity, begun)
 
 
 def _steps_of_episodes(trajectory: Trajectory) -> Floats:
