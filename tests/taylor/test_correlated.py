@@ -67,3 +67,15 @@ def test_onnxruntime_catches_inputs_that_forget_a_part(monkeypatch, forgotten):
 
     monkeypatch.setitem(globals(), "input_model", mutant)
     assert excess(0) > 0.0
+
+
+@pytest.mark.parametrize("name", ["policies/via.onnx", "policies/td3.onnx"])
+def test_both_engines_give_the_same_bounds_and_influence(name, monkeypatch):
+    policy = load_policy(Path(name))
+    _, centre, shared, own = inputs(8)
+    compiled = reach_correlated(policy.network, input_model(centre, shared, own))
+    monkeypatch.setenv("VIATOOL_ENGINE", "numpy")
+    by_numpy = reach_correlated(policy.network, input_model(centre, shared, own))
+    assert compiled.lower == pytest.approx(by_numpy.lower, rel=1e-6, abs=1e-7)
+    assert compiled.upper == pytest.approx(by_numpy.upper, rel=1e-6, abs=1e-7)
+    assert compiled.influence == pytest.approx(by_numpy.influence, rel=1e-6, abs=1e-7)

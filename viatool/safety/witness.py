@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from viatool.arrays import Booleans, Floats, Indices
+from viatool.arrays import Booleans, Floats, Hull, Indices
 from viatool.policy.network import Network
 from viatool.safety.counterexamples import Witnesses
 from viatool.safety.judged_states import JudgedStates
@@ -30,6 +30,10 @@ _ROUNDS = 3
 _STEPS = 4
 _CONFIRMED = 6
 _CHUNK = 256
+_AT_ONCE = 1024
+"""States that are tried as they were received, and by one climb."""
+_HOPEFUL = 2.0
+"""Times what one climb brought a state nearer that more of them may bring it."""
 _BETWEEN = 1.5
 """Times what the corners and middles of a box of commands differ by that others of its commands may be nearer."""
 
@@ -57,6 +61,7 @@ def search_witnesses(
     seed: int | Sequence[int] = 0,
     shared: Indices | None = None,
     aims: JudgedStates | None = None,
+    thorough: bool = True,
     progress: Callable[[int, int], None] | None = None,
 ) -> Witnesses:
     """Look for an observation within each box that makes the robot come nearer than the collision distance.
@@ -82,8 +87,11 @@ def search_witnesses(
         default every input is a reading of its own.
     aims : JudgedStates, optional
         The same states by paths that are cheaper, to aim with; what is found is confirmed in `states`.
+    thorough : bool
+        Whether everything is tried in every state; else only in those that one climb brought near to failing, where
+        nearly all is found of what there is.
     progress : callable, optional
-        Called with the states done and the states in all.
+        Called with the states that were looked at and the states in all.
 
     Returns
     -------
@@ -96,33 +104,92 @@ def search_witnesses(
     numbers are float32 and within the box, its command comes from onnxruntime, and the exact clearance on
     its exact path is less than the distance by `MARGIN` (or 0).
 
-    The search aims in the space of commands: from the command of the box that comes nearest it takes the
-    direction in which the clearance falls, follows the gradient of that combination of commands from corner
-    to corner of the observation box, and takes the direction anew at the command it found.
+    What is cheap is tried first: the observation as it was received, then one climb from there. The search aims in the
+    space of commands: from the command of the box that comes nearest it takes the direction in which the clearance
+    falls, follows the gradient of that combination of commands from corner to corner of the observation box, and takes
+    the direction anew at the command it found.
     """
-    parts: list[Witnesses] = []
-    for start in range(0, len(doubtful), _CHUNK):
-        check_time()
-        rows = doubtful[start : start + _CHUNK]
-        some, seen = states.select(rows), observations[rows]
-        easy = confirm(policy, some, seen[:, None])
-        parts.append(_of_states(easy, rows))
-        hard = np.setdiff1d(np.arange(len(rows)), easy.state)
-        aimed = some if aims is None else aims.select(rows)
-        ends = lower[rows[hard]], upper[rows[hard]]
-        hard = hard[_may_fail(policy, some.select(hard), aimed.select(hard), *ends)]
-        if len(hard):
-            rows, some, aimed, seen = rows[hard], some.select(hard), aimed.select(hard), seen[hard]
-            around, ends = box.rows(rows), (lower[rows], upper[rows])
-            chance = RowChance(seed, some.observing.poses, seen)
-            found = _candidates(policy, aimed, seen, around, ends, chance)
-            if shared is not None:
-                found = _of_one_reading(found, shared[rows])
-            within = _received(found, seen, around)
-            parts.append(_of_states(confirm(policy, some, within), rows))
+    asked = _Asked(
+        policy, states, states if aims is None else aims, observations, box, (lower, upper), shared
+    )
+    found, left = [], []
+    for some in _chunks(doubtful, _AT_ONCE):
+        easy, hard = asked.as_received(some)
+        found.append(easy)
+        if not _chooses(policy) and len(hard):
+            climbed, hard = asked.climbed_once(hard, thorough=thorough)
+            found.append(climbed)
+        left.append(hard)
         if progress is not None:
-            progress(min(start + _CHUNK, len(doubtful)), len(doubtful))
-    return Witnesses.join(parts, observations.shape[1], lower.shape[1])
+            progress(sum(map(len, left)), len(doubtful))
+    for some in _chunks(np.concatenate([doubtful[:0], *left]), _CHUNK):
+        found.append(asked.everywhere(some, seed))
+    return Witnesses.join(found, observations.shape[1], lower.shape[1])
+
+
+def _chunks(rows: Indices, size: int) -> Iterator[Indices]:
+    """Go through rows, so many at once, as long as there is time."""
+    for start in range(0, len(rows), size):
+        check_time()
+        yield rows[start : start + size]
+
+
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """What is asked of N states, of which some are looked at more closely than others."""
+
+    policy: SearchablePolicy
+    states: JudgedStates
+    aims: JudgedStates
+    observations: Floats
+    box: Box | AdmissibleSets
+    commands: Hull
+    shared: Indices | None
+
+    def as_received(self, rows: Indices) -> tuple[Witnesses, Indices]:
+        """Run observations as they were received, (R, n); and return the states that may fail by others."""
+        found = self._confirmed(self.observations[rows][:, None], rows)
+        hard = np.setdiff1d(rows, found.state)
+        ends = self.commands[0][hard], self.commands[1][hard]
+        return found, hard[_may_fail(self.policy, self.states.select(hard), self.aims.select(hard), *ends)]
+
+    def climbed_once(self, rows: Indices, *, thorough: bool) -> tuple[Witnesses, Indices]:
+        """Try one climb in each of R states, and return those in which others are to be tried."""
+        points, hopeful = self._search(rows).once()
+        found = self._confirmed(self._within(points[:, None], rows), rows)
+        return found, np.setdiff1d(rows if thorough else rows[hopeful], found.state)
+
+    def everywhere(self, rows: Indices, seed: int | Sequence[int]) -> Witnesses:
+        """Try everything in R states."""
+        observations, box = self.observations[rows], self.box.rows(rows)
+        chance = RowChance(seed, self.states.select(rows).observing.poses, observations)
+        if _chooses(self.policy):
+            points = _towards_each_choice(self.policy.network, observations, box, chance)
+        else:
+            points = self._search(rows).candidates(chance)
+        return self._confirmed(self._within(_around_rules(self.policy, points, box), rows), rows)
+
+    def _search(self, rows: Indices) -> _Search:
+        ends = self.commands[0][rows], self.commands[1][rows]
+        return _Search(
+            self.policy, self.aims.select(rows), self.observations[rows], self.box.rows(rows), *ends
+        )
+
+    def _within(self, points: Floats, rows: Indices) -> Floats:
+        """Return points (R, K, n) as sensors may give them and programs receive them."""
+        if self.shared is not None:
+            points = _of_one_reading(points, self.shared[rows])
+        return _received(points, self.observations[rows], self.box.rows(rows))
+
+    def _confirmed(self, points: Floats, rows: Indices) -> Witnesses:
+        """Return which of R states fail by one of their points (R, K, n), counted among all."""
+        found = confirm(self.policy, self.states.select(rows), points)
+        return replace(found, state=rows[found.state])
+
+
+def _chooses(policy: SearchablePolicy) -> bool:
+    """Tell whether commands are chosen from a table, so that they have no gradient."""
+    return isinstance(policy, DrivenPolicy) and policy.choice is not None
 
 
 def _may_fail(
@@ -134,7 +201,7 @@ def _may_fail(
     not proved then fails by no command at all. By how much commands of the box differ is told by the paths that are
     aimed with. Where a choice is made commands are no box, and nothing is told.
     """
-    if isinstance(policy, DrivenPolicy) and policy.choice is not None:
+    if _chooses(policy):
         return np.ones(len(states), dtype=bool)
     rules = states.rules
     left = aimed.clearance(rules.clip(_levels(lower, upper)), _FRACTIONS).min(axis=2)
@@ -160,29 +227,17 @@ def _of_one_reading(points: Floats, shared: Indices) -> Floats:
     return np.concatenate([np.take_along_axis(points, source, axis=2) for source in sources], axis=1)
 
 
-def _candidates(
-    policy: SearchablePolicy,
-    states: JudgedStates,
-    observations: Floats,
-    box: Box | AdmissibleSets,
-    commands: tuple[Floats, Floats],
-    chance: RowChance,
-) -> Floats:
-    """Return promising observations (B, K, n): of extreme commands, of every choice, and where rules apply or not."""
-    driven = policy if isinstance(policy, DrivenPolicy) else None
-    if driven is not None and driven.choice is not None:
-        found = _towards_each_choice(driven.network, observations, box, chance)
-    else:
-        found = _Search(policy, states, observations, box, *commands).candidates(chance)
-    if driven is None or not driven.overrides:
-        return found
-    count, each, size = found.shape
+def _around_rules(policy: SearchablePolicy, points: Floats, box: Box | AdmissibleSets) -> Floats:
+    """Return observations (B, K, n), and each where rules around the network apply and where they do not."""
+    if not isinstance(policy, DrivenPolicy) or not policy.overrides:
+        return points
+    count, each, size = points.shape
     lower, upper = (np.repeat(end, each, axis=0) for end in (box.lower, box.upper))
-    pushed = driven.overrides.around(found.reshape(-1, size), lower, upper)
+    pushed = policy.overrides.around(points.reshape(-1, size), lower, upper)
     if isinstance(box, AdmissibleSets):
         repeated = box.rows(np.repeat(np.arange(count), each))
         pushed = [repeated.nearest(points) for points in pushed]
-    return np.concatenate([found, *(points.reshape(count, each, size) for points in pushed)], axis=1)
+    return np.concatenate([points, *(points.reshape(count, each, size) for points in pushed)], axis=1)
 
 
 def _received(points: Floats, nominal: Floats, box: Box | AdmissibleSets) -> Floats:
@@ -263,11 +318,6 @@ def confirm(policy: SearchablePolicy, states: JudgedStates, candidates: Floats) 
     return Witnesses.among_what_stands(rows, *picked, here, here).among(moved)
 
 
-def _of_states(found: Witnesses, rows: Indices) -> Witnesses:
-    """Return witnesses of a selection with the states counted in the whole."""
-    return replace(found, state=rows[found.state])
-
-
 class _Search:
     """The search in float64, for a chunk of states."""
 
@@ -283,6 +333,13 @@ class _Search:
         self.network, self.states = policy.network, states
         self.observations, self.box = observations, box
         self.centre, self.radius = 0.5 * (lower + upper), np.maximum(0.5 * (upper - lower), 1e-9)
+
+    def once(self) -> tuple[Floats, Booleans]:
+        """Return the observation to which one climb leads, (B, n), and where more may make the state fail, (B,)."""
+        reached = self._climb(self.observations, self._descent(self._nearest_of_box()))
+        actions = self._actions(np.stack([self.observations, reached], axis=1))
+        before, after = self._clearances(actions).T
+        return reached, after - self.states.rules.clearance.collision <= _HOPEFUL * (before - after)
 
     def candidates(self, chance: RowChance) -> Floats:
         """Return the most promising observations (B, K, n) of every state."""

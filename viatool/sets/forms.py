@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.arrays import Booleans, Floats, Plane
+from viatool.arrays import Booleans, Floats, Indices, Plane
 from viatool.rounding import FEW_ROUNDINGS
 from viatool.sets.bounds import require_ordered
 
@@ -42,6 +42,12 @@ class PoseBoxes:
         require_ordered("half-widths of poses", np.zeros_like(self.radius), self.radius, finite=True)
         require_ordered("poses", self.centre, self.centre, finite=True)
         return self
+
+    def distinct(self) -> tuple[PoseBoxes, Indices]:
+        """Return boxes none of which is there twice, and which of them each one is, (C,)."""
+        ends = np.concatenate([self.centre, self.radius], axis=1)
+        first, which = np.unique(ends, axis=0, return_index=True, return_inverse=True)[1:]
+        return self.select(first), which.reshape(-1)
 
     @property
     def places(self) -> Plane:

@@ -112,7 +112,13 @@ def enclose_losing(
     -----
     Sound: yes; of what may be elsewhere, rays are bounded without it.
     """
-    seen, most = _enclose(boxes.checked(), shapes, lidar, lost, windows if has_gaps(shapes, lidar) else None)
+    windows = windows if has_gaps(shapes, lidar) else None
+    if windows is None and len(boxes) > 1:  # cells that differ in what was commanded before see the same
+        some, which = boxes.distinct()
+        if len(some) < len(boxes):
+            seen, most = enclose_losing(some, shapes, lidar, lost)
+            return seen.select(which), most[which]
+    seen, most = _enclose(boxes.checked(), shapes, lidar, lost, windows)
     if shapes.without is None:
         return seen, most
     far, most = _enclose(boxes, shapes.without, lidar, lost, None)

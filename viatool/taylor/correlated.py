@@ -197,21 +197,54 @@ def reach_correlated(
     """
     trunk, head = split_head(network)
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-        box = Box(inputs.lower, inputs.upper)
-        passes = propagate(
-            trunk, box, inputs=inputs, range_of=(lambda model: few_hull(model, few)) if few else None
-        )
-        hulls = [enclosure.hull for enclosure in passes]
-        influence = np.abs(passes[-1].model.linear.dense())
-        if thorough:
-            extrema = refine_by_pieces(trunk, extrema_of(box, *hulls[-1]), passes)
-            hulls[-1] = unfold(extrema.bound, network.output_size)
-        if few:
-            hulls[-1] = passes[-1].met(few_hull(passes[-1].model, few)).hull
+        if thorough or few:
+            hulls, influence = _refined(trunk, network.output_size, inputs, few, thorough=thorough)
+        else:
+            hulls, influence = _passed(network, trunk, inputs)
         hulls = hulls_through(head, hulls)
         exact = widen(*hulls[-1], np.zeros_like(hulls[-1][0]))
         program = enclose_program(network, hulls).around(*exact) if arithmetic == "float32" else exact
     return CorrelatedReach(*program, influence)
+
+
+def _passed(network: Network, trunk: Network, inputs: Enclosure) -> tuple[list[Hull], Floats]:
+    """Return the hulls of the trunk's nodes by one pass of the engine that covers it, and the symbols' influence."""
+    kernel = kernel_of(network, len(trunk.nodes))
+    if kernel is None:
+        return _refined(trunk, network.output_size, inputs, (), thorough=False)
+    model = inputs.model
+    every = model.linear.dense()
+    none_own = np.zeros_like(model.constant)
+    found = kernel.linear(model.constant, every, none_own, model.remainder, model.radius, inputs.hull)
+    hulls, influence = kernel.hulls(found.lower, found.upper), np.abs(found.slope)
+    left = np.flatnonzero(~found.done)
+    if left.size:
+        rows, influence[left] = _refined(trunk, network.output_size, inputs.rows(left), (), thorough=False)
+        _put(hulls, left, rows)
+    return hulls, influence
+
+
+def _refined(
+    trunk: Network, actions: int, inputs: Enclosure, few: tuple[FewSymbols, ...], *, thorough: bool
+) -> tuple[list[Hull], Floats]:
+    """Return the hulls of the trunk's nodes, and how much each symbol moves the actions, (B, V + n, A)."""
+    box = Box(inputs.lower, inputs.upper)
+    passes = propagate(
+        trunk, box, inputs=inputs, range_of=(lambda model: few_hull(model, few)) if few else None
+    )
+    hulls = [enclosure.hull for enclosure in passes]
+    if thorough:
+        extrema = refine_by_pieces(trunk, extrema_of(box, *hulls[-1]), passes)
+        hulls[-1] = unfold(extrema.bound, actions)
+    if few:
+        hulls[-1] = passes[-1].met(few_hull(passes[-1].model, few)).hull
+    return hulls, np.abs(passes[-1].model.linear.dense())
+
+
+def _put(hulls: Sequence[Hull], which: Indices, others: Sequence[Hull]) -> None:
+    """Replace the hulls of some of the sets."""
+    for hull, other in zip(hulls, others, strict=True):
+        hull[0][which], hull[1][which] = other
 
 
 def reach_linear(
@@ -274,8 +307,7 @@ def _linear_models(network: Network, inputs: Enclosure, common: int) -> tuple[li
     left = np.flatnonzero(~found.done)
     if left.size:
         rows, of_rows = _by_numpy(network, inputs.rows(left), common)
-        for hull, other in zip(hulls, rows, strict=True):
-            hull[0][left], hull[1][left] = other
+        _put(hulls, left, rows)
         for name in ("centre", "slope", "others", "size"):
             getattr(known, name)[left] = getattr(of_rows, name)
     return hulls, known
