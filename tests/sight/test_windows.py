@@ -129,6 +129,7 @@ def trust_what_may_be_missed(monkeypatch):
     monkeypatch.setattr(sight, "_bins", bins)
 
 
+@pytest.mark.parametrize("engine", ["numpy"], indirect=True)
 @pytest.mark.parametrize("mutate", [drop_what_may_be_read, drop_what_may_be_met, trust_what_may_be_missed])
 def test_cast_rays_catch_windows_that_keep_too_little(monkeypatch, mutate):
     mutate(monkeypatch)

@@ -28,12 +28,12 @@ from tests.taylor.compiled import (
     layered,
 )
 from viatool import engine
+from viatool.engine.calls import call, passed
 from viatool.errors import BoundsError, ConfigurationError, EnclosureError, ViatoolError
 from viatool.policy.activations import ActivationFunction, activation
 from viatool.policy.network import Activation, Affine, Input, Network, Node, Product
 from viatool.taylor import duality, engine_of, reach
 from viatool.taylor.correlated import input_model, reach_linear
-from viatool.taylor.kernel import _passed as passed
 from viatool.taylor.kernel import kernel_of
 
 ROOT = Path(__file__).parents[2]
@@ -305,7 +305,7 @@ def _escape_of_tilts(**allowances: float) -> float:
     for _ in range(20):
         objective, forms, slack = rng.normal(size=7), rng.normal(size=(3, 7)), rng.uniform(size=3)
         beta, constant, bound = rng.uniform(size=3), rng.normal(size=1), np.empty(1)
-        kernel._call("viatool_dual", 7, 3, constant, objective, forms, slack, beta, bound)
+        call("viatool_dual", kernel.packed, 7, 3, constant, objective, forms, slack, beta, bound)
         exact = Fraction(constant[0]) + sum(
             Fraction(b) * Fraction(s) for b, s in zip(beta, slack, strict=True)
         )

@@ -53,6 +53,7 @@ from viatool.arrays import Booleans, Floats
 from viatool.rounding import SIGHT_ROUNDING, SLIGHTLY_MORE, UNIT_ROUNDOFF
 from viatool.sets.forms import Forms, PoseBoxes
 from viatool.sight.circles import see_circles
+from viatool.sight.compiled import fan_of, gaps, scan
 from viatool.sight.edges import see_edges
 from viatool.sight.glimpses import Glimpses
 from viatool.sight.shapes import Shapes
@@ -132,7 +133,11 @@ def has_gaps(shapes: Shapes, lidar: Lidar) -> bool:
 
 def gaps_of(boxes: PoseBoxes, shapes: Shapes, lidar: Lidar) -> Gaps:
     """Return what bins (C, bins) never read between what they read at some poses and at others."""
-    parts = _glimpses(boxes, shapes, lidar, _slack(boxes, shapes, lidar))
+    slack, fan = _slack(boxes, shapes, lidar), fan_of(shapes, lidar)
+    found, done = (Gaps.none(0, 0), np.zeros(len(boxes), bool)) if fan is None else gaps(fan, boxes, slack)
+    if done.all():
+        return found
+    parts = _glimpses(boxes, shapes, lidar, slack)
     return Gaps.between(Glimpses.concatenate(parts), len(boxes), lidar.bins, lidar.maximum_range)
 
 
@@ -168,21 +173,38 @@ def _enclose(
     slack = _slack(boxes, shapes, lidar)
     if lidar.reduce == "minimum" and lidar.no_return is None:
         if not lost:
-            parts = _glimpses(boxes, shapes, lidar, slack)
-            return _bins(parts, len(boxes), lidar, slack, windows), _no_limit(len(boxes), lidar, slack)
+            return _seen(boxes, shapes, lidar, slack, windows), _no_limit(len(boxes), lidar, slack)
         parts = _glimpses(boxes, shapes, lidar.unreduced, slack)
         each = _most_of_rays(parts, len(boxes), lidar, slack)
         binned = [replace(part, row=part.row // lidar.each) for part in parts]
         return _bins(binned, len(boxes), lidar, slack), _most_without(each, lidar, lost, slack)
-    parts = _glimpses(boxes, shapes, lidar.unreduced, slack)
-    rays = _bins(parts, len(boxes), lidar.unreduced, slack)
-    if lidar.no_return is not None:
-        met = _met(parts, len(boxes), lidar.unreduced)
+    if lidar.no_return is None:
+        rays = _seen(boxes, shapes, lidar.unreduced, slack)
+    else:
+        parts = _glimpses(boxes, shapes, lidar.unreduced, slack)
+        rays, met = _bins(parts, len(boxes), lidar.unreduced, slack), _met(parts, len(boxes), lidar.unreduced)
         rays = _without_return(rays, met, lidar.maximum_range - 4.0 * slack, lidar.no_return)
     seen = {"minimum": _least, "mean": _mean, "first": _each}[lidar.reduce](rays, lidar.bins)
     if lidar.reduce != "minimum":
         return seen, _no_limit(len(boxes), lidar, slack)
     return seen, _most_without(rays.upper, lidar, lost, slack)
+
+
+def _seen(
+    boxes: PoseBoxes, shapes: Shapes, lidar: Lidar, slack: float, windows: Windows | None = None
+) -> Forms:
+    """Enclose bins that are the least of their rays, by the compiled engine where it is there."""
+    fan = fan_of(shapes, lidar)
+    if fan is None:
+        return _bins(_glimpses(boxes, shapes, lidar, slack), len(boxes), lidar, slack, windows)
+    forms, done = scan(fan, boxes, slack, windows)
+    left = np.flatnonzero(~done)
+    if left.size:
+        some = boxes.select(left)
+        of_some = None if windows is None else windows.select(left)
+        found = _bins(_glimpses(some, shapes, lidar, slack), len(some), lidar, slack, of_some)
+        forms.centre[left], forms.slope[left], forms.rest[left] = found.centre, found.slope, found.rest
+    return forms
 
 
 def _glimpses(boxes: PoseBoxes, shapes: Shapes, lidar: Lidar, slack: float) -> list[Glimpses]:

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import accumulate, pairwise
-from typing import Any
 
 import numpy as np
 
 from viatool.arrays import Booleans, Floats, Hull, Indices
-from viatool.engine import Engine, chosen_engine, library
-from viatool.errors import BoundsError
+from viatool.engine import Engine, chosen_engine
+from viatool.engine.calls import call, floats, integers
 from viatool.policy.network import Network
 from viatool.taylor.duality import DualEffort
 from viatool.taylor.packed import PackedNetwork, packed
@@ -173,10 +171,10 @@ class Kernel:
         faces, values = (questions, inputs), (questions,)
         shapes = ((batch, size), (batch, size), faces, faces, values, values, faces)
         result = Bounded(np.zeros(batch, dtype=bool), *map(np.empty, shapes))
-        self._call(
-            "viatool_bound", batch, _contiguous(lower), _contiguous(upper), rounds, sweeps, neurons, int(whole), climbs,
-            result.lower, result.upper, result.face_lower, result.face_upper, result.bound, result.points, result.found,
-            result.done,
+        call(
+            "viatool_bound", self.packed, batch, floats(lower), floats(upper), rounds, sweeps, neurons, int(whole),
+            climbs, result.lower, result.upper, result.face_lower, result.face_upper, result.bound, result.points,
+            result.found, result.done,
         )  # fmt: skip
         return result
 
@@ -198,10 +196,10 @@ class Kernel:
         neurons, pair = self._ends[self.trunk - 1], (batch, actions)
         shapes = ((batch, neurons), (batch, neurons), pair, (batch, symbols, actions), pair, pair)
         found = LinearModels(np.zeros(batch, dtype=bool), *map(np.empty, shapes))
-        given = map(_contiguous, (constant, shared, own, rest, norm, *hull))
-        self._call(
-            "viatool_linear", batch, symbols, *given, found.lower, found.upper, found.centre, found.slope, found.others,
-            found.size, found.done,
+        given = map(floats, (constant, shared, own, rest, norm, *hull))
+        call(
+            "viatool_linear", self.packed, batch, symbols, *given, found.lower, found.upper, found.centre, found.slope,
+            found.others, found.size, found.done,
         )  # fmt: skip
         return found
 
@@ -233,9 +231,9 @@ class Kernel:
         node, neuron = np.zeros((2, count), dtype=np.int64)
         values, points = np.zeros((2, count)), np.empty((count, inputs))
         done = np.zeros(count, dtype=np.uint8)
-        self._call(
-            "viatool_examine", count, nodes.shape[1], _contiguous(lower), _contiguous(upper), _whole(action),
-            _contiguous(sign), _whole(nodes), _whole(neurons), _whole(sides), _contiguous(thresholds), EFFORT.sweeps,
+        call(
+            "viatool_examine", self.packed, count, nodes.shape[1], floats(lower), floats(upper), integers(action),
+            floats(sign), integers(nodes), integers(neurons), integers(sides), floats(thresholds), EFFORT.sweeps,
             EFFORT.neurons, int(exactly), values[0], points, node, neuron, values[1], done,
         )  # fmt: skip
         return ExaminedParts(done > 0, done == _SOLVED, values[0], points, node, neuron, values[1])
@@ -252,32 +250,9 @@ class Kernel:
         batch = hulls[0][0].shape[0]
         actions = self.network.output_size
         sums = 0 if last_sum is None else self.network.nodes[last_sum].size
-        lower, upper = (
-            _contiguous(np.concatenate([hull[side] for hull in hulls], axis=1)) for side in (0, 1)
-        )
+        lower, upper = (floats(np.concatenate([hull[side] for hull in hulls], axis=1)) for side in (0, 1))
         found = [np.empty((batch, size)) for size in (actions, actions, actions, sums, sums)]
         place = -1 if last_sum is None else last_sum
-        return tuple(found) if self._call("viatool_deviate", batch, lower, upper, *found, place) else None
-
-    def _call(self, name: str, *arguments: Any) -> bool:
-        return bool(getattr(library(), name)(ctypes.byref(self.packed), *map(_passed, arguments)))
-
-
-_READ = {np.dtype(kind) for kind in (np.float64, np.int64, np.uint8, np.bool_)}
-
-
-def _passed(argument: Any) -> Any:
-    """Return an argument as C takes it: arrays by the address of their rows, one behind the other, or not at all."""
-    if not isinstance(argument, np.ndarray):
-        return ctypes.c_int64(argument)
-    if argument.dtype not in _READ or not argument.flags.c_contiguous:
-        raise BoundsError(f"internal error: an array of {argument.dtype} as it is for the compiled engine")
-    return ctypes.c_void_p(argument.ctypes.data)
-
-
-def _whole(values: Indices) -> Indices:
-    return np.ascontiguousarray(values, dtype=np.int64)
-
-
-def _contiguous(values: Floats) -> Floats:
-    return np.ascontiguousarray(values, dtype=np.float64)
+        return (
+            tuple(found) if call("viatool_deviate", self.packed, batch, lower, upper, *found, place) else None
+        )
