@@ -247,7 +247,7 @@ def test_cast_rays_catch_an_enclosure_without_one_of_its_rules(monkeypatch, name
 @pytest.mark.parametrize("name", [name for name, _ in compiled.Leeway._fields_])
 def test_cast_rays_catch_a_compiled_enclosure_without_one_of_its_rules(monkeypatch, name):
     leeway = compiled.Leeway(*(0.0 if other == name else 1.0 for other, _ in compiled.Leeway._fields_))
-    monkeypatch.setattr(sight, "fan_of", lambda shapes, lidar: compiled.Fan.of(shapes, lidar, leeway))
+    monkeypatch.setattr(sight, "fan_of", lambda shapes, lidar: compiled.PackedFan.of(shapes, lidar, leeway))
     assert worst_excess() > 1e-5
 
 

@@ -39,7 +39,7 @@ _ARRAYS = (
 )  # fmt: skip
 
 
-class Fan(ctypes.Structure):
+class PackedFan(ctypes.Structure):
     """What is around, and the rays of a LiDAR, as the compiled engine reads them; it keeps alive what it points to."""
 
     _fields_ = (
@@ -51,7 +51,7 @@ class Fan(ctypes.Structure):
     )
 
     @classmethod
-    def of(cls, shapes: Shapes, lidar: Lidar, leeway: Leeway | None = None) -> Fan:
+    def of(cls, shapes: Shapes, lidar: Lidar, leeway: Leeway | None = None) -> PackedFan:
         """Pack them."""
         bearing, order = lidar.around
         circle_passed, edge_passed = shapes.passed
@@ -74,22 +74,22 @@ class Fan(ctypes.Structure):
         return fan
 
 
-def fan_of(shapes: Shapes, lidar: Lidar) -> Fan | None:
+def fan_of(shapes: Shapes, lidar: Lidar) -> PackedFan | None:
     """Return what the compiled engine is given; None where numpy does it."""
     return _packed_once(shapes, lidar) if chosen_engine() == "compiled" else None
 
 
 @lru_cache(maxsize=32)
-def _packed_once(shapes: Shapes, lidar: Lidar) -> Fan:
-    return Fan.of(shapes, lidar)
+def _packed_once(shapes: Shapes, lidar: Lidar) -> PackedFan:
+    return PackedFan.of(shapes, lidar)
 
 
-def scan(fan: Fan, boxes: PoseBoxes, slack: float, windows: Windows | None) -> tuple[Forms, Booleans]:
+def scan(fan: PackedFan, boxes: PoseBoxes, slack: float, windows: Windows | None) -> tuple[Forms, Booleans]:
     """Enclose bins over C boxes, (C, bins), and tell of which boxes that is done, (C,).
 
     Parameters
     ----------
-    fan : Fan
+    fan : PackedFan
         Of a LiDAR whose bins read the least of their rays, and what rays without a return read at its maximum range.
     boxes : PoseBoxes
         C boxes.
@@ -111,7 +111,7 @@ def scan(fan: Fan, boxes: PoseBoxes, slack: float, windows: Windows | None) -> t
     return forms, done > 0
 
 
-def gaps(fan: Fan, boxes: PoseBoxes, slack: float) -> tuple[Gaps, Booleans]:
+def gaps(fan: PackedFan, boxes: PoseBoxes, slack: float) -> tuple[Gaps, Booleans]:
     """Return the widest gaps of bins over C boxes, (C, bins), and tell of which boxes that is done, (C,)."""
     found, done = Gaps.none(len(boxes), fan.bins), np.zeros(len(boxes), np.uint8)
     given = map(floats, (boxes.centre, boxes.radius))
