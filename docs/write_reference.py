@@ -16,6 +16,7 @@ from pydantic import BaseModel
 from viatool.cli import main
 from viatool.policy import PolicySpecification
 from viatool.report.diagnoses.record import DiagnosisRecord
+from viatool.report.margins.record import MarginsRecord
 from viatool.report.missions.record import MissionsRecord
 from viatool.report.places.record import PlacesRecord
 from viatool.report.simulations.record import SimulationRecord
@@ -30,6 +31,7 @@ MODELS: dict[str, tuple[type[BaseModel], str]] = {
     "report.schema.json": (StatesRecord, "viatool report"),
     "certificate.schema.json": (PlacesRecord, "viatool certificate"),
     "mission.schema.json": (MissionsRecord, "viatool missions"),
+    "margin.schema.json": (MarginsRecord, "viatool margins"),
     "simulation.schema.json": (SimulationRecord, "viatool simulation"),
     "diagnosis.schema.json": (DiagnosisRecord, "viatool diagnosis"),
     "map.schema.json": (MapFile, "viatool map"),
@@ -101,7 +103,7 @@ FIELDS = """\
 Generated from the typed models by `python docs/write_reference.py`; a test holds this page to the program. The same as
 JSON Schemas, for editors and other programs: [map](map.schema.json), [specification](specification.schema.json),
 [report](report.schema.json), [certificate](certificate.schema.json),
-[simulation](simulation.schema.json), [diagnosis](diagnosis.schema.json), [training](training.schema.json) (its options
+[margins](margin.schema.json), [simulation](simulation.schema.json), [diagnosis](diagnosis.schema.json), [training](training.schema.json) (its options
 are explained in
 [training](training.md)). Lengths are metres, angles radians, poses x, y, theta. [File formats](files.md) has examples.
 """

@@ -45,6 +45,7 @@ PUBLIC = [
     "load_map",
     "load_policy",
     "load_trajectory",
+    "margin",
     "mission",
     "reach",
     "roll_out",

@@ -6,6 +6,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from viatool.margins import margin
     from viatool.missions import mission
     from viatool.monitoring import Decision, Monitor
     from viatool.places import certify
@@ -41,6 +42,7 @@ _ROOM_OF = {
     "load_map": "viatool.world",
     "load_policy": "viatool.policy",
     "load_trajectory": "viatool.trajectory",
+    "margin": "viatool.margins",
     "mission": "viatool.missions",
     "reach": "viatool.taylor",
     "roll_out": "viatool.simulate",
@@ -66,6 +68,7 @@ __all__ = [
     "load_map",
     "load_policy",
     "load_trajectory",
+    "margin",
     "mission",
     "reach",
     "roll_out",

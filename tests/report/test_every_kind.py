@@ -26,6 +26,7 @@ from viatool import load_map, load_policy
 from viatool.cli import main
 from viatool.doctor import diagnose
 from viatool.errors import ConfigurationError
+from viatool.margins import margin
 from viatool.missions import mission
 from viatool.places import Resolution, certify
 from viatool.report import (
@@ -45,13 +46,14 @@ from viatool.report import (
 )
 from viatool.report.diagnoses.run import DiagnosisRun
 from viatool.report.kinds import live_of
+from viatool.report.margins.run import MarginsRun
 from viatool.report.missions.run import MissionsRun
 from viatool.report.outputs import content_of
 from viatool.report.places.run import PlacesRun
 from viatool.report.simulations.run import SimulationRun
 from viatool.report.states.run import StatesRun
 from viatool.setting.setting import Setting
-from viatool.simulate import simulate
+from viatool.simulate import Places, simulate
 
 ROOT = Path(__file__).resolve().parents[2]
 HOSTILE = "<img src=x onerror=owned()>\"'`|**b**\r\n::error::x\x1b[31m%0A=1]]>&amp; @team $x$ <!--"
@@ -65,6 +67,7 @@ SCHEMAS = {
     PlacesRun: "certificate.schema.json",
     SimulationRun: "simulation.schema.json",
     MissionsRun: "mission.schema.json",
+    MarginsRun: "margin.schema.json",
     DiagnosisRun: "diagnosis.schema.json",
 }
 LIVE = tuple(SCHEMAS)
@@ -75,6 +78,7 @@ SERVED = {
     PlacesRun: "json cells csv witnesses figure html markdown junit sarif github",
     SimulationRun: "json trajectory csv figure markdown junit sarif github",
     MissionsRun: "json tube csv witnesses figure html markdown junit sarif github",
+    MarginsRun: "json states csv witnesses figure html markdown junit sarif github",
     DiagnosisRun: "json csv figure html markdown github",
 }
 
@@ -99,6 +103,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Runs:
     )
     simulation = simulate(policy, Setting.of(policy, world_map, 0.0))
     missions = mission(policy, world_map, eps=0.01, time_limit=5.0)
+    margins = margin(policy, world_map, places=Places(count=60), resolution=0.1)
     diagnosis = diagnose(policy, world_map, world_map.scenarios)
     return Runs(
         {
@@ -106,6 +111,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Runs:
             PlacesRun: told(PlacesRun(certificate)),
             SimulationRun: told(SimulationRun(simulation)),
             MissionsRun: told(MissionsRun(missions)),
+            MarginsRun: told(MarginsRun(margins)),
             DiagnosisRun: told(DiagnosisRun(diagnosis)),
         }
     )

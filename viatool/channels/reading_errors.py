@@ -9,7 +9,7 @@ one: an observation may be any that could have been made of it.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -41,6 +41,7 @@ class ReadingErrors:
         Which reading stands in each input.
     absolute, relative, bias : ndarray
         (n,) own error, in the unit of the sensor; share of the value; and the error in common, in the sensor's unit.
+        The own error may also be (B, n), of each of B observations.
     scan : ndarray
         (n,) which inputs have a bias in common: a number for each channel and instant.
     limits : tuple of ndarray
@@ -114,6 +115,10 @@ class ReadingErrors:
                 missing += _missing(quantity, inputs, columns, int(beyond["missing"]), where)
             scans += _scan(quantity, inputs, number, where, float(beyond["angle"]), float(beyond["thin"]))
         return cls(inputs, absolute, relative, bias, scan, limits, tuple(missing), angles, tuple(scans))
+
+    def rows(self, which: Indices | int) -> ReadingErrors:
+        """Return the errors of some of the observations, where each has its own."""
+        return self if self.absolute.ndim == 1 else replace(self, absolute=self.absolute[which])
 
     @cached_property
     def is_box(self) -> bool:

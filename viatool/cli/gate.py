@@ -20,7 +20,7 @@ from viatool.cli.terminal import open_console
 @options.quiet_option
 @click.pass_context
 def command(ctx: click.Context, /, report: Path, quiet: bool, **given: Any) -> None:
-    """Apply a gate to REPORT, a report in JSON that verify, certify or simulate wrote."""
+    """Apply a gate to REPORT, a report in JSON that verify, certify, mission, margin or simulate wrote."""
     from viatool.report import evaluate, load_document, print_checks
 
     document = load_document(report)

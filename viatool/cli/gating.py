@@ -24,7 +24,8 @@ def gate_options(command: Command) -> Command:
                 "--fail-under",
                 multiple=True,
                 metavar="[NAME=]RATE",
-                help="Exit 1 if the overall rate, or a rate such as danger=0.95, is below RATE. Repeatable.",
+                help="Exit 1 if the overall rate, or a rate such as danger=0.95, is below RATE; of margins, if a "
+                "contested state does not survive margin=ERROR. Repeatable.",
             ),
             click.option(
                 "--max-unsafe",

@@ -18,6 +18,7 @@ COMMANDS = (
     "verify",
     "certify",
     "mission",
+    "margin",
     "replay",
     "gate",
     "compare",

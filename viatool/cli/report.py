@@ -18,12 +18,12 @@ from viatool.cli.reporting import read_outputs, tell
     "-o",
     multiple=True,
     metavar="FORMAT:PATH",
-    help="Write the report in another format: json or markdown; of a certificate also github; of a simulation also "
-    "csv, junit, sarif and github. PATH - is stdout. Repeatable.",
+    help="Write the report in another format: json or markdown; of a certificate also github; of a simulation and "
+    "of margins also csv, junit, sarif and github; of margins also figure and html. PATH - is stdout. Repeatable.",
 )
 @options.quiet_option
 def command(report: Path, output: tuple[str, ...], quiet: bool) -> None:
-    """Show REPORT, a report in JSON that verify, certify or simulate wrote.
+    """Show REPORT, a report in JSON that verify, certify, mission, margin or simulate wrote.
 
     Formats that need more than the JSON holds are written by the command that wrote the report.
     """

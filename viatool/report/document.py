@@ -17,7 +17,7 @@ from pydantic import ValidationError
 
 from viatool.errors import ConfigurationError
 from viatool.report.records import RunRecord
-from viatool.report.sections import Count, Headline, Section, Share, Tally
+from viatool.report.sections import Count, Headline, Section, Share, Survivor, Tally
 
 if TYPE_CHECKING:
     import numpy as np
@@ -57,6 +57,9 @@ class Document(ABC):
     """The command that writes it."""
     RATES: ClassVar[Mapping[str, str]]
     """What a gate may ask of it: names of rates and what they are the rates of; ``overall`` needs no name."""
+
+    RADII: ClassVar[Mapping[str, str]] = {}
+    """What else a gate may ask of it: names of errors and what is to survive them, everything."""
 
     record: RunRecord
 
@@ -117,6 +120,11 @@ class Document(ABC):
     @abstractmethod
     def tallies(self) -> Sequence[Tally]:
         """Return the figures that a comparison shows, with what is the better side."""
+
+    @property
+    def survived(self) -> Mapping[str, Sequence[Survivor]]:
+        """Return which error each subject survives, by the names in `RADII`; the weakest first."""
+        return {}
 
     @property
     def limited(self) -> Mapping[str, Count]:

@@ -10,13 +10,16 @@ from fractions import Fraction
 from viatool.errors import ConfigurationError
 from viatool.report.comparison import Difference, differences, require_same_kind
 from viatool.report.document import Document
-from viatool.report.numbers import count, digits_needed, percent_of
-from viatool.report.sections import NOTHING, Check, Count, Share
+from viatool.report.numbers import count, digits_needed, down, percent_of
+from viatool.report.sections import NOTHING, Check, Count, Share, Survivor
+
+_NAMED = 20
+"""Subjects that a failed condition names."""
 
 
 @dataclass(frozen=True)
 class Threshold:
-    """A least rate: ``safe / total >= least`` for one of the rates of a document."""
+    """A least rate: ``safe / total >= least`` for one of the rates of a document; or an error that all survive."""
 
     name: str
     least: Fraction
@@ -46,7 +49,7 @@ class Gate:
 
 
 def parse_threshold(text: str, kind: type[Document]) -> Threshold:
-    """Read ``0.99``, ``99%`` or ``danger=0.95`` exactly as it is written.
+    """Read ``0.99``, ``99%``, ``danger=0.95`` or ``margin=0.02`` exactly as it is written.
 
     Parameters
     ----------
@@ -58,24 +61,22 @@ def parse_threshold(text: str, kind: type[Document]) -> Threshold:
     Raises
     ------
     ConfigurationError
-        If the name is unknown or the number is not between 0 and 1.
+        If the name is unknown, a rate is not between 0 and 1, or an error is negative.
     """
     name, equals, number = text.rpartition("=")
     name = name if equals else "overall"
+    if name in kind.RADII:
+        return Threshold(name, _parse_error(number.strip(), text, name))
     if name not in kind.RATES:
+        radii = [f"{one}=ERROR" for one in kind.RADII]
         raise ConfigurationError(
-            f"'{text}': {kind.WHAT} has no rate '{name}'", f"choose one of {', '.join(kind.RATES)}"
+            f"'{text}': {kind.WHAT} has no rate '{name}'", f"choose one of {', '.join([*radii, *kind.RATES])}"
         )
     return Threshold(name, _parse_rate(number.strip(), text))
 
 
 def _parse_rate(number: str, text: str) -> Fraction:
-    try:
-        decimal = Decimal(number.removesuffix("%"))
-        # An exponent beyond any rate that is meant would only cost memory as a fraction.
-        rate = Fraction(decimal) if decimal.is_finite() and abs(decimal.adjusted()) < 50 else Fraction(-1)
-    except InvalidOperation:
-        rate = Fraction(-1)
+    rate = _exactly(number.removesuffix("%"))
     if number.endswith("%"):
         rate /= 100
     if not 0 <= rate <= 1:
@@ -83,6 +84,26 @@ def _parse_rate(number: str, text: str) -> Fraction:
             f"'{text}' is not a rate", "write a number from 0 to 1, such as 0.99, or 99%"
         )
     return rate
+
+
+def _parse_error(number: str, text: str, name: str) -> Fraction:
+    error = _exactly(number)
+    if error < 0:
+        raise ConfigurationError(
+            f"'{text}' is not an error that something can survive",
+            f"write a number of at least 0 in the unit of what varies, such as {name}=0.02",
+        )
+    return error
+
+
+def _exactly(number: str) -> Fraction:
+    """Return a number as it is written, or -1 if it is none."""
+    try:
+        decimal = Decimal(number)
+    except InvalidOperation:
+        return Fraction(-1)
+    # An exponent beyond anything that is meant would only cost memory as a fraction.
+    return Fraction(decimal) if decimal.is_finite() and abs(decimal.adjusted()) < 50 else Fraction(-1)
 
 
 def evaluate(gate: Gate, document: Document) -> tuple[Check, ...]:
@@ -128,6 +149,8 @@ def _undecidable(condition: str, document: Document) -> Check:
 
 
 def _threshold(threshold: Threshold, document: Document) -> Check:
+    if threshold.name in document.RADII:
+        return _survived(threshold, document)
     rate = document.rates.get(threshold.name, NOTHING)
     digits = digits_needed(threshold.least)
     condition = f"{document.RATES[threshold.name]} >= {percent_of(threshold.least, digits)}"
@@ -138,6 +161,26 @@ def _threshold(threshold: Threshold, document: Document) -> Check:
         rate.part * threshold.least.denominator >= threshold.least.numerator * rate.total,
         f"{rate.percentage(digits)} ({rate.of()})",
     )
+
+
+def _survived(threshold: Threshold, document: Document) -> Check:
+    """Decide whether every subject survives an error, and name those that do not, the weakest first."""
+    condition = f"{document.RADII[threshold.name]} >= {float(threshold.least):.12g}"
+    found = document.survived.get(threshold.name, ())
+    if not found:
+        return _undecidable(condition, document)
+    least = float(threshold.least)  # as the error was, which was examined as a float
+    failing = [one for one in found if one.error is None or not one.error >= least]
+    if not failing:
+        return Check(condition, passed=True, figures=f"the least is {_error(found[0])}")
+    named = "; ".join(f"{one.name} ({_error(one)})" for one in failing[:_NAMED])
+    more = f"; and {count(len(failing) - _NAMED)} more" if len(failing) > _NAMED else ""
+    figures = f"{count(len(failing))} of {count(len(found))} do not: {named}{more}"
+    return Check(condition, passed=False, figures=figures)
+
+
+def _error(survivor: Survivor) -> str:
+    return "not even 0" if survivor.error is None else down(survivor.error)
 
 
 def _limit(name: str, most: int, document: Document) -> Check:

@@ -10,6 +10,7 @@ from typing import NoReturn, cast
 from viatool.errors import ConfigurationError
 from viatool.report.diagnoses.document import DiagnosisDocument
 from viatool.report.document import Document
+from viatool.report.margins.document import MarginsDocument
 from viatool.report.missions.document import MissionsDocument
 from viatool.report.places.document import PlacesDocument
 from viatool.report.simulations.document import SimulationDocument
@@ -20,6 +21,7 @@ KINDS: dict[type[Document], tuple[str, str]] = {
     PlacesDocument: ("viatool.report.places.run", "PlacesRun"),
     SimulationDocument: ("viatool.report.simulations.run", "SimulationRun"),
     MissionsDocument: ("viatool.report.missions.run", "MissionsRun"),
+    MarginsDocument: ("viatool.report.margins.run", "MarginsRun"),
     DiagnosisDocument: ("viatool.report.diagnoses.run", "DiagnosisRun"),
 }
 """The document of a stored report of each kind, with module and name of that of a live run, which derives from it."""

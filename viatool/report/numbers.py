@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 from fractions import Fraction
 
 MISSING = "n/a"
@@ -52,6 +53,24 @@ def significant(value: float, digits: int = 3) -> str:
     if abs(value) < 1e-12:  # rounding of the mean of equal numbers, for example
         return "0"
     return f"{value:.{digits}g}" if 1e-4 <= abs(value) < 1e5 else f"{value:.{digits - 1}e}"
+
+
+def down(value: float, digits: int = 3) -> str:
+    """Write a number that is a promise to some significant digits: never more than it is."""
+    return _towards(value, digits, ROUND_FLOOR)
+
+
+def up(value: float, digits: int = 3) -> str:
+    """Write a number from which on something fails to some significant digits: never less than it is."""
+    return _towards(value, digits, ROUND_CEILING)
+
+
+def _towards(value: float, digits: int, rounding: str) -> str:
+    exact = Decimal(value)
+    if not exact:
+        return "0"
+    step = Decimal((0, (1,), exact.adjusted() - digits + 1))
+    return f"{float(exact.quantize(step, rounding=rounding)):g}"
 
 
 def seconds(value: float) -> str:

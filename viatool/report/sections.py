@@ -185,6 +185,14 @@ class Count:
 
 
 @dataclass(frozen=True)
+class Survivor:
+    """A subject of a run, in words, and the error that it survives; None if not even 0."""
+
+    name: str
+    error: float | None
+
+
+@dataclass(frozen=True)
 class Tally:
     """A figure of a comparison; `better` is +1 if more is better, -1 if less is, 0 if neither."""
 

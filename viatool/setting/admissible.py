@@ -70,7 +70,8 @@ class AdmissibleSets:
         """Return some of the sets."""
         drifted = None if self.drifted is None else self.drifted[which]
         known = None if self.known is None else self.known.select(which)
-        return replace(self, inputs=self.inputs[which], drifted=drifted, known=known)
+        errors = self.errors.rows(which)
+        return replace(self, errors=errors, inputs=self.inputs[which], drifted=drifted, known=known)
 
     @cached_property
     def recorded_inputs(self) -> Floats:
@@ -200,7 +201,7 @@ class AdmissibleSets:
     ) -> Floats:
         """Let those rays return nothing that gain most: one of each of some bins, or several of one."""
         columns, rows = missing.columns, np.arange(len(inputs))
-        relative, absolute = self.errors.relative[columns], self.errors.absolute[columns]
+        relative, absolute = self.errors.relative[columns], self.errors.absolute[..., columns]
         low, high = _narrowed(*((1.0 + sign * relative) * losing + sign * absolute for sign in (-1.0, 1.0)))
         read = np.where(steep[:, columns] > 0.0, high, low) + common[:, columns]
         silent = (losing >= missing.lidar.maximum_range) | (losing == missing.reading)

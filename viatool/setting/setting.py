@@ -297,28 +297,35 @@ class Setting:
             self.quantities, View(scenes, poses, scene, goals, still, believed=believed)
         )
 
-    def observed(self, observations: Floats, drift: Drift | None = None) -> tuple[Floats, Floats]:
+    def observed(
+        self, observations: Floats, drift: Drift | None = None, errors: ReadingErrors | None = None
+    ) -> tuple[Floats, Floats]:
         """Return the least and the largest number (B, n) that the network may take around recorded ones (B, n).
+
+        Observations may have other errors than those of the setting, each its own.
 
         Notes
         -----
         Sound: yes, also where the errors are no box; rounding is counted.
         """
-        if self.reading_errors.is_box and drift is None:
-            return self.inputs.box(observations, self.radii)
-        return self.reading_errors.sets(observations, drift).hull
+        errors = errors or self.reading_errors
+        if errors.is_box and drift is None:
+            return self.inputs.box(observations, errors.absolute)
+        return errors.sets(observations, drift).hull
 
-    def uncertain(self, observations: Floats) -> tuple[Floats, Floats]:
+    def uncertain(self, observations: Floats, radii: Floats | None = None) -> tuple[Floats, Floats]:
         """Return where the network's input lies around recorded ones (B, n): centres, and radii (n,) or (B, n).
+
+        Readings err within the radii of the setting, or within others, (n,) or (B, n).
 
         Notes
         -----
         Sound: yes, see `Inputs.box`; rounding is counted.
         """
-        inputs = self.inputs
+        inputs, radii = self.inputs, self.radii if radii is None else radii
         if inputs.is_plain:
-            return observations, self.radii
-        lower, upper = inputs.box(observations, self.radii)
+            return observations, radii
+        lower, upper = inputs.box(observations, radii)
         middle = 0.5 * (lower + upper)
         return middle, np.nextafter(np.maximum(upper - middle, middle - lower), np.inf)
 

@@ -19,6 +19,7 @@ from pydantic import (
     Discriminator,
     Field,
     Tag,
+    ValidationError,
     model_validator,
 )
 
@@ -60,6 +61,14 @@ Rate = Annotated[
 """The least change of a velocity, or the least and the largest."""
 Times = Annotated[tuple[Bound, Bound], BeforeValidator(_two), AfterValidator(_ordered)]
 """The least and the largest time, in seconds."""
+
+
+GROWING = frozenset(
+    {"sensor.absolute", "sensor.relative", "sensor.bias", "sensor.angle", "sensor.thin", "pose.x", "pose.y"}
+    | {"pose.theta", "actuation.relative", "actuation.absolute", "actuation.slip", "timing.sensing"}
+    | {f"obstacles.{term}" for term in ("speed", "named", "roams", "returns", "people", "hidden")}
+)
+"""Terms that bound an error by one number: of less, every case is one of more as well, and 0 is none."""
 
 
 def _term(meaning: str, unit: str, without: str) -> Any:
@@ -307,8 +316,42 @@ class ErrorModel(ErrorTerms):
     def without(self, place: str) -> ErrorModel:
         """Return the model without the term that stands at a place, as `stated` names it; the same if there is none."""
         content = self.model_dump(exclude_none=True)
-        _drop(content, place)
+        if place in {where for where, _, _, _ in self.stated()}:
+            section, key = _entry(content, place)
+            del section[key]
         return type(self).model_validate(content).model_copy(update={"source": self.source})
+
+    def at(self, place: str, value: float) -> ErrorModel:
+        """Return the model in which the term at a place says something else: the largest size of an error.
+
+        Raises
+        ------
+        ConfigurationError
+            If no term stands there, it is no bound of which less is a smaller error, or the value is out of its range.
+        """
+        stated = {where: term for where, term, _, _ in self.stated()}
+        if place not in stated:
+            told = f"it states {', '.join(stated)}" if stated else "it states nothing"
+            raise ConfigurationError(
+                f"{self.source} states no term '{place}'", f"name a term that it states; {told}"
+            )
+        if stated[place] not in GROWING:
+            growing = [where for where, term in stated.items() if term in GROWING]
+            others = f"; of those in {self.source} choose {', '.join(growing)}" if growing else ""
+            raise ConfigurationError(
+                f"{self.source}: {place} is no largest size of an error, so less of it is not a smaller error",
+                f"name a term that bounds an error by one number{others}",
+            )
+        content = self.model_dump(exclude_none=True)
+        section, key = _entry(content, place)
+        section[key] = value
+        try:
+            return type(self).model_validate(content).model_copy(update={"source": self.source})
+        except ValidationError as error:
+            raise ConfigurationError(
+                f"{self.source}: {place} cannot be {value:g}: {error.errors()[0]['msg']}",
+                "try errors within the range of the term",
+            ) from error
 
     def premises(self) -> tuple[tuple[str, str], ...]:
         """Return what is stated, in words: place, and value with unit."""
@@ -341,15 +384,17 @@ def _stated(terms: ErrorTerms, place: str, section: str) -> Iterator[tuple[str, 
             yield f"{place}.{field}", f"{section}.{field}", value, str(extra["unit"])
 
 
-def _drop(content: dict[str, Any], place: str) -> bool:
-    """Take out what stands at a place, in place; the names of channels and obstacles may hold dots."""
+def _entry(content: dict[str, Any], place: str) -> tuple[dict[str, Any], str]:
+    """Return the section and the key of what stands at a place; the names of channels and obstacles may hold dots."""
+    if place in content:
+        return content, place
     for key, value in content.items():
-        if key == place:
-            del content[key]
-            return True
-        if place.startswith(f"{key}.") and isinstance(value, dict) and _drop(value, place[len(key) + 1 :]):
-            return True
-    return False
+        if place.startswith(f"{key}.") and isinstance(value, dict):
+            try:
+                return _entry(value, place[len(key) + 1 :])
+            except KeyError:
+                continue
+    raise KeyError(place)
 
 
 def _without(terms: ErrorTerms) -> Iterator[tuple[str, str]]:

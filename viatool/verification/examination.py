@@ -86,11 +86,8 @@ class StateExamination:
         clock = Clock()
         with clock.timed("geometry"):
             if placed is None:
-                placed = ScenePoses.of(self.setting.world_map, block.scenarios, block.poses, block.episode)
-            movers = movers_around(
-                self.setting, block.scenarios, block.poses, block.episode, block.observations, block.people
-            )
-            sensors = BlockSensors(self.setting, block, placed.among(movers))
+                placed = self.placed(block)
+            sensors = self.sensors(block, placed)
             judged = sensors.judged
             contested = find_contested(judged)
         policy = self.setting.driven(self.policy)
@@ -119,6 +116,17 @@ class StateExamination:
         if self.horizon is None:
             del clock.seconds["horizon"]
         return StateFindings(commands, contested, judgement, witnesses, clock.seconds, tubes, crashes)
+
+    def placed(self, block: States) -> ScenePoses:
+        """Return where the states of a block stand, among what stands there."""
+        return ScenePoses.of(self.setting.world_map, block.scenarios, block.poses, block.episode)
+
+    def sensors(self, block: States, placed: ScenePoses) -> BlockSensors:
+        """Return what may be observed in the states of a block, among all that may be there."""
+        movers = movers_around(
+            self.setting, block.scenarios, block.poses, block.episode, block.observations, block.people
+        )
+        return BlockSensors(self.setting, block, placed.among(movers))
 
     def _undecided(
         self,

@@ -52,10 +52,11 @@ class BlockSensors:
     states: States
     exact: ScenePoses
 
-    @property
+    @cached_property
     def errors(self) -> ReadingErrors:
-        """Return how readings err."""
-        return self.setting.reading_errors
+        """How readings err: as the setting says, or each state's within radii of its own."""
+        errors, own = self.setting.reading_errors, self.states.radii
+        return errors if own is None else replace(errors, absolute=own)
 
     @property
     def observations(self) -> Floats:
@@ -107,7 +108,7 @@ class BlockSensors:
     @property
     def bounds(self) -> tuple[Floats, Floats]:
         """Return the least and the largest number that the network may take, (B, n) each."""
-        return self.setting.observed(self.observations, self.drift)
+        return self.setting.observed(self.observations, self.drift, self.errors)
 
     def pieces(self, policy: DrivenPolicy, reachable: ReachableSet) -> CommandPieces:
         """Return the commands that may be sent, where the network may give what is reachable."""
@@ -146,7 +147,8 @@ class BlockSensors:
     ) -> ReachableSet:
         """Bound the commands of a policy that takes some of the inputs, over what these may be in some states."""
         if self.is_box or not rows.size:
-            centre, radii = self.setting.uncertain(self.observations[rows])
+            radii = self.errors.rows(rows).absolute
+            centre, radii = self.setting.uncertain(self.observations[rows], radii)
             return reach(policy, centre[:, kept], radii[..., kept], **engine)
         sets = self._sets(rows)
         sets = sets if isinstance(kept, slice) else sets.among(kept)
@@ -189,7 +191,7 @@ class BlockSensors:
         if not len(doubtful) and not self.errors.scans:
             return Witnesses.none(self.observations.shape[1], commands[0].shape[1])
         if self.is_box and judged.observing.radii is None:
-            box = Box(*inputs.box(self.observations, self.setting.radii, within=True))
+            box = Box(*inputs.box(self.observations, self.errors.absolute, within=True))
             return search_witnesses(
                 policy, judged, doubtful, self.observations, box, *commands, seed=seed, shared=self.shared
             )
@@ -203,7 +205,7 @@ class BlockSensors:
 
     def _sets(self, rows: Indices) -> Any:
         drift = None if self.drift is None else self.drift.select(rows)
-        return self.errors.sets(self.observations[rows], drift)
+        return self.errors.rows(rows).sets(self.observations[rows], drift)
 
     def _search_poses(
         self,
@@ -230,7 +232,7 @@ class BlockSensors:
                 corners = _CORNERS[(len(_CORNERS) * chance.random(1)[:, 0]).astype(int)]
                 believed[number::_BELIEFS] += radii * corners
         drifted = self._drifted(rows, true, believed, turn, passed)
-        sets = AdmissibleSets(self.errors, self.observations[rows], drifted)
+        sets = AdmissibleSets(self.errors.rows(rows), self.observations[rows], drifted)
         seen = sets.nearest(sets.recorded_inputs).astype(np.float32).astype(np.float64)
         some = judged.select(rows)
         some = replace(some, observing=self._really(some.observing, rows, true)).among_near()
@@ -309,7 +311,7 @@ class BlockSensors:
     def _explained(self, found: Witnesses, state: Indices, drifted: Floats) -> Witnesses:
         """Return the counterexamples that errors within their bounds explain, with the states that they are of."""
         kept = [
-            explain(self.errors, self.observations[row], seen, drift) is not None
+            explain(self.errors.rows(row), self.observations[row], seen, drift) is not None
             for row, seen, drift in zip(state.tolist(), found.observation, drifted, strict=True)
         ]
         return replace(found, state=state).select(np.flatnonzero(kept))

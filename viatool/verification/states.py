@@ -50,6 +50,8 @@ class States:
         (B, 2, 3) ends of the velocity that was measured, NaN where it was not; None where it is of no consequence.
     begun : ndarray
         (B, 2, S) ends of the state of the motion, NaN where it is not known.
+    radii : ndarray or None
+        (B, n) how far the readings of each state may be off; None where the setting says it of all.
     most : int
         States of a block at most.
     """
@@ -66,6 +68,7 @@ class States:
     people: Floats
     begun: Floats
     velocity: Floats | None = None
+    radii: Floats | None = None
     most: int = _MOST_STATES
 
     @classmethod
@@ -91,6 +94,7 @@ class States:
             trajectory.people,
             np.zeros((len(trajectory), 2, 0)) if begun is None else begun,
             None if velocity is None else np.stack(velocity, axis=1),
+            None,
             _MOST_STATES if previous is None else _MOST_FOLLOWED,
         )
 
@@ -138,6 +142,7 @@ class States:
             self.people[rows],
             self.begun[rows],
             None if self.velocity is None else self.velocity[rows],
+            None if self.radii is None else self.radii[rows],
             self.most,
         )
 

@@ -7,7 +7,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from viatool.setting.rules import Rules
 from viatool.setting.scanned import changed_scans
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
-from viatool.trajectory import read_scenario, write_scenario
+from viatool.trajectory import Trajectory, read_scenario, write_scenario
 from viatool.verification.result import Result
 from viatool.verification.rules_document import read_rules, rules_document
 from viatool.verification.run_entries import is_late_again, motion_begun, read_arrival, run_before
@@ -121,12 +121,44 @@ class Replay:
     nearest: tuple[str, ...]
 
 
+class StatesExamined(Protocol):
+    """Recorded states, and what was asked of them."""
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The N states."""
+
+    @property
+    def setting(self) -> Setting:
+        """What was asked."""
+
+    @property
+    def world_map(self) -> WorldMap:
+        """Where."""
+
+    @property
+    def rules(self) -> Rules:
+        """What had to hold."""
+
+    @property
+    def under_way(self) -> Floats:
+        """Commands before each state, (N, W, A)."""
+
+    @property
+    def begun(self) -> Floats:
+        """Ends of the state of the motion, (N, 2, S)."""
+
+    @property
+    def velocity(self) -> Floats | None:
+        """Ends of the velocity that was measured, (N, 2, 3), as far as that counts."""
+
+
 def witness_document(result: Result) -> dict[str, Any]:
     """Return the counterexamples of a result as plain data."""
-    entries = _entries(result, result.witnesses)
+    entries = state_entries(result, result.witnesses)
     if result.horizon is not None:
         crashes = result.horizon.crashes
-        entries += _entries(result, crashes.last, crashes)
+        entries += state_entries(result, crashes.last, crashes)
     return compose_witnesses(
         result.policy_path,
         result.policy_sha256,
@@ -137,7 +169,9 @@ def witness_document(result: Result) -> dict[str, Any]:
     )
 
 
-def _entries(result: Result, found: Witnesses, crashes: Crashes | None = None) -> list[dict[str, Any]]:
+def state_entries(
+    result: StatesExamined, found: Witnesses, crashes: Crashes | None = None
+) -> list[dict[str, Any]]:
     """Return counterexamples as plain data; those at the end of runs with the intervals before."""
     trajectory = result.trajectory
     entries = []
@@ -166,7 +200,7 @@ def _entries(result: Result, found: Witnesses, crashes: Crashes | None = None) -
     return entries
 
 
-def _errors(result: Result, found: Witnesses, row: int, state: int) -> dict[str, Any]:
+def _errors(result: StatesExamined, found: Witnesses, row: int, state: int) -> dict[str, Any]:
     """Return which errors make a counterexample of what was recorded, where they are not within eps alone."""
     setting, recorded, told = result.setting, result.trajectory.poses[state], dict[str, Any]()
     drifted = None

@@ -28,10 +28,11 @@ def markdown(document: Document, checks: Sequence[Check] = ()) -> str:
         *document.subject,
         *([document.terms["arithmetic"]] if "arithmetic" in document.terms else []),
     ]
+    figures = f" ({_escape(found.figures)})" if found.figures else ""
     lines = [
         f"## viatool: {_escape(found.stake or str(found))}",
         "",
-        *([f"{_escape(str(found))} ({_escape(found.figures)})", ""] if found.stake else []),
+        *([_escape(str(found)) + figures, ""] if found.stake else []),
         f"{_escape(record.policy.path)} on {_escape(record.map.path)}, "
         f"{_escape(', '.join(conditions))}, {seconds(record.total_seconds)}",
         "",

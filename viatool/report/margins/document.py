@@ -1,0 +1,367 @@
+"""The report on margins: which errors contested states survive, the weakest first, and what decides."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import chain
+from pathlib import PurePath
+from typing import TYPE_CHECKING, ClassVar
+
+from viatool.report.document import Annotated, Cased, Document, Drawn, Explorable, Located, Tabled
+from viatool.report.margins.record import (
+    ContestedStateRecord,
+    DecidingRecord,
+    MarginsRecord,
+    PolicyMarginsRecord,
+)
+from viatool.report.numbers import MISSING, count, counted, down, significant, up
+from viatool.report.sections import (
+    Annotation,
+    Case,
+    Check,
+    Count,
+    Facts,
+    Finding,
+    Headline,
+    Rules,
+    Section,
+    Share,
+    Survivor,
+    Table,
+    Tally,
+)
+from viatool.report.verified import Verified
+from viatool.report.wording import describe_eps, describe_value
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+COLUMNS = (
+    "policy",
+    "state",
+    "scenario",
+    "time",
+    "x",
+    "y",
+    "theta",
+    "distance",
+    "certified",
+    "refuted",
+    "decides",
+)
+QUANTILES = {
+    "least": "weakest",
+    "p10": "10 %",
+    "p25": "25 %",
+    "median": "median",
+    "p75": "75 %",
+    "p90": "90 %",
+}
+_SHOWN = 10
+"""Weakest states in a table for people."""
+_ENTRIES = 8
+"""Entries of an observation in a table for people."""
+_UNPROVED = "unproved-state"
+
+
+class MarginsDocument(Verified, Cased, Annotated, Located, Tabled, Drawn, Explorable):
+    """Margins; their JSON tells all that most formats need."""
+
+    RECORD = MarginsRecord
+    SIGN = "margins"
+    WHAT = "a report of margins"
+    SUBJECTS = "contested states"
+    EMPTY = "no contested states to decide on: no verdict depended on the policy"
+    COMMAND = "margin"
+    RATES: ClassVar[Mapping[str, str]] = {}
+    RADII: ClassVar[Mapping[str, str]] = {"margin": "error that every contested state is proved to survive"}
+    FINDING_RULES: ClassVar[Rules] = {
+        _UNPROVED: ("warning", "The state is not proved safe even at an error of 0."),
+    }
+
+    record: MarginsRecord
+
+    @property
+    def names(self) -> Sequence[str]:
+        """Return how each policy is called: by its file, or by its path where two files have one name."""
+        paths = [part.policy.path for part in self.record.margins]
+        short = [PurePath(path).name for path in paths]
+        return short if len(set(short)) == len(short) else paths
+
+    @property
+    def headline(self) -> Headline:
+        """Return what half of the contested states survive, and the weakest one, behind what was at stake."""
+        parts = self.record.margins
+        if not self.size:
+            total = counted(sum(part.states for part in parts), "state")
+            return Headline("", f"none of {total} is contested", stake="no verdict depended on the policy")
+        return Headline(
+            "",
+            self._of_each(_survived),
+            stake=f"the policy was put to the test in {self._of_each(_at_stake)}",
+        )
+
+    def _of_each(self, told: Callable[[PolicyMarginsRecord], str]) -> str:
+        """Write what is told of each policy, behind its name if there are several."""
+        texts = [told(part) for part in self.record.margins]
+        if len(texts) == 1:
+            return texts[0]
+        return "; ".join(f"{name}: {text}" for name, text in zip(self.names, texts, strict=True))
+
+    @property
+    def terms(self) -> Mapping[str, str]:
+        """Return what varies, criterion and arithmetic, and what readings err that do not vary."""
+        told = dict(super().terms)
+        return {"varied": self.varied, "eps besides": told.pop("eps"), **told}
+
+    @property
+    def varied(self) -> str:
+        """Return in words what varies, and how far."""
+        varied = self.record.varied
+        unit = varied.unit or "in the unit of each"
+        named = [
+            name if share == 1.0 else f"{name} (times {significant(share)})"
+            for name, share in varied.proportions.items()
+        ]
+        return f"{', '.join(named)} from 0 to {significant(varied.most, 6)} {unit}".rstrip()
+
+    @property
+    def subject(self) -> Sequence[str]:
+        """Return what varies and the criterion."""
+        others = self.names[1:]
+        beside = [f"beside {', '.join(others)}"] if others else []
+        stays = self.record.eps
+        besides = [] if stays == 0.0 else [f"eps besides {describe_eps(stays)}"]
+        return [*beside, self.varied, *besides, f"criterion {self.record.criterion}"]
+
+    @property
+    def sections(self) -> Sequence[Section]:
+        """Return quantiles, and for each policy its weakest states and what decides about them."""
+        each = [
+            self._of_policy(name, part)
+            for name, part in zip(self.names, self.record.margins, strict=True)
+            if part.contested
+        ]
+        return [self.quantiles, *chain.from_iterable(each)]
+
+    @property
+    def quantiles(self) -> Table:
+        """Return which errors are proved, and which refuted, of how many of the contested states."""
+        rows = []
+        for name, part in zip(self.names, self.record.margins, strict=True):
+            proved, refuted = part.certified, part.refuted
+            rows.append((f"{name}, proved", *(_certified(getattr(proved, q)) for q in QUANTILES)))
+            rows.append((f"{name}, refuted", *(self._refuted(getattr(refuted, q)) for q in QUANTILES)))
+        title = "Largest error that is proved, smallest that is refuted"
+        return Table(("of the contested states", *QUANTILES.values()), tuple(rows), title)
+
+    def _of_policy(self, name: str, part: PolicyMarginsRecord) -> list[Section]:
+        of = f" of {name}" if len(self.names) > 1 else ""
+        return [self.weakest(part, f"Weakest states{of}"), _deciding(part, f"What decides{of}")]
+
+    def weakest(self, part: PolicyMarginsRecord, title: str, most: int = _SHOWN) -> Table:
+        """Return a row for each of the states that survive least."""
+        rows = tuple(self._row(state) for state in part.contested_states[:most])
+        left = part.contested - len(rows)
+        remark = f"{len(rows)} of {counted(part.contested, 'contested state')}" if left else ""
+        head = ("state", "x [m]", "y [m]", "heading [rad]", "obstacle at [m]", "proved", "refuted", "decides")
+        return Table(head, rows, title, remark, texts=1)
+
+    def _row(self, state: ContestedStateRecord) -> tuple[str, ...]:
+        x, y, heading = state.pose
+        return (
+            str(state.state),
+            f"{x:.3f}",
+            f"{y:.3f}",
+            f"{heading:.3f}",
+            f"{state.distance:.3f}",
+            _certified(state.certified),
+            self._refuted(state.refuted),
+            decides(state.decides),
+        )
+
+    def _refuted(self, error: float | None) -> str:
+        return f"> {significant(self.record.varied.most)}" if error is None else up(error)
+
+    @property
+    def assumptions(self) -> Mapping[str, str]:
+        """Return what the margins rest on."""
+        record = self.record
+        origins = dict.fromkeys(part.origin for part in record.margins)
+        return {
+            **super().assumptions,
+            "states": "; ".join(origins),
+            **record.assumptions,
+            "engine": describe_value(record.engine),
+        }
+
+    @property
+    def settings(self) -> Mapping[str, str]:
+        """Return what a comparison has to agree in, which of the two engines ran left out."""
+        engine = self.record.engine
+        asked = {k: v for k, v in engine.items() if k != "passes"} if isinstance(engine, dict) else engine
+        return {**super().settings, "engine": describe_value(asked)}
+
+    @property
+    def rates(self) -> Mapping[str, Share]:
+        """Return no rates: margins are errors."""
+        return {}
+
+    @property
+    def survived(self) -> Mapping[str, Sequence[Survivor]]:
+        """Return which error every contested state survives, the weakest first; nothing if a policy has none."""
+        if not all(part.contested for part in self.record.margins):
+            return {}
+        found = [Survivor(self._name(name, one), one.certified) for name, one in self._states()]
+        return {"margin": sorted(found, key=lambda one: -1.0 if one.error is None else one.error)}
+
+    def _states(self) -> Iterator[tuple[str, ContestedStateRecord]]:
+        for name, part in zip(self.names, self.record.margins, strict=True):
+            for state in part.contested_states:
+                yield name, state
+
+    def _name(self, policy: str, state: ContestedStateRecord) -> str:
+        return f"state {state.state}" + (f" of {policy}" if len(self.names) > 1 else "")
+
+    @property
+    def size(self) -> int:
+        """Return how many states are contested, of all policies."""
+        return sum(part.contested for part in self.record.margins)
+
+    @property
+    def limited(self) -> Mapping[str, Count]:
+        """Return how many states are contested, of the policy of which the fewest are."""
+        return {"contested": Count(min(part.contested for part in self.record.margins), "contested")}
+
+    @property
+    def tallies(self) -> Sequence[Tally]:
+        """Return how many states are contested, how many of them fail without an error, and what they survive."""
+        states = [state for _, state in self._states()]
+        bare = sum(state.certified is None for state in states)
+        broken = sum(state.refuted == 0.0 for state in states)
+        return [
+            Tally("contested states", len(states), count(len(states))),
+            Tally("not proved at an error of 0", bare, count(bare), -1),
+            Tally("refuted at an error of 0", broken, count(broken), -1),
+            *_errors("proved", [state.certified for state in states]),
+        ]
+
+    def new_failures(self, baseline: Document) -> Sequence[Check]:
+        """Decide whether the weakest state still survives what the weakest one did."""
+        if not isinstance(baseline, MarginsDocument):
+            return ()
+        old, new = (document.survived.get("margin", ()) for document in (baseline, self))
+        if not (old and new):
+            return ()
+        before, now = (-1.0 if found[0].error is None else found[0].error for found in (old, new))
+        figures = f"{_certified(new[0].error)} ({new[0].name}), was {_certified(old[0].error)}"
+        return [Check("least margin not below the baseline", now >= before, figures)]
+
+    def cases(self) -> Sequence[Case]:
+        """Return every contested state; whether its margin is enough only a gate says."""
+        return [Case("viatool.margin", self._name(name, state)) for name, state in self._states()]
+
+    def annotations(self) -> Sequence[Annotation]:
+        """Return a warning for each state that is not proved even at an error of 0."""
+        return [
+            Annotation(
+                "warning", f"{self._name(name, state)} is not proved even at an error of 0", self._tell(state)
+            )
+            for name, state in self._unproved()
+        ]
+
+    def findings(self) -> tuple[Iterable[Finding], int]:
+        """Return the states that are not proved even at an error of 0."""
+        found = [
+            Finding(
+                _UNPROVED,
+                f"{self._name(name, state)[0].upper()}{self._name(name, state)[1:]}: {self._tell(state)}.",
+                f"{state.scenario}/{state.time:.3f}",
+                f"{name}/{state.scenario}/{state.time:.3f}/{state.pose}",
+            )
+            for name, state in self._unproved()
+        ]
+        return found, len(found)
+
+    def _unproved(self) -> list[tuple[str, ContestedStateRecord]]:
+        return [(name, state) for name, state in self._states() if state.certified is None]
+
+    def _tell(self, state: ContestedStateRecord) -> str:
+        x, y, heading = state.pose
+        return (
+            f"scenario {state.scenario} at {state.time:.2f} s, x {x:.3f} m, y {y:.3f} m, heading {heading:.3f} rad, "
+            f"{state.distance:.3f} m from something; proved {_certified(state.certified)}, refuted "
+            f"{self._refuted(state.refuted)}"
+        )
+
+    def columns(self) -> Sequence[str]:
+        """Return what a row tells of its state, in metres, radians and the unit of what varies."""
+        return COLUMNS
+
+    def rows(self) -> Iterator[Sequence[object]]:
+        """Yield a row for each contested state, the weakest first."""
+        for name, state in self._states():
+            errors = ("" if error is None else f"{error:.17g}" for error in (state.certified, state.refuted))
+            told = decides(state.decides, len(state.decides))
+            yield [
+                name, state.state, state.scenario, state.time, *state.pose, state.distance, *errors, told,
+            ]  # fmt: skip
+
+    def draw(self) -> Figure:
+        """Return the proved and the refuted share of the contested states against the error."""
+        from viatool.report.margins.figure import draw_margins
+
+        return draw_margins(self)
+
+    def page(self, checks: Sequence[Check]) -> str:
+        """Return the curve and the states as one page."""
+        from viatool.report.margins.html.page import render_page
+
+        return render_page(self, checks)
+
+
+def decides(entries: Sequence[DecidingRecord], most: int = 2) -> str:
+    """Write which entries decide, and how much each counts."""
+    if not entries:
+        return "none"
+    return ", ".join(f"{one.entry} {100.0 * one.weight:.0f} %" for one in entries[:most])
+
+
+def _at_stake(part: PolicyMarginsRecord) -> str:
+    return f"{count(part.contested)} of {counted(part.states, 'state')}"
+
+
+def _survived(part: PolicyMarginsRecord) -> str:
+    """Write what half of the contested states of a policy survive, and the weakest one."""
+    if not part.contested:
+        return "no verdict depended on it"
+    bare = sum(state.certified is None for state in part.contested_states)
+    least, median = part.certified.least, part.certified.median
+    weakest = (
+        f"{count(bare)} {'is' if bare == 1 else 'are'} not proved even at an error of 0"
+        if least is None
+        else f"all survive an error of {down(least)}"
+    )
+    return weakest if median is None else f"{weakest}, half survive {down(median)}"
+
+
+def _certified(error: float | None) -> str:
+    return "none" if error is None else down(error)
+
+
+def _deciding(part: PolicyMarginsRecord, title: str) -> Facts:
+    """Return the channels and the entries that decide, in the mean over the states."""
+    channels = ", ".join(f"{name} {100.0 * share:.0f} %" for name, share in part.deciding.channels.items())
+    entries = ", ".join(f"{one.entry} {100.0 * one.weight:.0f} %" for one in part.deciding.entries[:_ENTRIES])
+    return Facts(title, (("channels", channels or MISSING), ("entries", entries or MISSING)))
+
+
+def _errors(what: str, errors: Sequence[float | None]) -> list[Tally]:
+    """Return the least and the middle of errors as figures of a comparison; none counts as less than any."""
+    known = sorted(-1.0 if error is None else error for error in errors)
+    some = {"least": known[:1], "median": known[(len(known) - 1) // 2 :][:1]}
+    return [
+        Tally(f"{name} error {what}", found[0], "none" if found[0] < 0.0 else down(found[0]), 1)
+        for name, found in some.items()
+        if found
+    ] or [Tally(f"{name} error {what}", 0, MISSING) for name in some]

@@ -1,0 +1,4 @@
+// The page of margins: its picture needs no script, its theme does.
+"use strict";
+
+Theme.wire(() => {});

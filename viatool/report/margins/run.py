@@ -1,0 +1,47 @@
+"""The report on margins while they are at hand: arrays, and counterexamples to be run again."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from viatool.errors import ConfigurationError
+from viatool.margins.result import document_of
+from viatool.report.document import Replayable, StateTabled
+from viatool.report.margins.document import MarginsDocument
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from viatool.margins.result import Margins
+
+
+class MarginsRun(MarginsDocument, Replayable, StateTabled):
+    """The report of the margins of one or several policies."""
+
+    def __init__(self, *margins: Margins) -> None:
+        super().__init__(document_of(margins))
+        self.margins = margins
+
+    @property
+    def only(self) -> Margins:
+        """Return the margins of the one policy; ConfigurationError if there are several."""
+        if len(self.margins) > 1:
+            raise ConfigurationError(
+                f"counterexamples and state tables are of one policy, and {len(self.margins)} were given",
+                "give one policy for the formats states and witnesses",
+            )
+        return self.margins[0]
+
+    @property
+    def episode_columns(self) -> Sequence[str]:
+        """Return the names of the arrays that do not have a row for each state."""
+        return self.only.EPISODE_COLUMNS
+
+    def state_table(self, rows: slice) -> Mapping[str, NDArray[Any]]:
+        """Return the arrays of some contested states."""
+        return self.only.state_table(rows)
+
+    def witness_file(self) -> Mapping[str, Any]:
+        """Return the counterexamples, each within the smallest error that has one."""
+        return self.only.witness_document()
