@@ -138,6 +138,20 @@ def test_only_contested_changes_no_verdict(result, policy, driven):
     json.dumps(quick.to_json(), allow_nan=False)
 
 
+def test_of_many_states_a_sample_tells_how_wide_actions_are(result, policy, driven, monkeypatch):
+    monkeypatch.setattr("viatool.verification.job._BOUNDED", len(result.verdict) // 7)
+    few = verify(policy, LAB, eps=0.03, trajectory=driven, **DISTANCES)
+    every = verify(policy, LAB, eps=0.03, trajectory=driven, **DISTANCES, widths=True)
+    assert "one in 7" in few.engine["bounded"]
+    assert "bounded" not in every.engine
+    np.testing.assert_array_equal(few.verdict, every.verdict)
+    sample = np.arange(len(few.verdict)) % 7 == 0
+    np.testing.assert_array_equal(np.isfinite(few.lower).all(axis=1), sample | few.contested.either)
+    widths = (every.upper - every.lower)[sample]
+    for action, width in zip(few.actions, widths.T, strict=True):
+        assert few.reachable_width()[action.name]["mean"] == pytest.approx(width.mean())
+
+
 def test_bounds_of_a_large_network_are_refined_only_where_a_verdict_depends_on_them(result, monkeypatch):
     near = np.flatnonzero(result.contested.either)[:30].tolist()
     near = np.array(sorted({*near, *range(20)}))

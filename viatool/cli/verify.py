@@ -36,6 +36,7 @@ _PASSED_ON = (
     "robot",
     "prefer",
     "only_contested",
+    "widths",
     "explain_errors",
     "noise",
     "seed",
@@ -79,6 +80,12 @@ _PASSED_ON = (
     is_flag=True,
     help="Bound the actions only where some command could endanger the robot: the same verdicts, faster.",
 )
+@click.option(
+    "--widths",
+    is_flag=True,
+    help="Bound the actions of every state; of more than 20,000, else those of an even sample and of contested ones "
+    "are, and widths are those of the sample. Output states does so as well.",
+)
 @options.explain_errors_option
 @click.option(
     "--output",
@@ -104,6 +111,7 @@ def command(ctx: click.Context, /, **given: Any) -> None:
     from viatool.report.states.run import StatesRun
 
     outputs = read_outputs(given["output"], StatesRun)
+    given["widths"] |= any(output.format == "states" for output in outputs)
     gate = build_gate(given, StatesRun)
     with keeping(given["checkpoint"]), show_progress(quiet=given["quiet"]) as progress:
         result = _verify(given, progress)

@@ -99,7 +99,7 @@ def describe(examination: StateExamination, states: States, versions: Mapping[st
         "radii": setting.radii.tolist(),
         "errors": setting.uncertainty.exactly(),
         "efforts": [dict(effort) for effort in examination.efforts],
-        "everywhere": examination.everywhere,
+        "bounded every": examination.bounded_every,
         "only contested": examination.only_contested,
         "seed": examination.seed,
         "horizon": None if examination.horizon is None else asdict(examination.horizon.horizon),

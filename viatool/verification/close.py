@@ -153,8 +153,8 @@ def _require_known(setting: Setting, trajectory: Trajectory) -> None:
     setting.quantities.require("measure")
     if setting.inputs.memory:
         raise PolicyError(
-            f"the policy observes readings of up to {setting.inputs.memory} control intervals before, which a place does "
-            "not tell",
+            f"the policy observes readings of up to {setting.inputs.memory} control intervals before, "
+            "which a place does not tell",
             "look at driven or recorded states alone",
         )
     if setting.moves:

@@ -39,8 +39,9 @@ class StateExamination:
     efforts : tuple of mapping
         Settings of `viatool.reach`: the first for all states, each of the others where a verdict is open still and what
         is attained does not settle it.
-    everywhere : bool
-        Whether the actions of states that are not contested are bounded, too.
+    bounded_every : int
+        Of the states that are not contested, the actions of every so manieth are bounded as well, to tell how wide they
+        are: 1 for all, 0 for none.
     only_contested : bool
         Whether the closed loop is followed only from where it can come too near.
     seed : int
@@ -54,7 +55,7 @@ class StateExamination:
     policy: Policy
     setting: Setting
     efforts: tuple[Mapping[str, Any], ...]
-    everywhere: bool
+    bounded_every: int
     only_contested: bool
     seed: int
     horizon: HorizonExamination | None = None
@@ -71,11 +72,12 @@ class StateExamination:
         seed: int = 0,
         horizon: HorizonExamination | None = None,
         search: bool = True,
+        bounded_every: int = 1,
     ) -> StateExamination:
         """Return the examination of a policy that gives commands, by settings of `viatool.reach`."""
-        everywhere = not only_contested and bounds_in_passing(policy.network)
+        every = 0 if only_contested or not bounds_in_passing(policy.network) else bounded_every
         efforts = efforts_of(policy, engine)
-        return cls(policy, setting.bare(), efforts, everywhere, only_contested, seed, horizon, search)
+        return cls(policy, setting.bare(), efforts, every, only_contested, seed, horizon, search)
 
     def __call__(self, states: States) -> StateFindings:
         """Examine states block by block; what is found in a block depends on that block alone."""
@@ -91,7 +93,7 @@ class StateExamination:
             judged = sensors.judged
             contested = find_contested(judged)
         policy = self.setting.driven(self.policy)
-        wanted, reachable = contested.either | self.everywhere, None
+        wanted, reachable = contested.either | self._in_sample(block), None
         for effort in self.efforts:
             thorough = contested.either & (effort is self.efforts[-1])
             with clock.timed("reach"):
@@ -127,6 +129,12 @@ class StateExamination:
             self.setting, block.scenarios, block.poses, block.episode, block.observations, block.people
         )
         return BlockSensors(self.setting, block, placed.among(movers))
+
+    def _in_sample(self, block: States) -> Booleans:
+        """Tell of which of B states the actions are bounded in any case."""
+        if not self.bounded_every:
+            return np.zeros(len(block), dtype=bool)
+        return np.asarray((block.first + np.arange(len(block))) % self.bounded_every == 0)
 
     def _undecided(
         self,

@@ -35,6 +35,9 @@ from viatool.world import Footprint, Scenario, WorldMap, as_map
 
 StrPath = str | os.PathLike[str]
 
+_BOUNDED = 20_000
+"""States whose actions are bounded in any case, about, to tell how wide they are."""
+
 
 def verify(
     policy: Policy | StrPath,
@@ -61,6 +64,7 @@ def verify(
     prefer: Mapping[str, str] | None = None,
     horizon: Horizon | int | None = None,
     only_contested: bool = False,
+    widths: bool = False,
     explain_errors: bool = False,
     noise: float | None = None,
     seed: int = 0,
@@ -117,6 +121,9 @@ def verify(
         Bound the actions only of states that geometry alone does not settle; the others have NaN bounds. Of a very
         large network in any case (`bounded` in `Result.engine`); bounds of a large one are `refined` only where a
         verdict depends on it.
+    widths : bool
+        Bound the actions of every state, however many there are. Of more than 20,000 those of contested ones are
+        bounded, and of an even sample, of which widths are reported; the others have NaN bounds.
     explain_errors : bool
         Judge the states that are not proved again without each error in turn, to tell what it costs.
     noise, seed
@@ -198,11 +205,16 @@ def verify(
         only_contested=only_contested,
         seed=seed,
         horizon=beyond,
+        bounded_every=1 if widths else max(1, len(asked) // _BOUNDED),
     )
     if len(examination.efforts) > 1:
         engine["refined"] = "where a verdict depends on it"
     engine["passes"] = engine_of(commanding.network)
-    if not (examination.everywhere or only_contested):
+    if examination.bounded_every > 1:
+        engine["bounded"] = (
+            f"contested states, and of all one in {examination.bounded_every:,} for the widths"
+        )
+    elif not (examination.bounded_every or only_contested):
         engine["bounded"] = "contested states alone"
     campaign = Campaign(scheduler, checkpoint, resume, chunk)
     with clock.timed("examine"):
@@ -219,7 +231,7 @@ def verify(
             states = states_of(other, trajectory, followed=False).select(rows)
             plain = replace(
                 examination, policy=other.commanding(policy), setting=other.bare(), only_contested=True, horizon=None,
-                everywhere=False, search=False,
+                bounded_every=0, search=False,
             )  # fmt: skip
             return plain(states).judgement.safe
 
@@ -236,6 +248,7 @@ def verify(
         velocity=asked.velocity,
         begun=asked.begun,
         reachable=findings.reachable,
+        bounded_every=examination.bounded_every,
         contested=findings.contested,
         judgement=findings.judgement,
         witnesses=findings.witnesses,

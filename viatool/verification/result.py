@@ -73,6 +73,8 @@ class Result(Asked):
         How recorded LiDAR readings agree with the map, one for each LiDAR; empty for states that were simulated.
     error_costs : ErrorCosts, optional
         What each error costs in verdicts, if that was asked.
+    bounded_every : int
+        Widths are those of every so manieth state; with 0 and 1 of all that are bounded.
     velocity : ndarray, optional
         (N, 2, 3) ends of the velocity that the robot was measured to have, NaN where it was not, as far as that counts.
     """
@@ -97,6 +99,7 @@ class Result(Asked):
     recording: tuple[Agreement, ...] = ()
     error_costs: ErrorCosts | None = None
     velocity: Floats | None = None
+    bounded_every: int = 1
 
     EPISODE_COLUMNS: ClassVar = ("outcome",)
     """Arrays of the state table with one row for each episode instead of one for each state."""
@@ -303,7 +306,7 @@ class Result(Asked):
 
     def reachable_width(self) -> dict[str, dict[str, Any]]:
         """Return mean, standard deviation and maximum of the width of each action, where it was bounded."""
-        widths = self.reachable.width
+        widths = self.reachable.width[:: max(self.bounded_every, 1)]
         widths = widths[np.isfinite(widths).all(axis=1)]
         if not len(widths):
             return {}
