@@ -87,13 +87,18 @@ def measure(name: str, effort: str, most: int) -> str:
     )
 
 
+def machine() -> str:
+    """Return the versions of what takes part, and the machine."""
+    versions = {**result_versions(), "machine": f"{platform.machine()}, {os.cpu_count()} cores"}
+    return ", ".join(f"{name} {text}" for name, text in versions.items())
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--case", action="append", help="only cases whose name contains this")
     parser.add_argument("--states", type=int, default=10**6, help="at most so many states for each case")
     arguments = parser.parse_args()
-    versions = {**result_versions(), "machine": f"{platform.machine()}, {os.cpu_count()} cores"}
-    print(", ".join(f"{name} {text}" for name, text in versions.items()))
+    print(machine())
     print()
     print(
         "| network | eps | refine | states | numpy | compiled | times | numpy, singly | compiled | times | width |"
