@@ -14,7 +14,9 @@ import click
 from pydantic import BaseModel
 
 from viatool.cli import main
+from viatool.cli.run import commands_of_checks
 from viatool.policy import PolicySpecification
+from viatool.projects import ProjectSummary, project_schema
 from viatool.report.diagnoses.record import DiagnosisRecord
 from viatool.report.margins.record import MarginsRecord
 from viatool.report.missions.record import MissionsRecord
@@ -38,6 +40,7 @@ MODELS: dict[str, tuple[type[BaseModel], str]] = {
     "specification.schema.json": (PolicySpecification, "viatool policy specification"),
     "errors.schema.json": (ErrorModel, "viatool error model"),
     "training.schema.json": (TrainingConfiguration, "viatool training configuration"),
+    "run.schema.json": (ProjectSummary, "viatool summary of a project"),
 }
 
 PREFACE = """\
@@ -93,8 +96,12 @@ def _cell(text: str) -> str:
 
 def schema(model: type[BaseModel], title: str) -> str:
     """Return the JSON Schema of a typed model, for editors and other programs."""
-    content = {"$schema": "https://json-schema.org/draft/2020-12/schema", **model.model_json_schema()}
-    return json.dumps(content | {"title": title}, indent=2, sort_keys=True) + "\n"
+    return _published(model.model_json_schema(), title)
+
+
+def _published(content: dict[str, object], title: str) -> str:
+    dialect = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
+    return json.dumps({**dialect, **content, "title": title}, indent=2, sort_keys=True) + "\n"
 
 
 FIELDS = """\
@@ -123,7 +130,10 @@ def fields() -> str:
 def pages() -> dict[str, str]:
     """Return every generated page by its name in docs/."""
     written = {"cli.md": reference(), "fields.md": fields()}
-    return written | {name: schema(*about) for name, about in MODELS.items()}
+    project = _published(project_schema(commands_of_checks()), "viatool project")
+    return (
+        written | {name: schema(*about) for name, about in MODELS.items()} | {"project.schema.json": project}
+    )
 
 
 if __name__ == "__main__":

@@ -47,10 +47,11 @@ def test_the_hooks_run_known_commands() -> None:
 
 def test_the_examples_of_the_page_about_ci_are_yaml_that_runs_known_commands() -> None:
     text = (ROOT / "docs" / "ci.md").read_text(encoding="utf-8")
-    github, gitlab, hooks = (
+    whole, github, gitlab, hooks = (
         yaml.safe_load(block) for block in re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)
     )
     action = yaml.safe_load((ROOT / "action.yml").read_text(encoding="utf-8"))
+    assert "viatool run --workers auto --resume" in [step.get("run") for step in whole["steps"]]
     (step,) = [step for step in github["steps"] if "viatool@" in step["uses"]]
     assert step["with"].keys() <= action["inputs"].keys()
     assert {name for name, given in action["inputs"].items() if given.get("required")} <= step["with"].keys()

@@ -25,6 +25,7 @@ ROOT = Path(__file__).resolve().parents[2]
 Run = Callable[..., Result]
 VERIFY = ("verify", "policy.onnx", "--map", "map.yaml", "--eps", "0.01")
 SUFFIX = {
+    "gate": "json",
     "states": "npz",
     "csv": "csv",
     "figure": "png",

@@ -45,6 +45,12 @@ def gate_options(command: Command) -> Command:
                 metavar="FILE",
                 help="Exit 1 if a rate is below that of this older report (json), or a state is unsafe that was not.",
             ),
+            click.option(
+                "--accepted",
+                type=READABLE,
+                metavar="FILE",
+                help="Accepted findings (TOML), which the gate does not count until they expire; see docs/project.md.",
+            ),
             click.option("--exit-zero", is_flag=True, help="Report a failed gate, but exit 0."),
         )
     ):
@@ -67,13 +73,18 @@ def leave_by_gate(ctx: click.Context, checks: Sequence[Check], *, exit_zero: boo
 
     Raises
     ------
+    ConfigurationError
+        If something is accepted that was not found, whatever ``--exit-zero`` says.
     EmptyEvaluationError
         If a condition had nothing to decide on, whatever ``--exit-zero`` says.
     click.exceptions.Exit
         If a condition failed.
     """
-    from viatool.errors import EmptyEvaluationError
+    from viatool.errors import ConfigurationError, EmptyEvaluationError
 
+    for check in checks:
+        if check.unfounded:
+            raise ConfigurationError(f"{check.condition}: {check.figures}", check.hint)
     for check in checks:
         if check.empty:
             raise EmptyEvaluationError(f"{check.condition}: {check.figures}", check.hint)
@@ -83,13 +94,14 @@ def leave_by_gate(ctx: click.Context, checks: Sequence[Check], *, exit_zero: boo
 
 def build_gate(given: Mapping[str, Any], kind: type[Document]) -> Gate:
     """Read the conditions of the gate on a kind of document from the options of a command."""
-    from viatool.report import Gate, load_document, parse_threshold
+    from viatool.report import Gate, load_accepted, load_document, parse_threshold
 
-    baseline = given["baseline"]
+    baseline, accepted = given["baseline"], given["accepted"]
     return Gate(
         thresholds=tuple(parse_threshold(text, kind) for text in given["fail_under"]),
         max_unsafe=given.get("max_unsafe"),
         max_unknown=given.get("max_unknown"),
         baseline=None if baseline is None else load_document(baseline),
         min_contested=given.get("min_contested"),
+        accepted=() if accepted is None else load_accepted(accepted),
     )

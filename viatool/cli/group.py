@@ -19,6 +19,7 @@ COMMANDS = (
     "certify",
     "mission",
     "margin",
+    "run",
     "replay",
     "gate",
     "compare",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from viatool.report.accepted import Acceptance, accepted_text, load_accepted
 from viatool.report.bounds_file import check_bounds_file, write_bounds
 from viatool.report.comparison import print_comparison
 from viatool.report.console import print_checks, print_report
@@ -25,15 +26,18 @@ __all__ = [
     "FORMATS",
     "KINDS",
     "STDOUT",
+    "Acceptance",
     "Check",
     "Document",
     "Gate",
     "Output",
     "Threshold",
+    "accepted_text",
     "check_bounds_file",
     "check_outputs",
     "evaluate",
     "formats_of",
+    "load_accepted",
     "load_document",
     "parse_output",
     "parse_threshold",

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from datetime import date
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
 
 from viatool.errors import ConfigurationError
+from viatool.report.accepted import Acceptance, settle
 from viatool.report.comparison import Difference, differences, require_same_kind
 from viatool.report.document import Document
 from viatool.report.numbers import count, digits_needed, down, percent_of
@@ -39,6 +41,10 @@ class Gate:
         Of how many the verdict has to depend on the policy; of fewer, nothing was evaluated.
     baseline : Document, optional
         An older report of the same kind: no rate may fall below its rate, and nothing may fail that did not.
+    accepted : tuple of Acceptance
+        Findings that thresholds and limits do not count; the baseline does.
+    today : date
+        Decides which of them have expired.
     """
 
     thresholds: tuple[Threshold, ...] = ()
@@ -46,6 +52,8 @@ class Gate:
     max_unknown: int | None = None
     baseline: Document | None = None
     min_contested: int | None = None
+    accepted: tuple[Acceptance, ...] = ()
+    today: date = field(default_factory=date.today)
 
 
 def parse_threshold(text: str, kind: type[Document]) -> Threshold:
@@ -126,14 +134,16 @@ def evaluate(gate: Gate, document: Document) -> tuple[Check, ...]:
     ConfigurationError
         If a condition is about what such a report does not have, or the baseline is of another kind of run.
     """
-    checks = [_threshold(threshold, document) for threshold in gate.thresholds]
+    settled = settle(gate.accepted, document, gate.today)
+    checks = [_threshold(threshold, document, settled.uncounted) for threshold in gate.thresholds]
     for name, most in (("unsafe", gate.max_unsafe), ("unknown", gate.max_unknown)):
         if most is not None:
-            checks.append(_limit(name, most, document))
+            checks.append(_limit(name, most, document, settled.uncounted))
     if gate.min_contested is not None:
         checks.append(_at_stake(gate.min_contested, document))
     if gate.baseline is not None:
         checks += _regressions(gate.baseline, document)
+    checks += settled.checks
     if document.size == 0:  # then every count is 0 and says nothing
         return tuple(_undecidable(check.condition, document) for check in checks)
     if document.incomplete:
@@ -148,7 +158,8 @@ def _undecidable(condition: str, document: Document) -> Check:
     return Check(condition, passed=False, figures=document.EMPTY, empty=True)
 
 
-def _threshold(threshold: Threshold, document: Document) -> Check:
+def _threshold(threshold: Threshold, document: Document, uncounted: Mapping[str, int]) -> Check:
+    """Decide a least rate; accepted findings are not held against it, and the rate is shown as it is."""
     if threshold.name in document.RADII:
         return _survived(threshold, document)
     rate = document.rates.get(threshold.name, NOTHING)
@@ -156,10 +167,11 @@ def _threshold(threshold: Threshold, document: Document) -> Check:
     condition = f"{document.RATES[threshold.name]} >= {percent_of(threshold.least, digits)}"
     if rate.total == 0:
         return _undecidable(condition, document)
+    aside = min(uncounted.get(threshold.name, 0), rate.total - rate.part)
     return Check(
         condition,
-        rate.part * threshold.least.denominator >= threshold.least.numerator * rate.total,
-        f"{rate.percentage(digits)} ({rate.of()})",
+        (rate.part + aside) * threshold.least.denominator >= threshold.least.numerator * rate.total,
+        f"{rate.percentage(digits)} ({rate.of()}){_beside(aside)}",
     )
 
 
@@ -183,10 +195,17 @@ def _error(survivor: Survivor) -> str:
     return "not even 0" if survivor.error is None else down(survivor.error)
 
 
-def _limit(name: str, most: int, document: Document) -> Check:
+def _beside(accepted: int) -> str:
+    return f", {count(accepted)} accepted" if accepted else ""
+
+
+def _limit(name: str, most: int, document: Document, uncounted: Mapping[str, int]) -> Check:
     found = _counted(f"--max-{name}", name, document)
     condition = f"at most {count(most)} {found.noun}"
-    return Check(condition, found.number <= most, f"{count(found.number)} {found.noun}")
+    aside = min(uncounted.get(name, 0), found.number)
+    return Check(
+        condition, found.number - aside <= most, f"{count(found.number)} {found.noun}{_beside(aside)}"
+    )
 
 
 def _at_stake(least: int, document: Document) -> Check:

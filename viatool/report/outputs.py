@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 FORMATS = {
     "json": "viatool.report.formats.json",
+    "gate": "viatool.report.formats.gate",
     "states": "viatool.report.formats.states",
     "cells": "viatool.report.formats.cells",
     "tube": "viatool.report.formats.tube",

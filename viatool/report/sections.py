@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeAlias
 
 from viatool.report.numbers import count, percentage
@@ -25,6 +25,8 @@ class Check:
         There was nothing to decide on; such a condition never passes.
     hint : str
         What to do then.
+    unfounded : bool
+        It is about what does not exist, so what was asked is wrong; such a condition never passes either.
     """
 
     condition: str
@@ -32,6 +34,7 @@ class Check:
     figures: str
     empty: bool = False
     hint: str = "evaluate more scenarios, or gate on another rate"
+    unfounded: bool = False
 
 
 @dataclass(frozen=True)
@@ -168,12 +171,28 @@ class Finding:
         Where, in words.
     identity : str
         What makes it the same finding in the next run.
+    verdict : str
+        unsafe or unknown; what is refuted is unsafe.
+    scenario : str
+        Of which scenario it is.
+    state : int, optional
+        The number of the state that it is.
+    takes : mapping
+        How much is taken from the part of each rate, and counted by each limit, because of it, by the names that a gate
+        has for them; a finding without is none that a gate counts.
+    size : int
+        How many states, missions or cells it is.
     """
 
     rule: str
     text: str
     place: str
     identity: str
+    verdict: str = ""
+    scenario: str = ""
+    state: int | None = None
+    takes: Mapping[str, int] = field(default_factory=dict)
+    size: int = 1
 
 
 @dataclass(frozen=True)

@@ -100,3 +100,14 @@ def test_a_name_stays_text(name: str, hostile: Certificate, render: Render) -> N
 @pytest.mark.parametrize("suffix", [".png", ".svg"])
 def test_a_picture_is_drawn_whatever_the_names(hostile: Certificate, suffix: str) -> None:
     assert len(draw(PlacesRun(hostile), (), suffix)) > 10_000
+
+
+def test_refuted_cells_can_be_accepted_by_their_place_and_unknown_volume_cannot(
+    certificate: Certificate,
+) -> None:
+    document = PlacesRun(certificate)
+    findings = list(document.findings()[0])
+    refuted = [finding for finding in findings if finding.verdict == "unsafe"]
+    assert sum(finding.size for finding in refuted) == document.record.cells.refuted > 0
+    assert sum(finding.takes["unsafe"] for finding in refuted) == document.record.cells.refuted
+    assert all(not finding.takes for finding in findings if finding.verdict == "unknown")

@@ -53,7 +53,7 @@ def _facts(document: Cased) -> list[tuple[str, str]]:
 
 
 def _condition(check: Check) -> Case:
-    outcome = "error" if check.empty else "passed" if check.passed else "failure"
+    outcome = "error" if check.empty or check.unfounded else "passed" if check.passed else "failure"
     return Case("viatool.gate", check.condition, outcome, check.figures, check.condition)
 
 

@@ -222,6 +222,9 @@ class MissionsDocument(Verified, Cased, Annotated, Located, Tabled):
                 f"Mission {mission.scenario} is {mission.verdict}: {mission.reason}.",
                 mission.scenario,
                 mission.scenario,
+                TONES[mission.verdict],
+                mission.scenario,
+                takes=dict.fromkeys(("overall", "mission", TONES[mission.verdict]), 1),
             )
             for mission, _, rule in self._failures()
         ]

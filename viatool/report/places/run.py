@@ -73,7 +73,7 @@ class PlacesRun(PlacesDocument, Cased, Located, Tabled, Drawn, Explorable, Repla
                 f"{errors} the policy command {sent}, which comes within "
                 f"{found.clearance[row]:.3f} m of something after {found.seconds[row]:.2f} s."
             )
-            yield self._finding("refuted-place", text, tiles[row])
+            yield self._finding("refuted-place", text, tiles[row], int(cells[group[row]]))
 
     def _unknown(self) -> Iterator[Finding]:
         raster = self.certificate.raster
@@ -86,9 +86,12 @@ class PlacesRun(PlacesDocument, Cased, Located, Tabled, Drawn, Explorable, Repla
                 text = f"{_name(tiles[place])}: {volume} m² rad are neither proved nor refuted."
                 yield self._finding("unknown-place", text, tiles[place])
 
-    def _finding(self, rule: str, text: str, tile: NDArray[np.int64]) -> Finding:
-        place = f"{self.certificate.scenario.name}/{_name(tile)}"
-        return Finding(rule, text, place, place)
+    def _finding(self, rule: str, text: str, tile: NDArray[np.int64], cells: int = 0) -> Finding:
+        """Return a finding of so many refuted cells; of unknown volume, that no limit counts cell by cell."""
+        scenario = self.certificate.scenario.name
+        place = f"{scenario}/{_name(tile)}"
+        verdict, takes = ("unsafe", {"unsafe": cells}) if cells else ("unknown", {})
+        return Finding(rule, text, place, place, verdict, scenario, None, takes, cells or 1)
 
     def columns(self) -> Sequence[str]:
         """Return the middle of a place in m, volumes in m^2 rad, and safe shares."""

@@ -71,7 +71,7 @@ class StatesRun(
         return self._findings(), int((self.result.verdict != "safe").sum())
 
     def _findings(self) -> Iterator[Finding]:
-        trajectory = self.result.trajectory
+        trajectory, lacking = self.result.trajectory, self._lacking
         for verdict in ("unsafe", "unknown"):
             for state in np.flatnonzero(self.result.verdict == verdict).tolist():
                 name, time = trajectory.name_of(trajectory.episode[state]), float(trajectory.time[state])
@@ -84,7 +84,23 @@ class StatesRun(
                 place = (
                     f"{name}/{time:.3f}" if trajectory.connected else f"{name}/{x:.3f},{y:.3f},{heading:.3f}"
                 )
-                yield Finding(f"{verdict}-state", text, place, place)
+                takes = dict.fromkeys([rate for rate, rows in lacking.items() if rows[state]] + [verdict], 1)
+                yield Finding(f"{verdict}-state", text, place, place, verdict, name, state, takes)
+
+    @property
+    def _lacking(self) -> Mapping[str, NDArray[np.bool_]]:
+        """Return the states that each rate counts and that are not among its safe ones, (N,) each."""
+        result, judgement = self.result, self.result.judgement
+        outcome = result.outcomes[result.episode]
+        lasting = {} if result.horizon is None else {"horizon": ~result.horizon.tubes.safe}
+        return {
+            "overall": ~judgement.safe,
+            "danger": ~judgement.danger,
+            "contested": ~judgement.safe & result.contested.collision,
+            "sampled": ~judgement.sampled,
+            **{name: ~judgement.safe & (outcome == name) for name in ("success", "collision", "timeout")},
+            **lasting,
+        }
 
     def columns(self) -> Sequence[str]:
         """Return what a row tells of its state, with the ends of every action."""

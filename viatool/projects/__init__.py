@@ -1,0 +1,35 @@
+"""Project files: policies x maps x what is asked of them, all of it run by one command.
+
+The room knows no command: those that a project may ask for, and who carries one out, are given to it.
+"""
+
+from __future__ import annotations
+
+from viatool.projects.file import Project, ProjectFile, find_project, load_project
+from viatool.projects.matrix import ProjectCell, expand
+from viatool.projects.options import Catalogue, read_overrides
+from viatool.projects.records import ProjectSummary, worst
+from viatool.projects.run import Request, choose_cells, run_cells
+from viatool.projects.schema import project_schema
+from viatool.projects.selection import Selection
+from viatool.projects.tables import print_cells, print_summary
+
+__all__ = [
+    "Catalogue",
+    "Project",
+    "ProjectCell",
+    "ProjectFile",
+    "ProjectSummary",
+    "Request",
+    "Selection",
+    "choose_cells",
+    "expand",
+    "find_project",
+    "load_project",
+    "print_cells",
+    "print_summary",
+    "project_schema",
+    "read_overrides",
+    "run_cells",
+    "worst",
+]
