@@ -135,12 +135,30 @@ def test_the_gate_of_the_command_is_that_of_its_report(folder: Path) -> None:
 
 def test_without_contested_states_nothing_was_evaluated(tmp_path: Path) -> None:
     report = tmp_path / "report.json"
-    done = command("margin", "via", "--map", "lab", "--fail-under", "margin=0.02", "-o", f"json:{report}")
+    alone = ("--map", "lab", "--close", "0")
+    done = command("margin", "via", *alone, "--fail-under", "margin=0.02", "-o", f"json:{report}")
     assert done.exit_code == 5
     assert "no verdict depended on the policy" in done.output
     assert command("gate", report, "--fail-under", "margin=0.02").exit_code == 5
     assert command("gate", report, "--min-contested", "1").exit_code == 5
-    assert command("margin", "via", "--map", "lab", "-q").exit_code == 0  # without a gate nothing fails
+    assert command("margin", "via", *alone, "-q").exit_code == 0  # without a gate nothing fails
+
+
+def test_close_places_are_named_apart(tmp_path: Path) -> None:
+    report = tmp_path / "report.json"
+    done = command(
+        "margin", "via", "--map", "lab", "--close", "30", "--resolution", "0.1", "-o", f"json:{report}"
+    )
+    assert done.exit_code == 0
+    assert "put to the test in 0 of 1,119 states and 30 close places" in done.stdout.partition("\n")[0]
+    document = load_document(report)
+    (check,) = evaluate(Gate((parse_threshold("margin=0.4", MarginsDocument),)), document)
+    assert (check.passed, "close place " in check.figures, "; state " in check.figures) == (
+        False,
+        True,
+        False,
+    )
+    assert command("gate", report, "--min-contested", "1").exit_code == 5  # of driven states
 
 
 def test_too_few_contested_states_are_nothing_evaluated(folder: Path) -> None:

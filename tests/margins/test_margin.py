@@ -12,13 +12,17 @@ import shapely
 from shapely.geometry import Point, Polygon
 
 import viatool
+from tests.choosing import write_choosing
 from tests.margins.conftest import PLACES
+from tests.verification.test_stacked_frames import asked as stacked_policy
 from viatool.errors import BoundsError, ConfigurationError
 from viatool.margins.result import Margins
 from viatool.margins.varying import VaryingReadings
 from viatool.simulate import Places
 from viatool.trajectory import Trajectory
 from viatool.uncertainty import ErrorModel
+from viatool.verification.close import close_places
+from viatool.verification.states import states_of
 
 ROOT = Path(__file__).resolve().parents[2]
 INTERVAL, CLEARANCE = 0.1, 0.4
@@ -115,7 +119,7 @@ def test_a_margin_is_the_verdict_of_verify_at_that_error(via: Margins) -> None:
 
 def test_radii_of_their_own_that_are_all_alike_are_eps(via: Margins) -> None:
     errors = np.full(len(via), 0.05)
-    asked = via.asked.select(via.states)
+    asked = states_of(via.setting, via.trajectory).select(via.states)
     ((rows, examination, states),) = via.varying.at(asked, errors)
     found = examination(states)
     plain = replace(examination, setting=via.varying.setting(0.05))(asked)
@@ -242,19 +246,62 @@ def test_what_cannot_be_asked_is_refused_by_name(asked: dict[str, object], told:
 
 
 def test_states_that_nothing_endangers_have_no_margin() -> None:
-    found = viatool.margin("via", "lab")
-    assert len(found.trajectory) > 1000
+    found = viatool.margin("via", "lab", close=0)
+    assert len(found.trajectory) == found.driven > 1000
     assert found.states.shape == found.certified.shape == found.refuted.shape == (0,)
     assert found.witness.shape == (0, 26)
     part = found.to_json()["margins"][0]
     assert (part["contested"], part["certified"]["least"], part["curve"]["proved"][0]) == (0, None, 0)
 
 
+def test_close_places_have_margins_beside_those_of_the_drive() -> None:
+    asked = {"criterion": "braking", "resolution": 0.05}
+    found, alone = (viatool.margin("via", "lab", close=count, **asked) for count in (40, 0))
+    assert len(alone) > 0
+    assert not alone.close.any()
+    assert found.close.sum() == 40
+    drive = ~found.close
+    assert found.states[drive].tolist() == alone.states.tolist()
+    assert found.certified[drive].tolist() == alone.certified.tolist()
+    assert (found.states[found.close] == found.driven + np.arange(40)).all()
+    assert (found.certified < found.refuted).all()
+    part = found.to_json()["margins"][0]
+    assert (part["contested"], part["close"]["contested"]) == (len(alone), 40)
+    assert sum(one["close"] for one in part["contested_states"]) == 40
+    assert {one["state"] for one in part["contested_states"] if one["close"]} == set(range(40))
+    places = close_places(found.setting, found.trajectory.select(np.arange(found.driven)), 40)
+    assert (found.trajectory.poses[found.driven :] == places.poses).all()
+    row = int(np.flatnonzero(found.close & np.isfinite(found.refuted) & (found.refuted > 0.0))[0])
+    state = places.select(found.states[row : row + 1] - found.driven)
+    result = viatool.verify("via", "lab", eps=found.refuted[row], trajectory=state, criterion="braking")
+    assert result.verdict.tolist() == ["unsafe"]
+
+
+def test_where_no_close_places_are_the_report_says_why(via: Margins) -> None:
+    part = via.part()
+    assert part["close"]["contested"] == 0
+    assert "beside which there is no path" in part["close"]["reason"]
+
+
 def test_recorded_states_are_taken_as_they_are(via: Margins) -> None:
     weakest = via.weakest_first[:10]
     order = np.sort(via.states[weakest])
     recorded: Trajectory = via.trajectory.select(order)
-    found = viatool.margin("via", "lab", trajectory=recorded)
+    found = viatool.margin("via", "lab", trajectory=recorded, close=0)
     assert found.states.tolist() == list(range(10))
     rows = np.searchsorted(via.states, order)
     assert found.certified.tolist() == via.certified[rows].tolist()
+
+
+def test_policies_that_choose_and_that_remember_readings_have_margins(tmp_path: Path) -> None:
+    choosing = viatool.margin(write_choosing(tmp_path / "choosing.onnx"), "lab", places=Places(count=300))
+    stacked = viatool.margin(*stacked_policy(tmp_path), close=5)
+    assert "control intervals before" in stacked.no_close
+    for found, world_map in ((choosing, "lab"), (stacked, stacked.world_map)):
+        assert len(found) > 3
+        assert (found.certified < found.refuted).all()
+        row = int(np.flatnonzero(np.isfinite(found.certified) & np.isfinite(found.refuted))[0])
+        state = found.states[row]
+        for error, verdict in ((found.certified[row], "safe"), (found.refuted[row], "unsafe")):
+            result = viatool.verify(found.policy_path, world_map, eps=error, trajectory=found.trajectory)
+            assert result.verdict[state] == verdict

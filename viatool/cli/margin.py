@@ -43,6 +43,7 @@ _PASSED_ON = (
     "prefer",
     "noise",
     "seed",
+    "close",
     "workers",
     "scheduler",
     "resume",
@@ -100,6 +101,15 @@ _PASSED_ON = (
 @options.scenarios_option
 @options.seed_option
 @options.noise_option
+@click.option(
+    "--close",
+    type=click.IntRange(0, 100_000),
+    default=300,
+    show_default=True,
+    metavar="N",
+    help="Also examine N close places: free poses beside the driven path at which it is up to the policy whether the "
+    "robot comes too near. 0 for none.",
+)
 @options.bounds_options
 @options.clearance_options
 @click.option(

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.arrays import Floats, Indices
+from viatool.arrays import Booleans, Floats, Indices
 from viatool.margins.bisection import Answers, Brackets, bisect
 from viatool.margins.deciding import deciding_weights
 from viatool.margins.findings import Arrays, MarginFindings
 from viatool.margins.varying import Varying
 from viatool.safety import find_contested
-from viatool.schedule import Span, Work
+from viatool.schedule import EvenWork, Span
 from viatool.verification.campaign import StateWork, describe
 from viatool.verification.clock import Clock
 from viatool.verification.examination import StateExamination
@@ -45,18 +45,14 @@ class MarginExamination:
     also: tuple[float, ...] = ()
 
     def __call__(self, states: States) -> MarginFindings:
-        """Examine states block by block; what is found in a block depends on that block alone."""
-        return MarginFindings.join([self._examine(block) for block in states.each_block()])
-
-    def _examine(self, block: States) -> MarginFindings:
+        """Examine all contested ones of some states together."""
+        size, axes = states.observations.shape[1], len(self.widest.setting.rules.lower)
         clock = Clock()
         with clock.timed("geometry"):
-            sensors = self.widest.sensors(block, self.widest.placed(block))
-            rows = np.flatnonzero(find_contested(sensors.judged).collision)
-        size, axes = block.observations.shape[1], len(self.widest.setting.rules.lower)
+            rows = np.flatnonzero(np.concatenate([self._contested(block) for block in states.each_block()]))
         if not rows.size:
             return MarginFindings.none(size, axes, clock.seconds)
-        some, spent = block.select(rows), dict(clock.seconds)
+        some, spent = states.select(rows), dict(clock.seconds)
 
         def examine(which: Indices, errors: Floats) -> Answers:
             return self.varying.answers(some.select(which), errors, spent)
@@ -64,14 +60,16 @@ class MarginExamination:
         found = bisect(examine, len(rows), size, axes, self.most, self.resolution, self.also)
         with clock.timed("decides"):
             weight = self._weigh(some, found)
-        exact = sensors.exact.select(rows)
-        distance = exact.still.footprint_clearance(
-            exact.poses, self.widest.setting.rules.footprint, exact.scene
-        )
+            placed = self.widest.placed(some)
+            distance = placed.footprint_clearance(self.widest.setting.rules.footprint, np.zeros(len(some)))[0]
         spent["decides"] = clock.seconds["decides"]
-        state = block.first + rows
+        state = states.first + rows
         witnesses = replace(found.witnesses, state=state[found.witnesses.state])
         return MarginFindings(state, found.certified, found.refuted, witnesses, distance, weight, spent)
+
+    def _contested(self, block: States) -> Booleans:
+        """Tell which states of a block some command could endanger at the largest error, (B,)."""
+        return find_contested(self.widest.sensors(block, self.widest.placed(block)).judged).collision
 
     def _weigh(self, states: States, found: Brackets) -> Floats:
         """Return which entries decide where the proof of each state ends."""
@@ -83,8 +81,8 @@ class MarginExamination:
 
 
 @dataclass(frozen=True, eq=False)
-class MarginWork(Work[States, MarginFindings]):
-    """The margins of states; a unit is a block of them.
+class MarginWork(EvenWork[States, MarginFindings]):
+    """The margins of states; a unit is a block of them, and the contested ones of a piece are examined together.
 
     Parameters
     ----------
@@ -100,6 +98,7 @@ class MarginWork(Work[States, MarginFindings]):
     states: States
     versions: Mapping[str, str]
     stage = "states"
+    piece = 8
 
     @property
     def _blocks(self) -> StateWork:
@@ -127,10 +126,6 @@ class MarginWork(Work[States, MarginFindings]):
         """Return which states some blocks are."""
         return self._blocks.name(span)
 
-    def at_once(self, workers: int) -> int:
-        """Return one block: each takes as long as several verdicts of all its states."""
-        return 1
-
     def describe(self) -> dict[str, Any]:
         """Return everything that the findings depend on."""
         asked = self.examination
@@ -153,3 +148,9 @@ class MarginWork(Work[States, MarginFindings]):
     def join(self, parts: Sequence[MarginFindings]) -> MarginFindings:
         """Return the findings of consecutive blocks as one."""
         return MarginFindings.join(parts)
+
+
+class CloseMarginWork(MarginWork):
+    """The same of close places."""
+
+    stage = "close places"

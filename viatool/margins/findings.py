@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -62,6 +62,11 @@ class MarginFindings:
         stages = dict.fromkeys(stage for part in parts for stage in part.seconds)
         seconds = {stage: sum(part.seconds.get(stage, 0.0) for part in parts) for stage in stages}
         return cls(**joined, witnesses=witnesses, seconds=seconds)
+
+    def moved(self, count: int) -> MarginFindings:
+        """Return the same of states that stand behind so many others."""
+        witnesses = replace(self.witnesses, state=self.witnesses.state + count)
+        return replace(self, state=self.state + count, witnesses=witnesses)
 
     def to_arrays(self) -> Arrays:
         """Return everything by name."""

@@ -7,13 +7,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 from viatool.errors import ConfigurationError
-from viatool.margins.examination import MarginExamination, MarginWork
+from viatool.margins.examination import CloseMarginWork, MarginExamination, MarginWork
+from viatool.margins.examined import ExaminedStates
+from viatool.margins.findings import MarginFindings
 from viatool.margins.question import Inquiry
 from viatool.margins.result import Margins
 from viatool.policy import Policy, PolicySpecification, as_policy
 from viatool.schedule import Campaign, Progress, Scheduler, ignore, open_scheduler
 from viatool.setting.criteria import PROVING
-from viatool.setting.received import as_received
 from viatool.setting.wishes import Wishes
 from viatool.simulate import Places
 from viatool.taylor import Arithmetic, Refinement, engine_of
@@ -23,11 +24,11 @@ from viatool.uncertainty import ErrorModel, as_error_model
 from viatool.verification.clock import Clock
 from viatool.verification.examination import StateExamination
 from viatool.verification.source import Source
-from viatool.verification.states import states_of
 from viatool.versions import result_versions
 from viatool.world import Footprint, Scenario, WorldMap, as_map
 
 StrPath = str | os.PathLike[str]
+CLOSE = 300
 MOST = 0.5
 STEPS = 256
 """The largest error that is tried, and by how much finer both ends are followed, where nothing else is asked."""
@@ -63,6 +64,7 @@ def margin(
     prefer: Mapping[str, str] | None = None,
     noise: float | None = None,
     seed: int = 0,
+    close: int = CLOSE,
     workers: int | Literal["auto"] = 1,
     scheduler: Scheduler | str | None = None,
     checkpoint: StrPath | None = None,
@@ -102,14 +104,16 @@ def margin(
     clearance, danger, interval, footprint, delay, robot, prefer
         As for `viatool.verify`.
     noise, seed
-        Of the simulated sensor and of the search for counterexamples.
+        Of the simulated sensor; the seed is that of close places and of the search for counterexamples, too.
+    close : int
+        So many places beside the driven path are examined as well, as by `viatool.verify`; 0 for none.
     workers, scheduler, checkpoint, resume, progress
         As for `viatool.verify`.
 
     Returns
     -------
     Margins
-        ``certified`` and ``refuted`` of the contested states ``states``.
+        ``certified`` and ``refuted`` of the contested states ``states``, close places among them.
 
     Raises
     ------
@@ -151,10 +155,7 @@ def margin(
         question = inquiry.of(policy, as_map(world_map))
     setting, widest = question.setting, question.widest
     with clock.timed("trajectory"):
-        driven = as_received(setting, source.states(policy, setting))
-        if widest.pose_radii.any() and "goal" in widest.quantities.needs:
-            widest.goals(driven.scenarios)  # refuses episodes without one
-        states = states_of(widest, driven)
+        states = ExaminedStates.of(question, policy, source, close)
     commanding = widest.commanding(policy)
     examination = MarginExamination(
         StateExamination.of(commanding, widest, engine, only_contested=True, seed=seed),
@@ -163,26 +164,32 @@ def margin(
         resolution,
         _between(also, most),
     )
-    work = MarginWork(examination, states, result_versions())
+    campaign, versions = Campaign(scheduler, checkpoint, resume), result_versions()
     with clock.timed("examine"):
-        found = Campaign(scheduler, checkpoint, resume).carry_out(work, progress or ignore).part
+        found = campaign.carry_out(MarginWork(examination, states.states, versions), progress or ignore).part
+        if states.close is not None:
+            work = CloseMarginWork(examination, states.close, versions)
+            beside = campaign.within("close").carry_out(work, progress or ignore).part
+            found = MarginFindings.join([found, beside.moved(len(states.driven))])
     clock.share_out("examine", found.seconds)
     told = {name: value for name, value in engine.items() if name != "arithmetic"}
     return Margins(
         policy_path=policy.path,
         policy_sha256=policy.sha256,
         setting=setting,
-        trajectory=driven,
+        trajectory=states.trajectory,
+        driven=len(states.driven),
         varied=question.varied,
         varying=question.varying,
-        asked=states,
+        **states.known,
         arithmetic=arithmetic,
         engine={**told, "passes": engine_of(commanding.network)},
         findings=found,
         effect=question.premises,
         seconds=clock.seconds,
-        versions=result_versions(),
+        versions=versions,
         origin=source.words(setting),
+        no_close=states.reason,
     )
 
 

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.arrays import Floats, Indices
+from viatool.arrays import Booleans, Floats, Indices
 from viatool.margins.findings import MarginFindings
 from viatool.margins.question import Varied
 from viatool.margins.varying import Varying
@@ -19,7 +19,6 @@ from viatool.setting.asked import Asked
 from viatool.setting.premises import Premise
 from viatool.setting.setting import Setting
 from viatool.trajectory import Trajectory
-from viatool.verification.states import States
 from viatool.verification.witness_file import compose_witnesses, state_entries
 
 SCHEMA_VERSION = 1
@@ -43,13 +42,15 @@ class Margins(Asked):
     setting : Setting
         What was asked without the error that varies.
     trajectory : Trajectory
-        All N states.
+        All N states, and close places behind them.
+    driven : int
+        How many of them were driven, recorded or picked; the others are close places.
     varied : Varied
         What varies, and how far.
     varying : Varying
         What is asked at each error.
-    asked : States
-        The states with what a setting needs to know of them.
+    under_way, begun, velocity : ndarray
+        What a setting needs to know of the N states, see `Result`.
     arithmetic : str
         "float32" or "real", the contract of the bounds.
     engine : mapping
@@ -62,17 +63,20 @@ class Margins(Asked):
         Time for each stage.
     versions : mapping
         Of the libraries that took part.
-    origin : str
-        Where the states come from, in words.
+    origin, no_close : str
+        Where the states come from, and why there are no close places, in words.
     """
 
     policy_path: Path
     policy_sha256: str
     setting: Setting
     trajectory: Trajectory
+    driven: int
     varied: Varied
     varying: Varying
-    asked: States
+    under_way: Floats
+    begun: Floats
+    velocity: Floats | None
     arithmetic: str
     engine: Mapping[str, Any]
     findings: MarginFindings
@@ -80,6 +84,7 @@ class Margins(Asked):
     seconds: Mapping[str, float]
     versions: Mapping[str, str]
     origin: str = ""
+    no_close: str = ""
 
     EPISODE_COLUMNS: ClassVar = ("entry",)
     """Arrays of the state table that do not have a row for each state."""
@@ -96,8 +101,13 @@ class Margins(Asked):
 
     @property
     def states(self) -> Indices:
-        """Return which states are contested, (C,): rows of the trajectory."""
+        """Return which states are contested, (C,): rows of the trajectory, in which close places stand last."""
         return self.findings.state
+
+    @property
+    def close(self) -> Booleans:
+        """Tell which of the contested states are close places, (C,)."""
+        return self.states >= self.driven
 
     @property
     def certified(self) -> Floats:
@@ -180,7 +190,8 @@ class Margins(Asked):
         driven, found = self.trajectory, self.findings
         return [
             {
-                "state": (state := int(self.states[row])),
+                "state": self._number(state := int(self.states[row])),
+                "close": bool(self.close[row]),
                 "scenario": driven.name_of(int(driven.episode[state])),
                 "time": round(float(driven.time[state]), 6),
                 "pose": driven.poses[state].round(6).tolist(),
@@ -196,8 +207,13 @@ class Margins(Asked):
         """Return what a report says of this policy."""
         return {
             "policy": {"path": str(self.policy_path), "sha256": self.policy_sha256},
-            "states": len(self.trajectory),
-            "contested": len(self),
+            "states": self.driven,
+            "contested": int((~self.close).sum()),
+            "close": {
+                "states": len(self.trajectory) - self.driven,
+                "contested": int(self.close.sum()),
+                "reason": self.no_close,
+            },
             "certified": _quantiles(self.certified, "lower"),
             "refuted": _quantiles(self.refuted, "higher"),
             "curve": self.curve(),
@@ -210,20 +226,9 @@ class Margins(Asked):
         """Return the report as plain data for `json.dumps`, with None where a value does not exist."""
         return document_of([self])
 
-    @property
-    def under_way(self) -> Floats:
-        """Return the commands before each of the N states that count, (N, W, A)."""
-        return self.asked.under_way
-
-    @property
-    def begun(self) -> Floats:
-        """Return the ends of the state of the motion with which each of the N states begins, (N, 2, S)."""
-        return self.asked.begun
-
-    @property
-    def velocity(self) -> Floats | None:
-        """Return the ends of the velocity that was measured in each of the N states, (N, 2, 3), where that counts."""
-        return self.asked.velocity
+    def _number(self, state: int) -> int:
+        """Return the number of a state, or of a close place, among its own kind."""
+        return state if state < self.driven else state - self.driven
 
     def witness_document(self) -> dict[str, Any]:
         """Return the counterexamples as `viatool replay` reads them, each within the smallest error that has one."""
@@ -241,7 +246,8 @@ class Margins(Asked):
         """Return arrays with a row for each contested state, in the order of the states, and the names of entries."""
         found, states = self.findings, self.states[rows]
         return {
-            "state": states,
+            "state": np.where(self.close[rows], states - self.driven, states),
+            "close": self.close[rows],
             "pose": self.trajectory.poses[states],
             "observation": self.trajectory.observations[states],
             "episode": self.trajectory.episode[states],

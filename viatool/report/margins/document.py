@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 
 COLUMNS = (
     "policy",
+    "kind",
     "state",
     "scenario",
     "time",
@@ -127,12 +128,17 @@ class MarginsDocument(Verified, Cased, Annotated, Located, Tabled, Drawn, Explor
 
     @property
     def subject(self) -> Sequence[str]:
-        """Return what varies and the criterion."""
+        """Return which policies are beside, what varies and the criterion."""
         others = self.names[1:]
         beside = [f"beside {', '.join(others)}"] if others else []
+        return [*beside, *self.asked]
+
+    @property
+    def asked(self) -> Sequence[str]:
+        """Return what varies, what does not, and the criterion."""
         stays = self.record.eps
         besides = [] if stays == 0.0 else [f"eps besides {describe_eps(stays)}"]
-        return [*beside, self.varied, *besides, f"criterion {self.record.criterion}"]
+        return [self.varied, *besides, f"criterion {self.record.criterion}"]
 
     @property
     def sections(self) -> Sequence[Section]:
@@ -140,7 +146,7 @@ class MarginsDocument(Verified, Cased, Annotated, Located, Tabled, Drawn, Explor
         each = [
             self._of_policy(name, part)
             for name, part in zip(self.names, self.record.margins, strict=True)
-            if part.contested
+            if part.tested
         ]
         return [self.quantiles, *chain.from_iterable(each)]
 
@@ -160,17 +166,22 @@ class MarginsDocument(Verified, Cased, Annotated, Located, Tabled, Drawn, Explor
         return [self.weakest(part, f"Weakest states{of}"), _deciding(part, f"What decides{of}")]
 
     def weakest(self, part: PolicyMarginsRecord, title: str, most: int = _SHOWN) -> Table:
-        """Return a row for each of the states that survive least."""
-        rows = tuple(self._row(state) for state in part.contested_states[:most])
-        left = part.contested - len(rows)
-        remark = f"{len(rows)} of {counted(part.contested, 'contested state')}" if left else ""
+        """Return a row for each of the states that survive least; half of them survive something, if there are many."""
+        bare = [state for state in part.contested_states if state.certified is None]
+        rest = part.contested_states[len(bare) :]
+        told = min(len(bare), max(most // 2, most - len(rest)))
+        rows = tuple(map(self._row, [*bare[:told], *rest[: most - told]]))
+        left = part.tested - len(rows)
+        remark = f"{len(rows)} of {counted(part.tested, 'contested state')}" if left else ""
+        if told < len(bare):
+            remark += f", {told} of {count(len(bare))} that are not proved even at an error of 0"
         head = ("state", "x [m]", "y [m]", "heading [rad]", "obstacle at [m]", "proved", "refuted", "decides")
         return Table(head, rows, title, remark, texts=1)
 
     def _row(self, state: ContestedStateRecord) -> tuple[str, ...]:
         x, y, heading = state.pose
         return (
-            str(state.state),
+            f"close {state.state}" if state.close else str(state.state),
             f"{x:.3f}",
             f"{y:.3f}",
             f"{heading:.3f}",
@@ -191,9 +202,19 @@ class MarginsDocument(Verified, Cased, Annotated, Located, Tabled, Drawn, Explor
         return {
             **super().assumptions,
             "states": "; ".join(origins),
+            **({"close places": told} if (told := self._close) else {}),
             **record.assumptions,
             "engine": describe_value(record.engine),
         }
+
+    @property
+    def _close(self) -> str:
+        """Return how many close places there are, or why none."""
+        each = [part.close for part in self.record.margins]
+        told = (
+            f"none: {one.reason}" if one.reason else count(one.states) if one.states else "" for one in each
+        )
+        return "; ".join(dict.fromkeys(filter(None, told)))
 
     @property
     def settings(self) -> Mapping[str, str]:
@@ -210,7 +231,7 @@ class MarginsDocument(Verified, Cased, Annotated, Located, Tabled, Drawn, Explor
     @property
     def survived(self) -> Mapping[str, Sequence[Survivor]]:
         """Return which error every contested state survives, the weakest first; nothing if a policy has none."""
-        if not all(part.contested for part in self.record.margins):
+        if not all(part.tested for part in self.record.margins):
             return {}
         found = [Survivor(self._name(name, one), one.certified) for name, one in self._states()]
         return {"margin": sorted(found, key=lambda one: -1.0 if one.error is None else one.error)}
@@ -221,16 +242,16 @@ class MarginsDocument(Verified, Cased, Annotated, Located, Tabled, Drawn, Explor
                 yield name, state
 
     def _name(self, policy: str, state: ContestedStateRecord) -> str:
-        return f"state {state.state}" + (f" of {policy}" if len(self.names) > 1 else "")
+        return f"{_kind(state)} {state.state}" + (f" of {policy}" if len(self.names) > 1 else "")
 
     @property
     def size(self) -> int:
         """Return how many states are contested, of all policies."""
-        return sum(part.contested for part in self.record.margins)
+        return sum(part.tested for part in self.record.margins)
 
     @property
     def limited(self) -> Mapping[str, Count]:
-        """Return how many states are contested, of the policy of which the fewest are."""
+        """Return how many driven states are contested, of the policy of which the fewest are."""
         return {"contested": Count(min(part.contested for part in self.record.margins), "contested")}
 
     @property
@@ -303,9 +324,8 @@ class MarginsDocument(Verified, Cased, Annotated, Located, Tabled, Drawn, Explor
         for name, state in self._states():
             errors = ("" if error is None else f"{error:.17g}" for error in (state.certified, state.refuted))
             told = decides(state.decides, len(state.decides))
-            yield [
-                name, state.state, state.scenario, state.time, *state.pose, state.distance, *errors, told,
-            ]  # fmt: skip
+            where = (state.scenario, state.time, *state.pose, state.distance)
+            yield [name, _kind(state), state.state, *where, *errors, told]
 
     def draw(self) -> Figure:
         """Return the proved and the refuted share of the contested states against the error."""
@@ -327,13 +347,18 @@ def decides(entries: Sequence[DecidingRecord], most: int = 2) -> str:
     return ", ".join(f"{one.entry} {100.0 * one.weight:.0f} %" for one in entries[:most])
 
 
+def _kind(state: ContestedStateRecord) -> str:
+    return "close place" if state.close else "state"
+
+
 def _at_stake(part: PolicyMarginsRecord) -> str:
-    return f"{count(part.contested)} of {counted(part.states, 'state')}"
+    driven = f"{count(part.contested)} of {counted(part.states, 'state')}"
+    return driven + (f" and {counted(part.close.contested, 'close place')}" if part.close.contested else "")
 
 
 def _survived(part: PolicyMarginsRecord) -> str:
     """Write what half of the contested states of a policy survive, and the weakest one."""
-    if not part.contested:
+    if not part.tested:
         return "no verdict depended on it"
     bare = sum(state.certified is None for state in part.contested_states)
     least, median = part.certified.least, part.certified.median

@@ -38,7 +38,8 @@ def draw_margins(document: MarginsDocument) -> Figure:
             axes.step(*kept, where="post", color=colour, lw=1.6)
             axes.step(*withstood, where="post", color=colour, lw=1.2, ls="--")
             _shade(axes, kept, withstood, colour)
-        label = f"{_plain(name)}: {count(part.contested)} of {count(part.states)} states contested"
+        close = f", {count(part.close.contested)} close places" if part.close.contested else ""
+        label = f"{_plain(name)}: {count(part.contested)} of {count(part.states)} states{close}"
         handles.append(Line2D([], [], color=colour, lw=1.6, label=label))
     handles += [
         Line2D([], [], color=INK, lw=1.6, label="proved safe"),
@@ -54,7 +55,10 @@ def draw_margins(document: MarginsDocument) -> Figure:
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
     axes.legend(handles=handles, fontsize=8, frameon=False, loc="lower left")
-    axes.set_title(_plain(f"{document.record.map.path}: {document.varied}", 100), fontsize=8, color=INK)
+    title = (
+        f"{document.record.map.path}, criterion {document.record.criterion}: {', '.join(varied.proportions)}"
+    )
+    axes.set_title(_plain(title, 110), fontsize=8, color=INK)
     return figure
 
 

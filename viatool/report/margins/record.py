@@ -71,7 +71,7 @@ class DecidersRecord(ReportPart):
 
 
 class ContestedStateRecord(ReportPart):
-    """A contested state: where it is, and which errors it survives.
+    """A contested state or close place, by its number among its own kind: where it is, and which errors it survives.
 
     `time` is in seconds since the start of its scenario, `distance` in metres from the footprint to the nearest
     obstacle. `certified` is the largest error that is proved safe, None if not even 0 is; `refuted` the smallest
@@ -79,6 +79,7 @@ class ContestedStateRecord(ReportPart):
     """
 
     state: Count
+    close: bool
     scenario: str
     time: float
     pose: tuple[float, float, float]
@@ -94,12 +95,21 @@ class ContestedStateRecord(ReportPart):
         return self
 
 
+class CloseRecord(ReportPart):
+    """How many close places were examined, how many of them are contested, and if there are none, why."""
+
+    states: Count
+    contested: Count
+    reason: str
+
+
 class PolicyMarginsRecord(ReportPart):
-    """The margins of one policy: its `states`, how many are `contested`, and these, the weakest first."""
+    """The margins of one policy: its `states`, how many are `contested`, and all that is, the weakest first."""
 
     policy: FileIdentity
     states: Count
     contested: Count
+    close: CloseRecord
     certified: QuantilesRecord
     refuted: QuantilesRecord
     curve: CurveRecord
@@ -109,11 +119,19 @@ class PolicyMarginsRecord(ReportPart):
 
     @model_validator(mode="after")
     def _adds_up(self) -> Self:
-        if len(self.contested_states) != self.contested or self.contested > self.states:
-            raise ValueError(
-                f"{len(self.contested_states)} states are listed, {self.contested} of {self.states} are contested"
-            )
+        close = sum(state.close for state in self.contested_states)
+        for what, listed, count, of in (
+            ("states", len(self.contested_states) - close, self.contested, self.states),
+            ("close places", close, self.close.contested, self.close.states),
+        ):
+            if listed != count or count > of:
+                raise ValueError(f"{listed} {what} are listed, {count} of {of} are contested")
         return self
+
+    @property
+    def tested(self) -> int:
+        """Return how many states and close places are contested."""
+        return self.contested + self.close.contested
 
 
 class MarginsRecord(VerifiedRecord):

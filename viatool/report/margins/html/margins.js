@@ -2,3 +2,4 @@
 "use strict";
 
 Theme.wire(() => {});
+document.documentElement.dataset.whole = performance.now();

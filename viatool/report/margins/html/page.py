@@ -37,12 +37,12 @@ def render_page(document: MarginsDocument, checks: Sequence[Check]) -> str:
         headline=document.headline.rest,
         policies=", ".join(map(one_line, document.names)),
         map=one_line(record.map.path),
-        subject=", ".join(document.subject),
+        subject=", ".join(document.asked),
         quantiles=document.quantiles,
         parts=[
             document.weakest(part, name, _SHOWN)
             for name, part in zip(document.names, record.margins, strict=True)
-            if part.contested
+            if part.tested
         ],
         picture=b64encode(picture).decode(),
     )
