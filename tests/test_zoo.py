@@ -51,7 +51,7 @@ def test_there_are_fifteen_layouts_each_with_a_policy_and_a_row_in_the_docs():
 def test_a_layout_is_inspected_driven_and_verified(layout, tmp_path):
     assert run("inspect", layout).exit_code == 0
     drive = f"trajectory:{tmp_path / 'drive.npz'}"
-    driven = run("simulate", layout, "--map", room(layout), "--horizon", 5, "--output", drive)
+    driven = run("simulate", layout, "--map", room(layout), "--time-limit", 0.5, "--output", drive)
     assert driven.exit_code == 0, driven.output
     states_of = ["--trajectory", tmp_path / "drive.npz"] if layout == RECURRENT else ["--poses", "random:4"]
     report, states = tmp_path / "report.json", tmp_path / "states.npz"

@@ -80,7 +80,7 @@ def test_the_figure_and_the_table_are_written(run: Run, tmp_path: Path) -> None:
 
 
 def test_a_slower_robot_is_told_of(run: Run) -> None:
-    result = run(*DRIVE, "--robot", "turtlebot3_burger", "--horizon", "20")
+    result = run(*DRIVE, "--robot", "turtlebot3_burger", "--time-limit", "2")
     text = " ".join(result.stdout.split())
     assert "the policy asks for linear 0 to 0.5 m/s, turtlebot3_burger does 0 to 0.22" in text
     assert "clipped 100.00 % of its commands" in text
@@ -96,7 +96,7 @@ def test_clearances_and_footprint_can_be_asked_for(run: Run) -> None:
 @pytest.mark.parametrize("name", ["run.gif", "run.mp4"])
 def test_a_film_shows_the_robot_move(run: Run, tmp_path: Path, name: str) -> None:
     film = tmp_path / name
-    result = run(*DRIVE, "--record", film, "--shown", "1", "--horizon", "9")
+    result = run(*DRIVE, "--record", film, "--shown", "1", "--time-limit", "0.9")
     assert result.exit_code == 0, result.output
     if film.suffix == ".mp4":
         assert b"ftyp" in film.read_bytes()[:16]

@@ -240,3 +240,43 @@ def test_a_bag_needs_one_goal(run: Run, bag: Path) -> None:
     assert "give --goal" in run(*VERIFY, "--trajectory", bag).stderr
     assert run(*VERIFY, "--trajectory", bag).exit_code == 2
     assert run(*VERIFY, "--trajectory", bag, *GOAL, *GOAL).exit_code == 2
+
+
+@pytest.mark.parametrize("which", ["lab-3", "3"])
+def test_scenarios_are_chosen_by_name_or_number(run: Run, tmp_path: Path, which: str) -> None:
+    found = tmp_path / "states.npz"
+    assert (
+        run(
+            "verify",
+            "via",
+            "--map",
+            "lab",
+            "--eps",
+            "0.01",
+            "--scenario",
+            which,
+            "-q",
+            "-o",
+            f"states:{found}",
+        ).exit_code
+        == 0
+    )
+    every = tmp_path / "all.npz"
+    assert run("verify", "via", "--map", "lab", "--eps", "0.01", "-q", "-o", f"states:{every}").exit_code == 0
+    chosen, among = arrays_of(found), arrays_of(every)
+    assert (chosen["outcome"] == among["outcome"][3:4]).all()
+    np.testing.assert_array_equal(chosen["pose"][0], among["pose"][among["episode"] == 3][0])
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--scenario", "lab-99"), "has no scenario 'lab-99'"),
+        (("--scenario", "10"), "has 10 scenarios, so none of number 10"),
+        (("--scenario", "lab-1", "--scenarios", "3"), "leave one out"),
+    ],
+)
+def test_scenarios_that_do_not_exist_are_refused(run: Run, options: tuple[str, ...], said: str) -> None:
+    found = run("verify", "via", "--map", "lab", "--eps", "0.01", *options)
+    assert found.exit_code == 2
+    assert said in found.stderr

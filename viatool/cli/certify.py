@@ -33,10 +33,9 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--scenario",
-    type=click.IntRange(min=0),
-    metavar="K",
-    help="Among the obstacles of the map's K-th scenario, counted from 0; by default the map alone with --goal, "
-    "else scenario 0.",
+    metavar="NAME|K",
+    help="Among the obstacles of this scenario of the map, by name or by number from 0; by default the map alone with "
+    "--goal, else the first.",
 )
 @options.eps_option
 @options.errors_option
@@ -239,8 +238,8 @@ def choose_scenario(given: Mapping[str, Any], world_map: WorldMap) -> Scenario:
 
     from viatool.world import Scenario
 
-    goal, number = given["goal"], given["scenario"]
-    if number is None and goal is not None:
+    goal, which = given["goal"], given["scenario"]
+    if which is None and goal is not None:
         return Scenario(f"goal {goal[0]:g},{goal[1]:g}", (*goal, 0.0), goal)
-    scenario = world_map.numbered(number or 0)
+    scenario = world_map.scenario(which or 0)
     return scenario if goal is None else replace(scenario, goal=goal)

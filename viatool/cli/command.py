@@ -6,9 +6,18 @@ from collections import Counter
 
 import click
 
+from viatool.cli.sections import write_options
+
 
 class Command(click.Command):
-    """A click command that refuses an option which is given twice, of which click would silently keep the last."""
+    """A click command that refuses an option which is given twice, of which click would silently keep the last.
+
+    Its help shows many options in sections.
+    """
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the options into the help."""
+        write_options(self.get_params(ctx), ctx, formatter)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Read the arguments; what is repeated is refused before anything else is checked."""

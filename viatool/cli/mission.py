@@ -24,15 +24,7 @@ if TYPE_CHECKING:
 @options.policy_argument
 @options.map_option
 @options.unknown_option
-@click.option(
-    "--scenario",
-    "numbers",
-    type=click.IntRange(min=0),
-    multiple=True,
-    metavar="K",
-    help="The map's K-th scenario, counted from 0; by default all of them. Repeatable.",
-)
-@options.scenarios_option
+@options.scenario_options
 @click.option(
     "--start", type=PoseType(), help="Where the robot stands, instead of the scenario's start: m, m, rad."
 )
@@ -178,21 +170,12 @@ def _scenarios(given: Mapping[str, Any], world_map: WorldMap) -> tuple[Scenario,
     """Return what is to be driven: some of the map's scenarios, drawn ones, or one from --start to --goal."""
     from dataclasses import replace
 
-    from viatool.errors import ConfigurationError
     from viatool.world import Scenario
 
-    numbers, start, goal = given["numbers"], given["start"], given["goal"]
-    if numbers and given["scenarios"] is not None:
-        raise ConfigurationError(
-            "--scenario names scenarios of the map, --scenarios draws others", "leave one out"
-        )
-    if start is not None and goal is not None and not numbers and given["scenarios"] is None:
+    named, start, goal = given["chosen"], given["start"], given["goal"]
+    if start is not None and goal is not None and not named and given["scenarios"] is None:
         return (Scenario(f"{start[0]:g},{start[1]:g} to {goal[0]:g},{goal[1]:g}", start, goal),)
-    chosen = (
-        tuple(world_map.numbered(number) for number in numbers)
-        if numbers
-        else options.draw_scenarios(world_map, given["scenarios"], given["seed"])
-    )
+    chosen = options.draw_scenarios(world_map, given["scenarios"], given["seed"], named)
     changes: dict[str, Any] = {}
     if start is not None:
         changes |= {"start": start, "starts": None}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from glob import escape, glob
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
@@ -232,12 +232,26 @@ noise_option = click.option(
     type=QuantityType("m", zero=True),
     help="Standard deviation of the simulated LiDAR noise; by default the map's.",
 )
-scenarios_option = click.option(
+_chosen_option = click.option(
+    "--scenario",
+    "chosen",
+    multiple=True,
+    metavar="NAME|K",
+    help="One of the map's scenarios, by name or by number from 0; by default all of them. Repeatable.",
+)
+_drawn_option = click.option(
     "--scenarios",
     type=click.IntRange(min=1),
     metavar="N",
-    help="Drive N scenarios drawn by the map's generator instead of the map's fixed ones.",
+    help="N scenarios drawn by the map's generator instead of the map's fixed ones.",
 )
+
+
+def scenario_options(command: Command) -> Command:
+    """Add the choice among the map's scenarios, and the number of drawn ones."""
+    return _chosen_option(_drawn_option(command))
+
+
 threads_option = click.option(
     "--threads",
     type=click.IntRange(min=1),
@@ -310,16 +324,25 @@ def warn(text: str) -> None:
     click.echo(compose(text).replace("error: ", "warning: ", 1), err=True)
 
 
-def draw_scenarios(world_map: WorldMap, scenarios: int | None, seed: int) -> tuple[Scenario, ...]:
-    """Return the map's fixed scenarios, or as many drawn ones as ``--scenarios`` asks for.
+def draw_scenarios(
+    world_map: WorldMap, scenarios: int | None, seed: int, chosen: Sequence[str] = ()
+) -> tuple[Scenario, ...]:
+    """Return the map's fixed scenarios, those of them that are chosen, or as many drawn ones as are asked for.
 
     Raises
     ------
     ConfigurationError
-        If the map has no generator to draw them, or neither scenarios nor a generator.
+        If the map has no generator to draw them, or neither scenarios nor a generator, or one is asked for that it has
+        not.
     """
     from viatool.errors import ConfigurationError
 
+    if chosen and scenarios is not None:
+        raise ConfigurationError(
+            "--scenario names scenarios of the map, --scenarios draws others", "leave one out"
+        )
+    if chosen:
+        return tuple(world_map.scenario(which) for which in chosen)
     if scenarios is None and world_map.scenarios:
         return world_map.scenarios
     if world_map.generator is None:

@@ -25,14 +25,8 @@ if TYPE_CHECKING:
 @options.map_option
 @options.unknown_option
 @options.spec_option
-@click.option(
-    "--episodes",
-    "--scenarios",
-    "scenarios",
-    type=click.IntRange(min=1),
-    metavar="N",
-    help="Drive N scenarios drawn by the map's generator instead of the map's fixed ones.",
-)
+@options.scenario_options
+@click.option("--episodes", type=click.IntRange(min=1), metavar="N", help="The same as --scenarios.")
 @options.seed_option
 @engine_options
 @options.noise_option
@@ -56,10 +50,9 @@ if TYPE_CHECKING:
 @options.footprint_option
 @options.prefer_option
 @click.option(
-    "--horizon",
-    type=click.IntRange(min=1),
-    metavar="N",
-    help="Most steps of an episode; by default the task's 300.",
+    "--time-limit",
+    type=options.QuantityType("s"),
+    help="Simulated time after which an episode has taken too long; by default the task's 300 control intervals.",
 )
 @click.option(
     "--output",
@@ -130,7 +123,10 @@ def _simulate(given: Mapping[str, Any]) -> Simulation:
         )
     policy = load_policy(given["policy"], given["spec_path"])
     world_map = options.open_map(given["map_path"], given["unknown"])
-    scenarios = options.draw_scenarios(world_map, given["scenarios"], given["seed"])
+    if given["episodes"] and given["scenarios"]:
+        raise click.UsageError("--episodes is the same as --scenarios: leave one out")
+    drawn = given["episodes"] or given["scenarios"]
+    scenarios = options.draw_scenarios(world_map, drawn, given["seed"], given["chosen"])
     wishes = Wishes(
         **{name: given[name] for name in ("clearance", "danger", "interval", "footprint", "robot", "prefer")},
         delay=given["delay"] or 0.0,
@@ -140,7 +136,9 @@ def _simulate(given: Mapping[str, Any]) -> Simulation:
         policy, world_map, 0.0, wishes, scenarios, job=job_of(given["engine"], given["lidar"])
     )
     asked = {"engine": given["engine"], "conditions": _conditions(given)}
-    asked |= {name: given[name] for name in ("horizon", "seed", "workers", "lidar", "adversary")}
+    asked |= {name: given[name] for name in ("seed", "workers", "lidar", "adversary")}
+    if given["time_limit"] is not None:
+        asked["horizon"] = setting.rules.intervals_within(given["time_limit"])
     with show_progress(quiet=given["quiet"]) as progress:
         if not given["monitor"]:
             return simulate(policy, setting, **asked, progress=progress)

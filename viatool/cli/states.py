@@ -126,7 +126,7 @@ def choose_scenarios(given: Mapping[str, Any], world_map: WorldMap) -> tuple[Sce
         from viatool.world import Scenario
 
         return tuple(Scenario(f"goal {x:g},{y:g}", (x, y, 0.0), (x, y)) for x, y in given["goals"])
-    return draw_scenarios(world_map, given["scenarios"], given["seed"])
+    return draw_scenarios(world_map, given["scenarios"], given["seed"], given["chosen"])
 
 
 def bag_settings(given: Mapping[str, Any]) -> BagSettings | None:

@@ -63,7 +63,7 @@ _PASSED_ON = (
     help="What a state has to fulfil to be safe.",
 )
 @state_options
-@options.scenarios_option
+@options.scenario_options
 @options.seed_option
 @options.noise_option
 @options.bounds_options

@@ -66,7 +66,7 @@ class Resolution:
 def certify(
     policy: Policy | StrPath,
     world_map: WorldMap | StrPath,
-    scenario: Scenario | int = 0,
+    scenario: Scenario | str | int = 0,
     *,
     eps: float | Mapping[str, float] | None = None,
     errors: ErrorModel | str | os.PathLike[str] | None = None,
@@ -96,7 +96,7 @@ def certify(
         With a specification of channels that can be simulated.
     world_map : WorldMap or path
         Where.
-    scenario : Scenario or int
+    scenario : Scenario, str or int
         Among which obstacles and towards which goal; a number is that of one of the map's.
     errors : ErrorModel or path, optional
         What else is bounded about the robot; terms that are not taken into account are refused by name.
@@ -154,7 +154,7 @@ def certify(
         raise ConfigurationError(f"criterion '{criterion}' proves nothing", f"choose {' or '.join(PROVING)}")
     policy = as_policy(policy, spec)
     world_map = as_map(world_map)
-    scenario = scenario if isinstance(scenario, Scenario) else world_map.numbered(scenario)
+    scenario = scenario if isinstance(scenario, Scenario) else world_map.scenario(scenario)
     wishes = Wishes(
         criterion,
         clearance,

@@ -117,6 +117,27 @@ class WorldMap:
             )
         return self.scenarios[number]
 
+    def scenario(self, which: str | int) -> Scenario:
+        """Return a fixed scenario by its name, or by its number, counted from 0.
+
+        Raises
+        ------
+        ConfigurationError
+            If there is none.
+        """
+        named = [scenario for scenario in self.scenarios if scenario.name == which]
+        if named:
+            return named[0]
+        if isinstance(which, int) or which.isdecimal():
+            return self.numbered(int(which))
+        names = ", ".join(scenario.name for scenario in self.scenarios[:10])
+        raise ConfigurationError(
+            f"map '{self.path}' has no scenario '{which}'",
+            f"name one of its {len(self.scenarios)}, or its number: {names}"
+            if names
+            else "draw some with --scenarios N",
+        )
+
     def with_clearance(self, collision: float | None = None, danger: float | None = None) -> WorldMap:
         """Return the map with other clearances.
 
