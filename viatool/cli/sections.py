@@ -12,7 +12,7 @@ FEW = 12
 SECTIONS = {
     "What is looked at": (
         "--map", "--unknown", "--spec", "--scenario", "--scenarios", "--episodes", "--start", "--start-error", "--goal",
-        "--goal-radius", "--time-limit", "--trajectory", "--poses", "--scan-topic", "--odom-topic",
+        "--goal-radius", "--time-limit", "--trajectory", "--poses", "--close", "--scan-topic", "--odom-topic",
         "--cmd-topic", "--frame", "--seed",
     ),
     "What may err": (
