@@ -8,6 +8,7 @@ import json
 import re
 from pathlib import Path
 
+import jsonschema
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -17,6 +18,7 @@ from viatool.cli import main
 from viatool.report import Gate, evaluate, load_document, parse_threshold
 from viatool.report.margins.document import MarginsDocument
 
+ROOT = Path(__file__).resolve().parents[2]
 PLACES = ("--map", "lab", "--poses", "random:600")
 
 
@@ -221,3 +223,22 @@ def test_a_report_that_contradicts_itself_is_refused(folder: Path, tmp_path: Pat
     stored.write_text(json.dumps(content))
     done = command("gate", stored, "--fail-under", "margin=0.02")
     assert (done.exit_code, "is not a viatool report" in done.output) == (2, True)
+
+
+def test_verify_tells_the_margins_of_its_states(tmp_path: Path) -> None:
+    asked = ("--map", "lab", "--poses", "random:300", "--eps", "0.01")
+    alone, both = tmp_path / "margins.json", tmp_path / "both.json"
+    assert command("margin", "via", *asked, "-q", "-o", f"json:{alone}").exit_code == 0
+    done = command("verify", "via", *asked, "--margins", "-o", f"json:{both}")
+    assert done.exit_code == 0
+    assert "Largest error that is proved" in done.stdout
+    content = json.loads(both.read_text())
+    jsonschema.validate(content, json.loads((ROOT / "docs" / "report.schema.json").read_text()))
+    (part,) = json.loads(alone.read_text())["margins"]
+    assert content["margins"]["contested_states"] == part["contested_states"]
+    assert "Largest error that is proved" in command("report", both).stdout
+    for one in part["contested_states"]:
+        safe = one["certified"] is not None and one["certified"] >= 0.01
+        assert safe or one["state"] in [other["state"] for other in content["unsafe_states"]]
+    done = command("verify", "via", *asked, "--criterion", "sampled", "--margins")
+    assert (done.exit_code, "--margins need a criterion that proves" in done.output) == (2, True)

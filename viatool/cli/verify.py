@@ -14,10 +14,11 @@ from viatool.cli.reporting import read_outputs, tell
 from viatool.cli.states import bag_settings, choose_scenarios, sampled_places, state_options
 from viatool.cli.terminal import show_progress
 from viatool.cli.work import keeping, work_options
-from viatool.setting.criteria import CRITERIA
+from viatool.setting.criteria import CRITERIA, PROVING
 
 if TYPE_CHECKING:
     from viatool.loop.horizon import Horizon
+    from viatool.margins.result import Margins
     from viatool.schedule import Progress
     from viatool.verification.result import Result
 
@@ -44,6 +45,24 @@ _PASSED_ON = (
     "scheduler",
     "checkpoint",
     "resume",
+)
+
+_OF_MARGINS = (
+    "criterion",
+    "order",
+    "approximation",
+    "refine",
+    "arithmetic",
+    "clearance",
+    "danger",
+    "interval",
+    "footprint",
+    "delay",
+    "robot",
+    "prefer",
+    "seed",
+    "workers",
+    "scheduler",
 )
 
 
@@ -88,6 +107,12 @@ _PASSED_ON = (
 )
 @options.explain_errors_option
 @click.option(
+    "--margins",
+    is_flag=True,
+    help="Also find how much error each contested state survives, as viatool margin does: --eps says in which "
+    "proportions.",
+)
+@click.option(
     "--output",
     "-o",
     multiple=True,
@@ -110,18 +135,37 @@ def command(ctx: click.Context, /, **given: Any) -> None:
     from viatool.report import evaluate
     from viatool.report.states.run import StatesRun
 
+    if given["margins"] and given["criterion"] not in PROVING:
+        raise click.UsageError(f"--margins need a criterion that proves something: {' or '.join(PROVING)}")
     outputs = read_outputs(given["output"], StatesRun)
     given["widths"] |= any(output.format == "states" for output in outputs)
     gate = build_gate(given, StatesRun)
     with keeping(given["checkpoint"]), show_progress(quiet=given["quiet"]) as progress:
         result = _verify(given, progress)
+        margins = _margins(given, result, progress) if given["margins"] else None
     for found in result.recording:
         if found.doubtful:
             options.warn(found.warning)
-    document = StatesRun(result)
+    document = StatesRun(result, margins)
     checks = evaluate(gate, document)
     tell(document, outputs, checks, quiet=given["quiet"])
     leave_by_gate(ctx, checks, exit_zero=given["exit_zero"])
+
+
+def _margins(given: Mapping[str, Any], result: Result, progress: Progress) -> Margins:
+    """Return how much error the states of a result survive; the same states, and the same close places."""
+    from viatool.margins import margin
+
+    return margin(
+        given["policy"],
+        options.open_map(given["map_path"], given["unknown"]),
+        spec=given["spec_path"],
+        eps=options.plain_eps(given["eps"]),
+        errors=options.stated_errors(given),
+        progress=progress,
+        **{name: given[name] for name in _OF_MARGINS},
+        trajectory=result.trajectory,
+    )
 
 
 def _horizon(given: Mapping[str, Any]) -> Horizon | None:

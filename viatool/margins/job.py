@@ -81,8 +81,8 @@ def margin(
         The map, its robot and clearances.
     eps : float or mapping, optional
         Without `channels` and `term` the proportions in which the channels err: all of them grow together, and the
-        error is the radius of the one with the largest; by default all channels err by the same number, each in its own
-        unit. Else what the channels stay at that do not vary; by default 0.
+        error is the radius of the one with the largest; by default, and of 0, all channels err by the same number, each
+        in its own unit. Else what the channels stay at that do not vary; by default 0.
     channels : sequence of str
         Channels whose readings err, by the same number each, while the others stay as they are.
     term : str, optional

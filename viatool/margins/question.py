@@ -196,13 +196,16 @@ class Inquiry:
                     )
             return spec.radii({"": 0.0, **dict.fromkeys(self.channels, 1.0)})
         stated = any(terms.absolute is not None for terms in model.sensor.values())
-        if self.eps is None and not stated:
-            return spec.radii(1.0)
-        radii = SensorErrors.of(spec, self.eps, model).radii
+        radii = (
+            spec.radii(1.0)
+            if self.eps is None and not stated
+            else SensorErrors.of(spec, self.eps, model).radii
+        )
+        radii = radii if radii.any() else spec.radii(1.0)  # of nothing there are no proportions
         if not radii.any():
             raise ConfigurationError(
-                "eps is 0 for every channel, so there is nothing to vary",
-                "leave --eps out for one error in every channel, or name channels with --channel",
+                "the specification fixes every channel, so no reading errs",
+                "name a term of an error model with --term",
             )
         return np.asarray(radii / radii.max())
 

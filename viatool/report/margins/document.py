@@ -3,31 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from itertools import chain
 from pathlib import PurePath
 from typing import TYPE_CHECKING, ClassVar
 
 from viatool.report.document import Annotated, Cased, Document, Drawn, Explorable, Located, Tabled
-from viatool.report.margins.record import (
-    ContestedStateRecord,
-    DecidingRecord,
-    MarginsRecord,
-    PolicyMarginsRecord,
+from viatool.report.margins.record import ContestedStateRecord, MarginsRecord, PolicyMarginsRecord
+from viatool.report.margins.tables import (
+    at_stake,
+    certified,
+    decides,
+    margin_sections,
+    refuted,
+    survived,
+    varied_in_words,
 )
-from viatool.report.numbers import MISSING, count, counted, down, significant, up
+from viatool.report.numbers import MISSING, count, counted, down
 from viatool.report.sections import (
     Annotation,
     Case,
     Check,
     Count,
-    Facts,
     Finding,
     Headline,
     Rules,
     Section,
     Share,
     Survivor,
-    Table,
     Tally,
 )
 from viatool.report.verified import Verified
@@ -50,18 +51,6 @@ COLUMNS = (
     "refuted",
     "decides",
 )
-QUANTILES = {
-    "least": "weakest",
-    "p10": "10 %",
-    "p25": "25 %",
-    "median": "median",
-    "p75": "75 %",
-    "p90": "90 %",
-}
-_SHOWN = 10
-"""Weakest states in a table for people."""
-_ENTRIES = 8
-"""Entries of an observation in a table for people."""
 _UNPROVED = "unproved-state"
 
 
@@ -90,6 +79,11 @@ class MarginsDocument(Verified, Cased, Annotated, Located, Tabled, Drawn, Explor
         return short if len(set(short)) == len(short) else paths
 
     @property
+    def parts(self) -> Mapping[str, PolicyMarginsRecord]:
+        """Return what was found of each policy, by how it is called."""
+        return dict(zip(self.names, self.record.margins, strict=True))
+
+    @property
     def headline(self) -> Headline:
         """Return what half of the contested states survive, and the weakest one, behind what was at stake."""
         parts = self.record.margins
@@ -98,8 +92,8 @@ class MarginsDocument(Verified, Cased, Annotated, Located, Tabled, Drawn, Explor
             return Headline("", f"none of {total} is contested", stake="no verdict depended on the policy")
         return Headline(
             "",
-            self._of_each(_survived),
-            stake=f"the policy was put to the test in {self._of_each(_at_stake)}",
+            self._of_each(survived),
+            stake=f"the policy was put to the test in {self._of_each(at_stake)}",
         )
 
     def _of_each(self, told: Callable[[PolicyMarginsRecord], str]) -> str:
@@ -118,13 +112,7 @@ class MarginsDocument(Verified, Cased, Annotated, Located, Tabled, Drawn, Explor
     @property
     def varied(self) -> str:
         """Return in words what varies, and how far."""
-        varied = self.record.varied
-        unit = varied.unit or "in the unit of each"
-        named = [
-            name if share == 1.0 else f"{name} (times {significant(share)})"
-            for name, share in varied.proportions.items()
-        ]
-        return f"{', '.join(named)} from 0 to {significant(varied.most, 6)} {unit}".rstrip()
+        return varied_in_words(self.record.varied)
 
     @property
     def subject(self) -> Sequence[str]:
@@ -143,56 +131,7 @@ class MarginsDocument(Verified, Cased, Annotated, Located, Tabled, Drawn, Explor
     @property
     def sections(self) -> Sequence[Section]:
         """Return quantiles, and for each policy its weakest states and what decides about them."""
-        each = [
-            self._of_policy(name, part)
-            for name, part in zip(self.names, self.record.margins, strict=True)
-            if part.tested
-        ]
-        return [self.quantiles, *chain.from_iterable(each)]
-
-    @property
-    def quantiles(self) -> Table:
-        """Return which errors are proved, and which refuted, of how many of the contested states."""
-        rows = []
-        for name, part in zip(self.names, self.record.margins, strict=True):
-            proved, refuted = part.certified, part.refuted
-            rows.append((f"{name}, proved", *(_certified(getattr(proved, q)) for q in QUANTILES)))
-            rows.append((f"{name}, refuted", *(self._refuted(getattr(refuted, q)) for q in QUANTILES)))
-        title = "Largest error that is proved, smallest that is refuted"
-        return Table(("of the contested states", *QUANTILES.values()), tuple(rows), title)
-
-    def _of_policy(self, name: str, part: PolicyMarginsRecord) -> list[Section]:
-        of = f" of {name}" if len(self.names) > 1 else ""
-        return [self.weakest(part, f"Weakest states{of}"), _deciding(part, f"What decides{of}")]
-
-    def weakest(self, part: PolicyMarginsRecord, title: str, most: int = _SHOWN) -> Table:
-        """Return a row for each of the states that survive least; half of them survive something, if there are many."""
-        bare = [state for state in part.contested_states if state.certified is None]
-        rest = part.contested_states[len(bare) :]
-        told = min(len(bare), max(most // 2, most - len(rest)))
-        rows = tuple(map(self._row, [*bare[:told], *rest[: most - told]]))
-        left = part.tested - len(rows)
-        remark = f"{len(rows)} of {counted(part.tested, 'contested state')}" if left else ""
-        if told < len(bare):
-            remark += f", {told} of {count(len(bare))} that are not proved even at an error of 0"
-        head = ("state", "x [m]", "y [m]", "heading [rad]", "obstacle at [m]", "proved", "refuted", "decides")
-        return Table(head, rows, title, remark, texts=1)
-
-    def _row(self, state: ContestedStateRecord) -> tuple[str, ...]:
-        x, y, heading = state.pose
-        return (
-            f"close {state.state}" if state.close else str(state.state),
-            f"{x:.3f}",
-            f"{y:.3f}",
-            f"{heading:.3f}",
-            f"{state.distance:.3f}",
-            _certified(state.certified),
-            self._refuted(state.refuted),
-            decides(state.decides),
-        )
-
-    def _refuted(self, error: float | None) -> str:
-        return f"> {significant(self.record.varied.most)}" if error is None else up(error)
+        return margin_sections(self.record.varied, self.parts)
 
     @property
     def assumptions(self) -> Mapping[str, str]:
@@ -237,7 +176,7 @@ class MarginsDocument(Verified, Cased, Annotated, Located, Tabled, Drawn, Explor
         return {"margin": sorted(found, key=lambda one: -1.0 if one.error is None else one.error)}
 
     def _states(self) -> Iterator[tuple[str, ContestedStateRecord]]:
-        for name, part in zip(self.names, self.record.margins, strict=True):
+        for name, part in self.parts.items():
             for state in part.contested_states:
                 yield name, state
 
@@ -275,7 +214,7 @@ class MarginsDocument(Verified, Cased, Annotated, Located, Tabled, Drawn, Explor
         if not (old and new):
             return ()
         before, now = (-1.0 if found[0].error is None else found[0].error for found in (old, new))
-        figures = f"{_certified(new[0].error)} ({new[0].name}), was {_certified(old[0].error)}"
+        figures = f"{certified(new[0].error)} ({new[0].name}), was {certified(old[0].error)}"
         return [Check("least margin not below the baseline", now >= before, figures)]
 
     def cases(self) -> Sequence[Case]:
@@ -311,8 +250,8 @@ class MarginsDocument(Verified, Cased, Annotated, Located, Tabled, Drawn, Explor
         x, y, heading = state.pose
         return (
             f"scenario {state.scenario} at {state.time:.2f} s, x {x:.3f} m, y {y:.3f} m, heading {heading:.3f} rad, "
-            f"{state.distance:.3f} m from something; proved {_certified(state.certified)}, refuted "
-            f"{self._refuted(state.refuted)}"
+            f"{state.distance:.3f} m from something; proved {certified(state.certified)}, refuted "
+            f"{refuted(state.refuted, self.record.varied)}"
         )
 
     def columns(self) -> Sequence[str]:
@@ -340,45 +279,8 @@ class MarginsDocument(Verified, Cased, Annotated, Located, Tabled, Drawn, Explor
         return render_page(self, checks)
 
 
-def decides(entries: Sequence[DecidingRecord], most: int = 2) -> str:
-    """Write which entries decide, and how much each counts."""
-    if not entries:
-        return "none"
-    return ", ".join(f"{one.entry} {100.0 * one.weight:.0f} %" for one in entries[:most])
-
-
 def _kind(state: ContestedStateRecord) -> str:
     return "close place" if state.close else "state"
-
-
-def _at_stake(part: PolicyMarginsRecord) -> str:
-    driven = f"{count(part.contested)} of {counted(part.states, 'state')}"
-    return driven + (f" and {counted(part.close.contested, 'close place')}" if part.close.contested else "")
-
-
-def _survived(part: PolicyMarginsRecord) -> str:
-    """Write what half of the contested states of a policy survive, and the weakest one."""
-    if not part.tested:
-        return "no verdict depended on it"
-    bare = sum(state.certified is None for state in part.contested_states)
-    least, median = part.certified.least, part.certified.median
-    weakest = (
-        f"{count(bare)} {'is' if bare == 1 else 'are'} not proved even at an error of 0"
-        if least is None
-        else f"all survive an error of {down(least)}"
-    )
-    return weakest if median is None else f"{weakest}, half survive {down(median)}"
-
-
-def _certified(error: float | None) -> str:
-    return "none" if error is None else down(error)
-
-
-def _deciding(part: PolicyMarginsRecord, title: str) -> Facts:
-    """Return the channels and the entries that decide, in the mean over the states."""
-    channels = ", ".join(f"{name} {100.0 * share:.0f} %" for name, share in part.deciding.channels.items())
-    entries = ", ".join(f"{one.entry} {100.0 * one.weight:.0f} %" for one in part.deciding.entries[:_ENTRIES])
-    return Facts(title, (("channels", channels or MISSING), ("entries", entries or MISSING)))
 
 
 def _errors(what: str, errors: Sequence[float | None]) -> list[Tally]:

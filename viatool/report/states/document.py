@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
+from pathlib import PurePath
 from typing import ClassVar
 
 import numpy as np
 
 from viatool.report.error_costs import states_table
+from viatool.report.margins.tables import margin_sections
 from viatool.report.numbers import MISSING, count, counted, percent_of, percentage, significant
 from viatool.report.palette import MEANING, VERDICTS
 from viatool.report.sections import (
@@ -103,6 +105,7 @@ class StatesDocument(Verified):
             ),
             *([] if horizon is None else [horizon]),
             *([] if errors is None else [errors]),
+            *self.margins,
             Facts("Driven, not proved", (("", self.task),)),
             *([Facts("Recorded readings against the map", self.recording)] if self.recording else []),
             self.widths,
@@ -132,6 +135,14 @@ class StatesDocument(Verified):
     def error_costs(self) -> Table | None:
         """Return what each error costs in verdicts, if that was asked."""
         return None if self.record.error_costs is None else states_table(self.record.error_costs)
+
+    @property
+    def margins(self) -> Sequence[Section]:
+        """Return how much error the contested states survive, if that was asked."""
+        found = self.record.margins
+        if found is None:
+            return []
+        return margin_sections(found.varied, {PurePath(self.record.policy.path).name: found})
 
     @property
     def task(self) -> str:

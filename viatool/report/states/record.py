@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 from typing_extensions import Self
 
 from viatool.report.error_costs import ErrorCostsRecord
+from viatool.report.margins.record import PolicyMarginsRecord, VariedRecord
 from viatool.report.records import Count, CountedRecord, Fraction, ReportPart, VerifiedRecord
 
 
@@ -136,6 +137,12 @@ class RecordingRecord(ReportPart):
     cause: str
 
 
+class StateMarginsRecord(PolicyMarginsRecord):
+    """How much error the contested states survive, where that was asked, and what varies."""
+
+    varied: VariedRecord
+
+
 class StatesRecord(VerifiedRecord):
     """The whole report."""
 
@@ -154,6 +161,7 @@ class StatesRecord(VerifiedRecord):
     recording: list[RecordingRecord] | None = None
     possible: PossibleCommands | None = None
     error_costs: ErrorCostsRecord | None = None
+    margins: StateMarginsRecord | None = None
 
     @model_validator(mode="after")
     def _adds_up(self) -> Self:

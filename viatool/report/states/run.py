@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
+    from viatool.margins.result import Margins
     from viatool.verification.result import Result
 
 COLUMNS = ("state", "episode", "scenario", "outcome", "time", "x", "y", "theta", "verdict")
@@ -34,7 +35,7 @@ COLUMNS = ("state", "episode", "scenario", "outcome", "time", "x", "y", "theta",
 class StatesRun(
     StatesDocument, Cased, Annotated, Located, Tabled, Drawn, Explorable, Replayable, StateTabled
 ):
-    """The report of a result."""
+    """The report of a result, with the margins of its contested states if these were asked for."""
 
     FINDING_RULES: ClassVar[Rules] = {
         "unsafe-state": (
@@ -44,8 +45,9 @@ class StatesRun(
         "unknown-state": ("warning", "The criterion could be neither proved nor refuted."),
     }
 
-    def __init__(self, result: Result) -> None:
-        super().__init__(result.to_json())
+    def __init__(self, result: Result, margins: Margins | None = None) -> None:
+        told = {} if margins is None else {"margins": {**margins.part(), "varied": margins.varied.to_json()}}
+        super().__init__({**result.to_json(), **told})
         self.result = result
 
     def cases(self) -> Sequence[Case]:

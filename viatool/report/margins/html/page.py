@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from viatool.report.foreign import one_line
 from viatool.report.formats.figure import render as picture_of
 from viatool.report.html.shell import assemble
+from viatool.report.margins.tables import quantiles_table, weakest_table
 from viatool.report.sections import Check
 
 if TYPE_CHECKING:
@@ -38,10 +39,10 @@ def render_page(document: MarginsDocument, checks: Sequence[Check]) -> str:
         policies=", ".join(map(one_line, document.names)),
         map=one_line(record.map.path),
         subject=", ".join(document.asked),
-        quantiles=document.quantiles,
+        quantiles=quantiles_table(record.varied, document.parts),
         parts=[
-            document.weakest(part, name, _SHOWN)
-            for name, part in zip(document.names, record.margins, strict=True)
+            weakest_table(record.varied, part, name, _SHOWN)
+            for name, part in document.parts.items()
             if part.tested
         ],
         picture=b64encode(picture).decode(),
