@@ -405,7 +405,7 @@ def test_an_interrupt_leaves_no_file_and_exits_130(hall: Path, tmp_path: Path) -
         "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"  # shells ignore it for jobs
     )
     program = f"{heard}; from viatool.cli import main; main()"
-    arguments = ["policy.onnx", "--map", "map.yaml", "--eps", "0.01", "--scenarios", "600"]
+    arguments = ["policy.onnx", "--map", "map.yaml", "--eps", "0.01", "--scenarios", "2000"]
     process = subprocess.Popen(
         [sys.executable, "-c", program, "verify", *arguments, "-o", f"json:{tmp_path / 'r.json'}"],
         cwd=hall,

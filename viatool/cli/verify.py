@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -11,6 +12,7 @@ from viatool.cli import options
 from viatool.cli.command import Command
 from viatool.cli.gating import build_gate, contested_option, gate_options, leave_by_gate
 from viatool.cli.reporting import read_outputs, tell
+from viatool.cli.started import seconds_since_start
 from viatool.cli.states import bag_settings, choose_scenarios, sampled_places, state_options
 from viatool.cli.terminal import show_progress
 from viatool.cli.work import keeping, work_options
@@ -192,7 +194,8 @@ def _verify(given: Mapping[str, Any], progress: Progress) -> Result:
 
     bag, places = bag_settings(given), sampled_places(given)
     world_map = options.open_map(given["map_path"], given["unknown"])
-    return verify(
+    begun = seconds_since_start()
+    result = verify(
         given["policy"],
         world_map,
         spec=given["spec_path"],
@@ -205,3 +208,4 @@ def _verify(given: Mapping[str, Any], progress: Progress) -> Result:
         progress=progress,
         **{name: given[name] for name in _PASSED_ON},
     )
+    return replace(result, seconds={"start": begun, **result.seconds})
