@@ -16,8 +16,8 @@ SECTIONS = {
         "--cmd-topic", "--frame", "--seed",
     ),
     "What may err": (
-        "--eps", "--errors", "--pose-error", "--explain-errors", "--noise", "--adversary", "--channel", "--term",
-        "--most", "--resolution",
+        "--eps", "--errors", "--pose-error", "--explain-errors", "--margins", "--noise", "--adversary", "--channel",
+        "--term", "--most", "--resolution",
     ),
     "What has to hold": (
         "--criterion", "--horizon", "--steps", "--forever", "--arrive", "--clearance", "--danger",
