@@ -14,10 +14,12 @@ from shapely.geometry import Point, Polygon
 import viatool
 from tests.choosing import write_choosing
 from tests.margins.conftest import PLACES
+from tests.verification.test_stacked_frames import MAP as SQUARE
 from tests.verification.test_stacked_frames import asked as stacked_policy
-from viatool.errors import BoundsError, ConfigurationError
+from viatool.errors import BoundsError, ConfigurationError, EnclosureError
 from viatool.margins.result import Margins
 from viatool.margins.varying import VaryingReadings
+from viatool.policy import Affine, Input, Network, PolicySpecification, write_onnx
 from viatool.simulate import Places
 from viatool.trajectory import Trajectory
 from viatool.uncertainty import ErrorModel
@@ -305,3 +307,32 @@ def test_policies_that_choose_and_that_remember_readings_have_margins(tmp_path: 
         for error, verdict in ((found.certified[row], "safe"), (found.refuted[row], "unsafe")):
             result = viatool.verify(found.policy_path, world_map, eps=error, trajectory=found.trajectory)
             assert result.verdict[state] == verdict
+
+
+def test_errors_without_bounds_are_not_proved_and_stop_nothing(tmp_path: Path) -> None:
+    """A policy that takes 1 / distance: an error as large as the distance may make it anything."""
+    (tmp_path / "map.yaml").write_text(SQUARE, encoding="utf-8")
+    spec = PolicySpecification.model_validate(
+        {
+            "schema_version": 2,
+            "control_interval": 0.1,
+            "observation": [{"name": "far", "kind": "goal_distance", "unit": "m", "reciprocal": True}],
+            "action": [
+                {"name": "v", "unit": "m/s", "lower": 0.0, "upper": 0.5, "kind": "linear"},
+                {"name": "omega", "unit": "rad/s", "lower": -1.0, "upper": 1.0, "kind": "angular"},
+            ],
+        }
+    )
+    weight = np.array([[0.25], [0.0]])
+    write_onnx(Network((Input(1), Affine((0,), (weight,), np.zeros(2)))), spec, tmp_path / "policy.onnx")
+    asked = (tmp_path / "policy.onnx", tmp_path / "map.yaml")
+    found = viatool.margin(*asked, places=Places(count=1500), most=4.0)
+    away = 1.0 / found.trajectory.observations[found.states, 0]
+    assert (found.certified < away).all()
+    assert (found.certified > 0.1).sum() > 5
+    for row in np.flatnonzero(found.certified > 0.1)[:2].tolist():
+        state = found.trajectory.select(found.states[row : row + 1])
+        result = viatool.verify(*asked, eps=float(found.certified[row]), trajectory=state)
+        assert result.verdict.tolist() == ["safe"]
+    with pytest.raises(EnclosureError):
+        viatool.verify(*asked, eps=4.0, trajectory=found.trajectory.select(found.states))

@@ -75,8 +75,8 @@ class MarginExamination:
         """Return which entries decide where the proof of each state ends."""
         ends = np.minimum(np.minimum(found.unproved, found.refuted), self.most)
         weight = np.zeros(states.observations.shape)
-        for rows, examination, some in self.varying.at(states, ends):
-            weight[rows] = deciding_weights(examination, some)
+        for rows, found_there in self.varying.each(states, ends, deciding_weights):
+            weight[rows] = found_there
         return weight
 
 

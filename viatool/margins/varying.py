@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from viatool.arrays import Floats, Indices
+from viatool.errors import EnclosureError
 from viatool.margins.bisection import Answers
 from viatool.policy import Policy
 from viatool.safety import Witnesses
@@ -19,6 +20,7 @@ from viatool.verification.examination import StateExamination
 from viatool.verification.states import States
 from viatool.world import WorldMap
 
+Found = TypeVar("Found")
 Asked = tuple[Indices, StateExamination, States]
 """Which of some states, what is asked of them, and the states."""
 
@@ -39,6 +41,11 @@ class Varying(ABC):
 
     @property
     @abstractmethod
+    def axes(self) -> int:
+        """Return A, how many numbers a command has."""
+
+    @property
+    @abstractmethod
     def described(self) -> Mapping[str, Any]:
         """Return on what the answers depend, beside states and versions."""
 
@@ -47,19 +54,43 @@ class Varying(ABC):
 
         Notes
         -----
-        Sound: yes, as the examination of `viatool.verify`, whatever other states have for errors.
+        Sound: yes, as the examination of `viatool.verify`, whatever other states have for errors. Where an error is so
+        large that nothing bounds what the network takes, nothing is known.
         """
         proved, refuted = np.zeros(len(states), dtype=bool), np.zeros(len(states), dtype=bool)
-        witnesses = []
-        for rows, examination, some in self.at(states, errors):
-            found = examination(some)
+        witnesses: list[Witnesses] = []
+        for rows, found in self.each(states, errors, lambda examination, some: examination(some)):
             proved[rows] = found.judgement.safe
             refuted[rows[found.witnesses.state]] = True
             witnesses.append(replace(found.witnesses, state=rows[found.witnesses.state]))
             for stage, spent in found.seconds.items():
                 seconds[stage] = seconds.get(stage, 0.0) + spent
-        joined = Witnesses.join(witnesses, states.observations.shape[1], witnesses[0].action.shape[1])
-        return Answers(proved, refuted, joined)
+        return Answers(proved, refuted, Witnesses.join(witnesses, states.observations.shape[1], self.axes))
+
+    def each(
+        self, states: States, errors: Floats, examine: Callable[[StateExamination, States], Found]
+    ) -> Iterator[tuple[Indices, Found]]:
+        """Do something with B states, each at an error of its own, and give what it finds with the rows of the states.
+
+        States whose error is so large that nothing bounds what the network takes are left out.
+
+        Raises
+        ------
+        EnclosureError
+            If nothing bounds it at an error of 0 either.
+        """
+        for rows, examination, some in self.at(states, errors):
+            waiting = [np.arange(len(some))]
+            while waiting:
+                part = waiting.pop()
+                try:
+                    yield rows[part], examine(examination, some.select(part))
+                except EnclosureError:
+                    if not errors[rows[part]].any():
+                        raise
+                    if len(part) > 1:
+                        by_error = part[np.argsort(errors[rows[part]], kind="stable")]
+                        waiting += np.array_split(by_error, 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +120,11 @@ class VaryingReadings(Varying):
         """Return what is asked where all states have the same error."""
         asked = self.examination.setting
         return replace(asked, errors=replace(asked.errors, radii=self.base + error * self.direction))
+
+    @property
+    def axes(self) -> int:
+        """Return A."""
+        return len(self.examination.setting.rules.lower)
 
     @property
     def described(self) -> Mapping[str, Any]:
@@ -135,6 +171,11 @@ class VaryingTerm(Varying):
             some, count = states.select(rows), setting.rules.commands_before
             known = some.under_way.shape[1]
             yield rows, examination, replace(some, under_way=some.under_way[:, known - count :])
+
+    @property
+    def axes(self) -> int:
+        """Return A."""
+        return len(self.setting(0.0).rules.lower)
 
     @property
     def described(self) -> Mapping[str, Any]:
