@@ -57,7 +57,7 @@ traceback to an internal error.
 | code | meaning |
 |---|---|
 | 0 | passed, or no gate was asked for |
-| 1 | the gate failed |
+| 1 | the gate failed, or `check` found what contradicts the evidence |
 | 2 | wrong usage, or an input that cannot be read or is not supported |
 | 3 | internal error, or the network and onnxruntime disagree (self-check) |
 | 5 | nothing was evaluated, so there is no rate |

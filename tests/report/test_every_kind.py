@@ -45,10 +45,11 @@ from viatool.report import (
     print_report,
 )
 from viatool.report.diagnoses.run import DiagnosisRun
+from viatool.report.files import as_bytes
 from viatool.report.kinds import live_of
 from viatool.report.margins.run import MarginsRun
 from viatool.report.missions.run import MissionsRun
-from viatool.report.outputs import content_of
+from viatool.report.outputs import FOLDERS, content_of, format_named
 from viatool.report.places.run import PlacesRun
 from viatool.report.simulations.run import SimulationRun
 from viatool.report.states.run import StatesRun
@@ -74,7 +75,7 @@ LIVE = tuple(SCHEMAS)
 JUDGED = (StatesRun, PlacesRun, SimulationRun, MissionsRun)
 """Kinds of run of which each part passes or fails."""
 SERVED = {
-    StatesRun: "json gate states csv witnesses figure html markdown junit sarif github",
+    StatesRun: "json gate states csv witnesses figure html markdown junit sarif github evidence",
     PlacesRun: "json gate cells csv witnesses figure html markdown junit sarif github",
     SimulationRun: "json gate trajectory csv figure markdown junit sarif github",
     MissionsRun: "json gate tube csv witnesses figure html markdown junit sarif github",
@@ -126,6 +127,9 @@ def told(document: Document, premises: tuple[SimpleNamespace, ...] = PREMISES) -
 
 
 def written(document: Document, name: str, *checks: Check) -> bytes:
+    if name in FOLDERS:
+        files = format_named(name).render(document, checks, "")
+        return b"".join(b"".join(as_bytes(content)) for content in files.values())
     return b"".join(content_of(Output(name, Path("-")), document, checks))
 
 

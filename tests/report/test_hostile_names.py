@@ -17,7 +17,7 @@ import viatool
 from tests.hall import MAP, write_policy
 from tests.renamed import renamed
 from viatool.report import Check, formats_of
-from viatool.report.outputs import Output, content_of
+from viatool.report.outputs import FOLDERS, Output, content_of
 from viatool.report.states.run import StatesRun
 from viatool.verification.result import Result
 
@@ -40,7 +40,7 @@ NAMES = {
     "right to left": "safe\u202eefasnu\u2066",
 }
 FOR_THE_PAGE = ("angle brackets", "ansi", "workflow command", "template")  # the browser's tests have more
-TEXT_FORMATS = sorted(set(formats_of(StatesRun)) - {"states", "figure"})
+TEXT_FORMATS = sorted(set(formats_of(StatesRun)) - {"states", "figure", *FOLDERS})
 
 
 @pytest.fixture(scope="module")

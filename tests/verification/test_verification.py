@@ -86,7 +86,7 @@ def test_the_state_table_has_one_row_for_each_state(result):
         "pose": (states, 3), "observation": (states, 26), "eps": (states, 26),
         "observation_lower": (states, 26), "observation_upper": (states, 26), "witness": (states, 26),
         "lower": (states, 2), "upper": (states, 2), "verdict": (states,), "episode": (states,),
-        "outcome": (24,),
+        "danger": (states,), "sampled": (states,), "contested": (states,), "outcome": (24,),
     }  # fmt: skip
     unsafe = table["verdict"] == "unsafe"
     assert np.isfinite(table["witness"][unsafe]).all()

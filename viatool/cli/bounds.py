@@ -25,9 +25,10 @@ if TYPE_CHECKING:
 @click.option(
     "--output",
     "-o",
-    type=options.WRITABLE,
-    metavar="FILE",
-    help="Write observation, eps, lower and upper (npz, csv).",
+    multiple=True,
+    metavar="FILE|vnnlib:DIR",
+    help="Write observation, eps, lower and upper (npz, csv), or a folder with the model and a VNN-LIB query for each "
+    "observation, by which another verifier can confirm the bounds. Repeatable.",
 )
 @click.option(
     "--symbolic",
@@ -44,11 +45,10 @@ def command(**given: Any) -> None:
     """
     from viatool.cli.observations import load_observations
     from viatool.policy import load_policy
-    from viatool.report import check_bounds_file, print_bounds, print_symbolic, write_bounds
+    from viatool.report import parse_bounds_output, print_bounds, print_symbolic
     from viatool.taylor import reach, symbolic_actions
 
-    if given["output"] is not None:
-        check_bounds_file(given["output"])
+    outputs = [parse_bounds_output(text) for text in given["output"]]
     policy = load_policy(
         given["policy"],
         given["spec_path"],
@@ -56,12 +56,14 @@ def command(**given: Any) -> None:
         output_name=given["graph_output"],
     )
     remembered = 0 if policy.spec is None else len(policy.spec.initial_memory)
+    for output in outputs:
+        output.require_serving(policy)
     observations = load_observations(given["observations"], policy.input_size, remembered)
     eps = radii(policy, given["eps"])
     settings = {name: given[name] for name in ("order", "approximation", "refine", "arithmetic")}
     reachable = reach(policy, observations, eps, **settings)
-    if given["output"] is not None:
-        write_bounds(given["output"], observations, eps, reachable)
+    for output in outputs:
+        output.write(policy, observations, eps, reachable)
     if not given["quiet"]:
         print_bounds(policy, reachable, open_console())
     if given["symbolic"] is not None:

@@ -25,6 +25,7 @@ COMMANDS = (
     "gate",
     "compare",
     "report",
+    "check",
     "train",
     "export",
     "import",

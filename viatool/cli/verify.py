@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -120,7 +121,8 @@ _OF_MARGINS = (
     multiple=True,
     metavar="FORMAT:PATH",
     help="Write a report: html (to explore), json, states (npz), witnesses (json, for viatool replay), csv, "
-    "figure (png, svg, pdf), markdown, junit, sarif or github; PATH - is stdout. Repeatable.",
+    "figure (png, svg, pdf), markdown, junit, sarif, github or evidence (a folder, for viatool check); PATH - is "
+    "stdout. Repeatable.",
 )
 @gate_options
 @contested_option
@@ -140,7 +142,7 @@ def command(ctx: click.Context, /, **given: Any) -> None:
     if given["margins"] and given["criterion"] not in PROVING:
         raise click.UsageError(f"--margins need a criterion that proves something: {' or '.join(PROVING)}")
     outputs = read_outputs(given["output"], StatesRun)
-    given["widths"] |= any(output.format == "states" for output in outputs)
+    given["widths"] |= any(output.format in ("states", "evidence") for output in outputs)
     gate = build_gate(given, StatesRun)
     with keeping(given["checkpoint"]), show_progress(quiet=given["quiet"]) as progress:
         result = _verify(given, progress)
@@ -148,7 +150,7 @@ def command(ctx: click.Context, /, **given: Any) -> None:
     for found in result.recording:
         if found.doubtful:
             options.warn(found.warning)
-    document = StatesRun(result, margins)
+    document = StatesRun(result, margins, _files(given))
     checks = evaluate(gate, document)
     tell(document, outputs, checks, quiet=given["quiet"])
     leave_by_gate(ctx, checks, exit_zero=given["exit_zero"])
@@ -168,6 +170,18 @@ def _margins(given: Mapping[str, Any], result: Result, progress: Progress) -> Ma
         **{name: given[name] for name in _OF_MARGINS},
         trajectory=result.trajectory,
     )
+
+
+def _files(given: Mapping[str, Any]) -> dict[str, Path]:
+    """Return what was read besides policy and map, by its role."""
+    from viatool.samples import ERRORS
+
+    read = {
+        "specification": given["spec_path"],
+        "errors": given["errors"] and ERRORS.find(given["errors"]),
+        "recording": given["trajectory"],
+    }
+    return {role: Path(path) for role, path in read.items() if path}
 
 
 def _horizon(given: Mapping[str, Any]) -> Horizon | None:

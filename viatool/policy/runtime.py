@@ -72,7 +72,7 @@ class Runtime:
         self.outputs: tuple[str, ...] = tuple(value.name for value in model.graph.output)
         self._inputs = frozenset(value.name for value in model.graph.input)
         self.optimisation = optimisation
-        self._model = model.SerializeToString()
+        self._model: bytes = model.SerializeToString()
         has_batch_axis = all(len(port.shape) > 1 and port.shape[0] == 1 for port in ports.each)
         self._batch_model = _with_free_batch(model, ports) if has_batch_axis else None
         self._sessions: dict[bool, Any] = {}
@@ -81,6 +81,11 @@ class Runtime:
     def __getstate__(self) -> dict[str, Any]:
         """Drop the sessions, which cannot be pickled."""
         return {**self.__dict__, "_sessions": {}}
+
+    @property
+    def content(self) -> bytes:
+        """Return the model as a file: the graph behind the outputs that count, with its weights."""
+        return self._model
 
     @property
     def words(self) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from viatool.report.accepted import Acceptance, accepted_text, load_accepted
-from viatool.report.bounds_file import check_bounds_file, write_bounds
+from viatool.report.bounds_file import parse_bounds_output
 from viatool.report.comparison import print_comparison
 from viatool.report.console import print_checks, print_report
 from viatool.report.document import Document
@@ -33,12 +33,12 @@ __all__ = [
     "Output",
     "Threshold",
     "accepted_text",
-    "check_bounds_file",
     "check_outputs",
     "evaluate",
     "formats_of",
     "load_accepted",
     "load_document",
+    "parse_bounds_output",
     "parse_output",
     "parse_threshold",
     "print_bounds",
@@ -48,6 +48,5 @@ __all__ = [
     "print_map",
     "print_report",
     "print_symbolic",
-    "write_bounds",
     "write_outputs",
 ]

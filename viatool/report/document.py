@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
+    from viatool.report.files import Content
     from viatool.report.sections import Annotation, Case, Check, Finding, Rules
 
 
@@ -239,6 +240,14 @@ class TubeTabled(Document):
     @abstractmethod
     def tube_table(self) -> Mapping[str, NDArray[Any]]:
         """Return the arrays."""
+
+
+class Evidenced(Document):
+    """A document whose claims others can recheck from a folder."""
+
+    @abstractmethod
+    def evidence_files(self, checks: Sequence[Check]) -> Mapping[str, Content]:
+        """Return the content of every file of the folder, by its name."""
 
 
 class Recorded(Document):

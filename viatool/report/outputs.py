@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from viatool.errors import ConfigurationError
-from viatool.report.files import check_writable, write_whole
-from viatool.report.kinds import live_of
+from viatool.report.files import as_bytes, check_folder, check_writable, write_folder, write_whole
+from viatool.report.kinds import KINDS, live_of
 
 if TYPE_CHECKING:
     from viatool.report.document import Document
@@ -32,8 +32,12 @@ FORMATS = {
     "junit": "viatool.report.formats.junit",
     "sarif": "viatool.report.formats.sarif",
     "github": "viatool.report.formats.github",
+    "evidence": "viatool.report.formats.evidence",
 }
 """Format name to the module that renders it; imported when it is asked for."""
+
+FOLDERS = ("evidence",)
+"""Formats that are folders: they render the content of each file by its name, for `write_folder`."""
 
 STDOUT = Path("-")
 
@@ -48,10 +52,8 @@ class Format(Protocol):
     LIBRARIES: tuple[str, ...]
     """What has to be installed for it and is not for every command."""
 
-    def render(
-        self, document: Any, checks: Sequence[Check], suffix: str
-    ) -> str | bytes | Iterable[str] | Iterable[bytes]:
-        """Return the content of a file with that suffix, whole or in parts; text is written as UTF-8."""
+    def render(self, document: Any, checks: Sequence[Check], suffix: str) -> Any:
+        """Return the content of a file with that suffix, or of a folder the contents of its files by name."""
 
 
 def format_named(name: str) -> Format:
@@ -94,6 +96,8 @@ def parse_output(text: str, kind: type[Document]) -> Output:
         If the format is unknown or does not serve such a document, or there is no path.
     """
     name, colon, path = text.partition(":")
+    if name in FOLDERS and path == str(STDOUT):
+        raise ConfigurationError(f"'{text}' is a folder, which stdout is not", f"write {name}:DIRECTORY")
     if name not in FORMATS or not colon or not path:
         raise ConfigurationError(
             f"'{text}' is not FORMAT:PATH with a known format",
@@ -113,8 +117,10 @@ def _unsupported(name: str, kind: type[Document]) -> ConfigurationError:
             f"the format '{name}' needs more than the JSON of {kind.WHAT} holds",
             f"run viatool {kind.COMMAND} again with --output {name}:PATH; of the JSON alone formats are {supported}",
         )
+    writers = [other.COMMAND for other in KINDS if issubclass(live_of(other), format_named(name).NEEDS)]
+    by = f": it is written by viatool {' and '.join(writers)}" if writers else ""
     return ConfigurationError(
-        f"the format '{name}' cannot show {kind.WHAT}", f"choose another one; formats are {supported}"
+        f"the format '{name}' cannot show {kind.WHAT}{by}", f"choose another one; formats are {supported}"
     )
 
 
@@ -139,7 +145,9 @@ def check_outputs(outputs: Sequence[Output]) -> None:
             )
         if any(output.path == other.path for other in outputs[:index]):
             raise ConfigurationError(f"two outputs go to '{output.path}'", "give each output its own file")
-        if output.path != STDOUT:
+        if output.format in FOLDERS:
+            check_folder(output.path, output.format)
+        elif output.path != STDOUT:
             check_writable(output.path)
 
 
@@ -156,6 +164,10 @@ def write_outputs(document: Document, outputs: Sequence[Output], checks: Sequenc
         The decided conditions of the gate.
     """
     for output in outputs:
+        if output.format in FOLDERS:
+            files = format_named(output.format).render(document, checks, output.suffix)
+            write_folder(output.path, output.format, files)
+            continue
         content = content_of(output, document, checks)
         if output.path == STDOUT:
             sys.stdout.buffer.writelines(content)
@@ -165,7 +177,5 @@ def write_outputs(document: Document, outputs: Sequence[Output], checks: Sequenc
 
 
 def content_of(output: Output, document: Document, checks: Sequence[Check] = ()) -> Iterator[bytes]:
-    """Yield the content of an output part by part, so that the files of long runs need not fit into memory."""
-    content = format_named(output.format).render(document, checks, output.suffix)
-    for part in [content] if isinstance(content, str | bytes) else content:
-        yield part if isinstance(part, bytes) else part.encode("utf-8", errors="backslashreplace")
+    """Yield the content of an output that is a file part by part."""
+    return as_bytes(format_named(output.format).render(document, checks, output.suffix))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -11,6 +12,7 @@ from viatool.report.document import (
     Annotated,
     Cased,
     Drawn,
+    Evidenced,
     Explorable,
     Located,
     Replayable,
@@ -27,15 +29,26 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from viatool.margins.result import Margins
+    from viatool.report.files import Content
     from viatool.verification.result import Result
 
 COLUMNS = ("state", "episode", "scenario", "outcome", "time", "x", "y", "theta", "verdict")
 
 
 class StatesRun(
-    StatesDocument, Cased, Annotated, Located, Tabled, Drawn, Explorable, Replayable, StateTabled
+    StatesDocument, Cased, Annotated, Located, Tabled, Drawn, Explorable, Replayable, StateTabled, Evidenced
 ):
-    """The report of a result, with the margins of its contested states if these were asked for."""
+    """The report of a result.
+
+    Parameters
+    ----------
+    result : Result
+        What was found.
+    margins : Margins, optional
+        Those of its contested states, if they were asked for.
+    files : mapping, optional
+        What was read besides policy and map, by its role: ``specification``, ``errors``, ``recording``.
+    """
 
     FINDING_RULES: ClassVar[Rules] = {
         "unsafe-state": (
@@ -45,10 +58,12 @@ class StatesRun(
         "unknown-state": ("warning", "The criterion could be neither proved nor refuted."),
     }
 
-    def __init__(self, result: Result, margins: Margins | None = None) -> None:
+    def __init__(
+        self, result: Result, margins: Margins | None = None, files: Mapping[str, Path] | None = None
+    ) -> None:
         told = {} if margins is None else {"margins": {**margins.part(), "varied": margins.varied.to_json()}}
         super().__init__({**result.to_json(), **told})
-        self.result = result
+        self.result, self.files = result, files or {}
 
     def cases(self) -> Sequence[Case]:
         """Return every episode: an unsafe one is a failure, one with unknown states an error."""
@@ -142,6 +157,12 @@ class StatesRun(
         from viatool.verification.witness_file import witness_document
 
         return witness_document(self.result)
+
+    def evidence_files(self, checks: Sequence[Check]) -> Mapping[str, Content]:
+        """Return claims, assumptions, inputs, verdicts and counterexamples, and a page about them."""
+        from viatool.report.evidence.folder import evidence_folder
+
+        return evidence_folder(self, checks)
 
     @property
     def episode_columns(self) -> Sequence[str]:
