@@ -52,12 +52,10 @@ _KNOWN: dict[str, tuple[Status, str]] = {
     "memory": ("open", "what earlier sensor errors would have made of it is not asked about"),
 }
 
-_SECTIONS = {
-    "sensor.": "sensor error",
-    "actuation.": "commands",
-    "timing.": "delay",
-}
-"""Which assumption the sections of an error model replace by bounds that can be measured."""
+_UNCHECKED = "nobody has checked it"
+
+_SECTIONS = ("sensor", "actuation", "timing")
+"""Sections of an error model that a recording can tell."""
 
 _TOOL_ALONE = ("inside the model",)
 """What the tool has read in the model itself, where the assumption says nothing else."""
@@ -107,17 +105,20 @@ def assumptions_of(assumed: Mapping[str, str], result: Result, errors: Path | No
     model = result.setting.uncertainty
     found = []
     for name, value in assumed.items():
-        status, how = _KNOWN.get(name, ("open", "nobody has checked it"))
+        status, how = _KNOWN.get(name, ("open", _UNCHECKED))
         if value.startswith(_TOOL_ALONE) and ";" not in value:
             status, how = "tool", "read in the model itself, which is what was bounded"
         found.append(Assumption(name, value, status, how))
     for place, words in model.premises():
-        can_be = place.startswith(tuple(_SECTIONS))
-        status = "measure-errors" if measured and can_be else "open"
-        how = f"measured from a recording, as {model.source} says" if status != "open" else _MEASURABLE
-        found.append(Assumption(place, words, status, how if can_be else "nobody has checked it"))
+        can_be = place.partition(".")[0] in _SECTIONS
+        if measured and can_be:
+            told = f"measured from a recording, as {model.source} says"
+            found.append(Assumption(place, words, "measure-errors", told))
+        else:
+            found.append(Assumption(place, words, "open", _MEASURABLE if can_be else _UNCHECKED))
     left_out = [
-        Assumption(f"left out: {name}", words, "open", _MEASURABLE) for name, words in model.assumed().items()
+        Assumption(f"left out: {name}", words, "open", _MEASURABLE if name in _SECTIONS else _UNCHECKED)
+        for name, words in model.assumed().items()
     ]
     return (*found, *left_out)
 

@@ -82,7 +82,9 @@ _TEXTS: dict[str, Any] = {
         f"{count(v)} states have a counterexample: a sensor error within the bounds after which the deployed program "
         "comes too near."
     ),
-    "verdicts.unknown": lambda v, r: f"Of {count(v)} states nothing is claimed.",
+    "verdicts.unknown": lambda v, r: (
+        f"Of {count(v)} states nothing is claimed." if v else "Every state is safe or has a counterexample."
+    ),
     "horizon.verdicts": lambda v, r: (
         f"Followed over the horizon, {count(v['safe'])} states stay safe, {count(v['unsafe'])} do not, and "
         f"{count(v['unknown'])} are unknown."
