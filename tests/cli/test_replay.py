@@ -18,7 +18,7 @@ VERIFY = ("verify", "policy.onnx", "--map", "map.yaml", "--eps", "0.01", "--quie
 @pytest.fixture
 def witnesses(run: Run, tmp_path: Path) -> Path:
     path = tmp_path / "witnesses.json"
-    assert run(*VERIFY, "--only-contested", "--output", f"witnesses:{path}").exit_code == 0
+    assert run(*VERIFY, "--only-contested", "--close", "0", "--output", f"witnesses:{path}").exit_code == 0
     assert len(json.loads(path.read_text())["witnesses"]) >= 1
     return path
 
@@ -30,6 +30,15 @@ def test_every_witness_violates_again_and_says_when_and_where(run: Run, witnesse
     assert f"{count} of {count} witnesses violate" in result.stdout
     assert result.stdout.count("circle of radius 0.3 m") == count
     assert "NO" not in result.stdout
+
+
+def test_witnesses_of_close_places_are_run_again_and_told_apart(run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "witnesses.json"
+    assert run(*VERIFY, "--close", "20", "--output", f"witnesses:{path}").exit_code == 0
+    close = [entry for entry in json.loads(path.read_text())["witnesses"] if entry.get("close")]
+    result = run("replay", path)
+    assert (result.exit_code, "NO" in result.stdout) == (0, False)
+    assert result.stdout.count("close ") == len(close) > 0
 
 
 @pytest.mark.parametrize(("suffix", "mark"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")])

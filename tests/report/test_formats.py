@@ -40,12 +40,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def plain(folder: Path) -> Result:
-    return viatool.verify(folder / "policy.onnx", folder / "plain.yaml", eps=0.01)
+    return viatool.verify(folder / "policy.onnx", folder / "plain.yaml", eps=0.01, close=0)
 
 
 @pytest.fixture(scope="module")
 def hostile(folder: Path) -> Result:
-    return viatool.verify(folder / "policy.onnx", folder / "hostile.yaml", eps=0.01)
+    return viatool.verify(folder / "policy.onnx", folder / "hostile.yaml", eps=0.01, close=0)
 
 
 def render(result: Result, name: str, checks: tuple[Check, ...] = ()) -> str:

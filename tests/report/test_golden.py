@@ -84,7 +84,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def driven(folder: Path) -> Result:
     write_policy(folder / "policy.onnx")
     (folder / "map.yaml").write_text(MAP, encoding="utf-8")
-    return viatool.verify(folder / "policy.onnx", folder / "map.yaml", eps=0.01)
+    return viatool.verify(folder / "policy.onnx", folder / "map.yaml", eps=0.01, close=6)
 
 
 @pytest.mark.parametrize("name", ["json", "csv", "junit", "sarif", "github", "witnesses"])

@@ -93,6 +93,8 @@ def test_the_console_begins_with_it_and_the_gate_counts_it(tmp_path) -> None:
         "0.01",
         "--scenarios",
         "1",
+        "--close",
+        "0",
         "--output",
         f"json:{report}",
     ]

@@ -24,9 +24,9 @@ LAB = "maps/lab.yaml"
 DISTANCES = {"clearance": 0.6, "danger": 0.8}
 KEYS = {
     "schema_version", "policy", "map", "eps", "criterion", "arithmetic", "engine", "states", "verdicts",
-    "safety_rate", "sampled_safety_rate", "danger_rate", "contested_rate", "stake", "task", "reachable_width",
-    "seconds", "versions", "assumptions",
-    "premises", "unsafe_states",
+    "safety_rate", "sampled_safety_rate", "danger_rate", "contested_rate", "close_rate", "stake", "task",
+    "reachable_width", "seconds", "versions", "assumptions",
+    "premises", "unsafe_states", "close",
 }  # fmt: skip
 
 
@@ -196,7 +196,7 @@ def test_bounds_are_refined_where_no_attained_command_fails_and_only_there(resul
 
     def asked_again(attained):
         monkeypatch.setattr(observing, "reach", partial(reach, attained))
-        found = verify(policy, LAB, eps=0.03, trajectory=some, clearance=0.6, danger=0.6)
+        found = verify(policy, LAB, eps=0.03, trajectory=some, clearance=0.6, danger=0.6, close=0)
         return asked[-1], (found.judgement.safe & found.contested.collision).sum()
 
     again, proved = asked_again(stand)
@@ -272,10 +272,10 @@ def test_radii_by_channel(result, policy):
 def test_progress_counts_every_stage_to_its_end(result, policy):
     told = {}
     verify(
-        policy, LAB, eps=0.03, trajectory=result.trajectory, clearance=0.5,
+        policy, LAB, eps=0.03, trajectory=result.trajectory, clearance=0.5, close=20,
         progress=lambda stage, done, total: told.update({stage: (done, total)}),
     )  # fmt: skip
-    assert told == {"states": (len(result.verdict), len(result.verdict))}
+    assert told == {"states": (len(result.verdict), len(result.verdict)), "close places": (20, 20)}
 
 
 @pytest.mark.parametrize(

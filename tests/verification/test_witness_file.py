@@ -38,10 +38,16 @@ def test_every_written_witness_violates_when_it_is_replayed(policy, driven, tmp_
     path.write_text(json.dumps(witness_document(result)))
     file = load_witnesses(path)
     again = replay(policy, load_map(LAB), file)
-    assert len(again.clearance) == len(result.witnesses) > 3
+    assert result.close is not None
+    each = (result.witnesses, result.close.witnesses)  # the driven states, then close places
+    assert all(len(found) > 3 for found in each)
     assert again.violates.all()
-    np.testing.assert_allclose(again.clearance, result.witnesses.clearance, atol=1e-6)
-    np.testing.assert_allclose(again.seconds, result.witnesses.seconds, atol=1e-6)
+    for name in ("clearance", "seconds"):
+        expected = np.concatenate([getattr(found, name) for found in each])
+        np.testing.assert_allclose(getattr(again, name), expected, atol=1e-6)
+    assert [bool(entry.get("close")) for entry in file.entries] == [
+        close for close in (False, True) for _ in each[close].state
+    ]
     assert [entry["closest"]["obstacle"] for entry in file.entries] == list(again.nearest)
 
 
@@ -60,7 +66,7 @@ def test_the_obstacle_of_a_witness_is_the_nearest_one(policy, driven, tmp_path):
 
 
 def test_no_witness_makes_an_empty_file_that_replays(policy, driven, tmp_path):
-    result = verify(policy, LAB, eps=0.0, trajectory=driven, clearance=0.05, only_contested=True)
+    result = verify(policy, LAB, eps=0.0, trajectory=driven, clearance=0.05, only_contested=True, close=0)
     path = tmp_path / "witnesses.json"
     path.write_text(json.dumps(witness_document(result)))
     assert len(replay(policy, load_map(LAB), load_witnesses(path)).violates) == 0

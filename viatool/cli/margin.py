@@ -12,7 +12,7 @@ from viatool.cli import options
 from viatool.cli.command import Command
 from viatool.cli.gating import build_gate, contested_option, gate_options, leave_by_gate
 from viatool.cli.reporting import read_outputs, tell
-from viatool.cli.states import bag_settings, choose_scenarios, sampled_places, state_options
+from viatool.cli.states import bag_settings, choose_scenarios, close_option, sampled_places, state_options
 from viatool.cli.terminal import show_progress
 from viatool.cli.work import keeping, work_options
 from viatool.setting.criteria import PROVING
@@ -101,15 +101,7 @@ _PASSED_ON = (
 @options.scenario_options
 @options.seed_option
 @options.noise_option
-@click.option(
-    "--close",
-    type=click.IntRange(0, 100_000),
-    default=300,
-    show_default=True,
-    metavar="N",
-    help="Also examine N close places: free poses beside the driven path at which it is up to the policy whether the "
-    "robot comes too near. 0 for none.",
-)
+@close_option
 @options.bounds_options
 @options.clearance_options
 @click.option(

@@ -19,30 +19,29 @@ if TYPE_CHECKING:
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 DEFAULT_SPACING = 0.5  # metres
+DEFAULT_CLOSE = 300  # places, as of `viatool.verify`
 
 
 class PosesType(click.ParamType):  # type: ignore[type-arg]  # generic only in newer click
-    """``grid``, ``grid:SPACING`` in metres, or ``random:N``; converted to (spacing, count)."""
+    """``grid``, ``grid:SPACING`` in metres, ``random:N`` or ``near:N``; converted to what `Places` is given."""
 
     name = "poses"
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
         """Show what may be written."""
-        return "grid[:SPACING]|random:N"
+        return "grid[:SPACING]|random:N|near:N"
 
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float | None, int | None]:
-        """Read one of the three."""
-        if isinstance(value, tuple):
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> dict[str, Any]:
+        """Read one of the four."""
+        if isinstance(value, dict):
             return value
         kind, colon, text = str(value).partition(":")
         spacing = finite(text) if colon else DEFAULT_SPACING
         if kind == "grid" and spacing is not None and spacing > 0.0:
-            return spacing, None
-        if kind == "random" and text.isdecimal() and int(text) > 0:
-            return None, int(text)
-        return self.fail(f"'{value}' is not grid, grid:SPACING in m, or random:N", param, ctx)
+            return {"spacing": spacing}
+        if kind in ("random", "near") and text.isdecimal() and int(text) > 0:
+            return {"count" if kind == "random" else "near": int(text)}
+        return self.fail(f"'{value}' is not grid, grid:SPACING in m, random:N or near:N", param, ctx)
 
 
 def state_options(command: Command) -> Command:
@@ -85,8 +84,17 @@ _poses_option = click.option(
     "--poses",
     "places",
     type=PosesType(),
-    help="Verify poses all over the free space instead of driven states: a grid (0.5 m, 8 headings "
-    "each) or N random ones, with the goals of the map's scenarios, or --goal.",
+    help="Verify poses instead of driven states: a grid all over the free space (0.5 m, 8 headings each) or N random "
+    "ones, with the goals of the map's scenarios, or --goal; or N close places beside the driven states alone.",
+)
+close_option = click.option(
+    "--close",
+    type=click.IntRange(0, 100_000),
+    default=DEFAULT_CLOSE,
+    show_default=True,
+    metavar="N",
+    help="Also examine N close places: free poses beside the driven path at which it is up to the policy whether the "
+    "robot comes too near. 0 for none.",
 )
 _bag_options = (
     click.option("--scan-topic", metavar="NAME", help="Topic of the LaserScan in a bag."),
@@ -110,12 +118,14 @@ def sampled_places(given: Mapping[str, Any]) -> Places | None:
     """Return which poses are asked for, if any."""
     if given["places"] is None:
         return None
-    if given["trajectory"] is not None or (given["scenarios"] is not None and given["goals"]):
+    if "near" in given["places"]:
+        if given["goals"] and given["trajectory"] is None:
+            raise click.UsageError("--poses near:N goes with --scenarios or --trajectory, and without --goal")
+    elif given["trajectory"] is not None or (given["scenarios"] is not None and given["goals"]):
         raise click.UsageError("--poses goes with --goal or --scenarios, and without --trajectory")
     from viatool.simulate import Places
 
-    spacing, count = given["places"]
-    return Places(spacing=spacing, count=count)
+    return Places(**given["places"])
 
 
 def choose_scenarios(given: Mapping[str, Any], world_map: WorldMap) -> tuple[Scenario, ...] | None:

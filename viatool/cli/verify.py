@@ -14,7 +14,7 @@ from viatool.cli.command import Command
 from viatool.cli.gating import build_gate, contested_option, gate_options, leave_by_gate
 from viatool.cli.reporting import read_outputs, tell
 from viatool.cli.started import seconds_since_start
-from viatool.cli.states import bag_settings, choose_scenarios, sampled_places, state_options
+from viatool.cli.states import bag_settings, choose_scenarios, close_option, sampled_places, state_options
 from viatool.cli.terminal import show_progress
 from viatool.cli.work import keeping, work_options
 from viatool.setting.criteria import CRITERIA, PROVING
@@ -44,6 +44,7 @@ _PASSED_ON = (
     "explain_errors",
     "noise",
     "seed",
+    "close",
     "workers",
     "scheduler",
     "checkpoint",
@@ -64,6 +65,7 @@ _OF_MARGINS = (
     "robot",
     "prefer",
     "seed",
+    "close",
     "workers",
     "scheduler",
 )
@@ -88,6 +90,7 @@ _OF_MARGINS = (
 @options.scenario_options
 @options.seed_option
 @options.noise_option
+@close_option
 @options.bounds_options
 @options.clearance_options
 @click.option(

@@ -7,16 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from viatool.errors import EmptyEvaluationError, InputError
 from viatool.margins.question import Question
 from viatool.policy import Policy
 from viatool.setting.received import as_received
 from viatool.trajectory import Trajectory
-from viatool.verification.close import close_places
+from viatool.verification.close import joined, places_beside
 from viatool.verification.source import Source
 from viatool.verification.states import States, states_of
-
-_PICKED = "the states are places that were picked, beside which there is no path"
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,19 +50,15 @@ class ExaminedStates:
         found = cls(driven, states_of(widest, driven))
         if not count:
             return found
-        if not driven.connected:
-            return replace(found, reason=_PICKED)
-        try:
-            places = close_places(setting, driven, count, seed=source.seed)
-            close = states_of(widest, places)
-        except (InputError, EmptyEvaluationError) as error:
-            return replace(found, reason=error.message)
-        return replace(found, places=places, close=close)
+        places, reason = places_beside(setting, driven, count, seed=source.seed)
+        if places is None:
+            return replace(found, reason=reason)
+        return replace(found, places=places, close=states_of(widest, places))
 
     @property
     def trajectory(self) -> Trajectory:
         """Return all of them, the close places last."""
-        return self.driven if self.places is None else _both(self.driven, self.places)
+        return self.driven if self.places is None else joined(self.driven, self.places)
 
     @property
     def known(self) -> dict[str, Any]:
@@ -77,23 +70,3 @@ class ExaminedStates:
             "begun": np.concatenate([part.begun for part in parts]),
             "velocity": np.concatenate(velocities) if velocities else None,
         }
-
-
-def _both(driven: Trajectory, close: Trajectory) -> Trajectory:
-    named = (one if one is None else replace(one, name=f"beside {one.name}") for one in close.scenarios)
-    arrays: dict[str, Any] = {
-        name: np.concatenate([getattr(driven, name), getattr(close, name)])
-        for name in ("poses", "observations", "time", "outcomes", "costs")
-    }
-    count = len(driven) + len(close)
-    return replace(
-        driven,
-        **arrays,
-        actions=np.zeros((count, 0)),
-        episode=np.concatenate([driven.episode, close.episode + driven.episodes]),
-        scenarios=(*driven.scenarios, *named),
-        commanded=None,
-        steps=None,
-        people=np.zeros((count, 0, 5)),
-        motion={},
-    )

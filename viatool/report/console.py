@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from viatool.report.records import FileIdentity
 
 BAR_WIDTH = 60
+MOST_EVIDENCE = 5  # sentences of a condition that failed
 _NAME_WIDTH = 45  # of what may stand in the first column of a table without a break
 _GLYPHS = {"safe": "█", "unknown": "▓", "unsafe": "▒", "": "░"}
 
@@ -60,7 +61,8 @@ def print_checks(checks: Sequence[Check], console: Console) -> None:
         if not check.passed:
             word = Text("FAILED", style=f"bold {STYLE['unsafe']}")
         table.add_row(word, Text(shown(check.condition)), Text(shown(check.figures), style="dim"))
-    console.print(_titled("Gate", table if checks else Text("no condition was given")))
+    told = [Text(shown(line), style="dim") for check in checks for line in check.some_evidence(MOST_EVIDENCE)]
+    console.print(_titled("Gate", Group(table, *told) if checks else Text("no condition was given")))
 
 
 def _headline(document: Document) -> RenderableType:

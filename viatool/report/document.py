@@ -9,7 +9,8 @@ run whose document derives from it.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -142,6 +143,14 @@ class Document(ABC):
         """Say what was left out, so that no condition can hold; empty if nothing was."""
         return ""
 
+    def nothing(self, rate: str) -> str:
+        """Say why one of `rates` is of nothing, so that it cannot be decided on."""
+        return self.EMPTY
+
+    def evidence(self, rate: str) -> Iterable[str]:
+        """Name in a sentence each what is not safe of that which one of `rates` counts, as far as it is known."""
+        return ()
+
     def new_failures(self, baseline: Any) -> Sequence[Check]:
         """Decide what an older document of the same kind says about single failures."""
         return ()
@@ -213,17 +222,31 @@ class Replayable(Document):
         """Return what ``viatool replay`` reads."""
 
 
+@dataclass(frozen=True)
+class StateTable:
+    """Arrays of one row for each state, which may be many.
+
+    Parameters
+    ----------
+    size : int
+        How many states there are.
+    episode_columns : sequence of str
+        The names of the arrays with one row for each episode instead.
+    rows : callable
+        Returns the arrays of some states.
+    """
+
+    size: int
+    episode_columns: Sequence[str]
+    rows: Callable[[slice], Mapping[str, NDArray[Any]]]
+
+
 class StateTabled(Document):
-    """A document with arrays of one row for each state, which may be many."""
-
-    @property
-    @abstractmethod
-    def episode_columns(self) -> Sequence[str]:
-        """Return the names of the arrays with one row for each episode instead."""
+    """A document with tables of states."""
 
     @abstractmethod
-    def state_table(self, rows: slice) -> Mapping[str, NDArray[Any]]:
-        """Return the arrays of some states."""
+    def state_tables(self) -> Mapping[str, StateTable]:
+        """Return the tables by what stands before the names of their arrays."""
 
 
 class CellTabled(Document):

@@ -145,7 +145,7 @@ def evaluate(gate: Gate, document: Document) -> tuple[Check, ...]:
         checks += _regressions(gate.baseline, document)
     checks += settled.checks
     if document.size == 0:  # then every count is 0 and says nothing
-        return tuple(_undecidable(check.condition, document) for check in checks)
+        return tuple(_undecidable(check.condition, document.EMPTY) for check in checks)
     if document.incomplete:
         checks = [
             replace(check, passed=False, figures=f"{check.figures}, but {document.incomplete}")
@@ -154,8 +154,8 @@ def evaluate(gate: Gate, document: Document) -> tuple[Check, ...]:
     return tuple(checks)
 
 
-def _undecidable(condition: str, document: Document) -> Check:
-    return Check(condition, passed=False, figures=document.EMPTY, empty=True)
+def _undecidable(condition: str, reason: str) -> Check:
+    return Check(condition, passed=False, figures=reason, empty=True)
 
 
 def _threshold(threshold: Threshold, document: Document, uncounted: Mapping[str, int]) -> Check:
@@ -166,12 +166,12 @@ def _threshold(threshold: Threshold, document: Document, uncounted: Mapping[str,
     digits = digits_needed(threshold.least)
     condition = f"{document.RATES[threshold.name]} >= {percent_of(threshold.least, digits)}"
     if rate.total == 0:
-        return _undecidable(condition, document)
+        return _undecidable(condition, document.nothing(threshold.name))
     aside = min(uncounted.get(threshold.name, 0), rate.total - rate.part)
+    passed = (rate.part + aside) * threshold.least.denominator >= threshold.least.numerator * rate.total
+    figures = f"{rate.percentage(digits)} ({rate.of()}){_beside(aside)}"
     return Check(
-        condition,
-        (rate.part + aside) * threshold.least.denominator >= threshold.least.numerator * rate.total,
-        f"{rate.percentage(digits)} ({rate.of()}){_beside(aside)}",
+        condition, passed, figures, evidence=() if passed else tuple(document.evidence(threshold.name))
     )
 
 
@@ -180,7 +180,7 @@ def _survived(threshold: Threshold, document: Document) -> Check:
     condition = f"{document.RADII[threshold.name]} >= {float(threshold.least):.12g}"
     found = document.survived.get(threshold.name, ())
     if not found:
-        return _undecidable(condition, document)
+        return _undecidable(condition, document.EMPTY)
     least = float(threshold.least)  # as the error was, which was examined as a float
     failing = [one for one in found if one.error is None or not one.error >= least]
     if not failing:

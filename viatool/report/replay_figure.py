@@ -18,6 +18,7 @@ from viatool.report.drawing import FLOOR, INK, WALL, draw_region
 from viatool.report.files import replacing
 from viatool.report.foreign import one_line
 from viatool.report.palette import COLOUR
+from viatool.report.replay_summary import state_of
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -79,7 +80,7 @@ def _draw_one(
     half = 1.6 * (collision + file.rules.footprint.reach) + float(np.abs(tracks[..., :2] - pose[:2]).max())
     axes.set(xlim=(pose[0] - half, pose[0] + half), ylim=(pose[1] - half, pose[1] + half), aspect="equal")
     axes.set(facecolor=FLOOR, xticks=[], yticks=[])
-    state = one_line(str(file.entries[row].get("state", row)))
+    state = one_line(state_of(file.entries[row], row))
     title = f"state {state}: {found.clearance[row]:.4f} m left after {found.seconds[row]:.3f} s"
     axes.set_title(f"{title}\n{found.nearest[row]}".replace("$", r"\$"), fontsize=7, color=INK)
 

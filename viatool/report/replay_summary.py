@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 from rich import box
 from rich.console import Console
@@ -17,6 +18,11 @@ if TYPE_CHECKING:
     from viatool.verification.witness_file import Replay, WitnessFile
 
 
+def state_of(entry: Mapping[str, Any], row: int) -> str:
+    """Return which state a counterexample is of, close places told apart."""
+    return f"{'close ' if entry.get('close') else ''}{entry.get('state', row)}"
+
+
 def print_replay(file: WitnessFile, found: Replay, console: Console) -> None:
     """Print one line for each counterexample, and how many still violate."""
     limit = file.rules.clearance.collision
@@ -28,7 +34,7 @@ def print_replay(file: WitnessFile, found: Replay, console: Console) -> None:
     for row, entry in enumerate(file.entries):
         violates, where = bool(found.violates[row]), shown(found.nearest[row])
         table.add_row(
-            shown(str(entry.get("state", row))),
+            shown(state_of(entry, row)),
             Text("yes" if violates else "NO", style=COLOUR["unsafe" if violates else "safe"]),
             f"{found.clearance[row]:.6f}",
             f"{found.seconds[row]:.3f}",

@@ -27,6 +27,8 @@ class Check:
         What to do then.
     unfounded : bool
         It is about what does not exist, so what was asked is wrong; such a condition never passes either.
+    evidence : tuple of str
+        What made it fail, in a sentence each.
     """
 
     condition: str
@@ -35,6 +37,12 @@ class Check:
     empty: bool = False
     hint: str = "evaluate more scenarios, or gate on another rate"
     unfounded: bool = False
+    evidence: tuple[str, ...] = ()
+
+    def some_evidence(self, most: int) -> tuple[str, ...]:
+        """Return what made it fail, in at most so many sentences and one more that says how many others there are."""
+        left = len(self.evidence) - most
+        return self.evidence[:most] + ((f"And {count(left)} more.",) if left > 0 else ())
 
 
 @dataclass(frozen=True)
@@ -135,6 +143,8 @@ class Case:
         passed, failure, error (nothing is known) or skipped.
     message, figures : str
         Why, in short and at length.
+    evidence : tuple of str
+        What is not safe in it, in a sentence each, where it has more to tell of that.
     """
 
     group: str
@@ -142,6 +152,7 @@ class Case:
     outcome: str = "passed"
     message: str = ""
     figures: str = ""
+    evidence: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ _BARREN = 50  # batches without a free place after which a map counts as full
 
 @dataclass(frozen=True)
 class Places:
-    """Which poses are looked at; either a grid or a number of random ones.
+    """Which poses are looked at: a grid, a number of random ones, or some beside driven states.
 
     Parameters
     ----------
@@ -34,15 +34,20 @@ class Places:
         Number of random poses, shared evenly among the scenarios.
     headings : int
         Evenly spread headings at each place of a grid.
+    near : int, optional
+        Number of close places beside the driven, or recorded, states.
     """
 
     spacing: float | None = None
     count: int | None = None
     headings: int = 8
+    near: int | None = None
 
     def __post_init__(self) -> None:
-        if (self.spacing is None) == (self.count is None):
-            raise ConfigurationError("places are a grid or random ones", "give either a spacing or a count")
+        if sum(given is not None for given in (self.spacing, self.count, self.near)) != 1:
+            raise ConfigurationError(
+                "places are a grid, random ones or near driven states", "give one of spacing, count and near"
+            )
         if self.spacing is not None and not 0.0 < self.spacing < np.inf:
             raise ConfigurationError(f"the grid's spacing is {self.spacing} m", "give a positive distance")
         if self.count is not None and not 0 < self.count <= _MOST:

@@ -83,6 +83,12 @@ class StateWork(Work[States, StateFindings]):
         return StateFindings.join(parts)
 
 
+class CloseWork(StateWork):
+    """The examination of close places."""
+
+    stage = "close places"
+
+
 def describe(examination: StateExamination, states: States, versions: Mapping[str, str]) -> dict[str, Any]:
     """Return everything that the findings depend on, as plain data for the manifest of a checkpoint."""
     policy, setting = examination.policy, examination.setting

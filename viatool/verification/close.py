@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
+from typing import Any
 
 import numpy as np
 
 from viatool.arrays import Booleans, Floats, Indices
 from viatool.channels import View
-from viatool.errors import ConfigurationError, EmptyEvaluationError, PolicyError
+from viatool.errors import ConfigurationError, EmptyEvaluationError, InputError, PolicyError
 from viatool.safety import JudgedStates, ScenePoses, settle
 from viatool.setting.received import as_received
 from viatool.setting.setting import Setting
@@ -19,6 +20,8 @@ from viatool.verification.observing import BlockSensors
 from viatool.verification.states import states_of
 from viatool.world import Scenes
 
+CLOSE = 300
+"""Places beside the driven path that are examined unless another number is asked for."""
 MOST = 100_000  # places; more is a slip of the keyboard
 _NEAR = (0.5, 1.0, 2.0, 4.0)
 """Metres around driven states within which places are drawn: farther only where too few are found nearer."""
@@ -84,6 +87,39 @@ def close_places(setting: Setting, trajectory: Trajectory, count: int, *, seed: 
     return as_received(setting, replace(found, observations=_observed(setting, found)))
 
 
+def places_beside(
+    setting: Setting, trajectory: Trajectory, count: int, *, seed: int = 0
+) -> tuple[Trajectory | None, str]:
+    """Return `close_places`, or in words why there are none."""
+    if not trajectory.connected:
+        return None, "the states are places that were picked, beside which there is no path"
+    try:
+        return close_places(setting, trajectory, count, seed=seed), ""
+    except (InputError, EmptyEvaluationError) as error:
+        return None, error.message
+
+
+def joined(driven: Trajectory, close: Trajectory) -> Trajectory:
+    """Return driven states and behind them close places, in episodes of their own, named for the driven ones."""
+    named = (one if one is None else replace(one, name=f"beside {one.name}") for one in close.scenarios)
+    arrays: dict[str, Any] = {
+        name: np.concatenate([getattr(driven, name), getattr(close, name)])
+        for name in ("poses", "observations", "time", "outcomes", "costs")
+    }
+    count = len(driven) + len(close)
+    return replace(
+        driven,
+        **arrays,
+        actions=np.zeros((count, 0)),
+        episode=np.concatenate([driven.episode, close.episode + driven.episodes]),
+        scenarios=(*driven.scenarios, *named),
+        commanded=None,
+        steps=None,
+        people=np.zeros((count, 0, 5)),
+        motion={},
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class _Beside:
     """Places beside the states of a trajectory."""
@@ -100,7 +136,7 @@ class _Beside:
     def at(self, rows: Indices, poses: Floats) -> Trajectory:
         """Return driven states (B,), ascending, as if they were at other poses (B, 3)."""
         driven = self.trajectory.select(rows)
-        note = "beside driven states, perfect sensors; how the robot came there is as in the driven state"
+        note = "drawn beside the driven states, contested; perfect sensors, commands before as in the driven state"
         return replace(
             driven, poses=poses, actions=np.zeros((len(rows), 0)), connected=False, from_rest=False, steps=None,
             notes=(note,),

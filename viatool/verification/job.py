@@ -23,8 +23,10 @@ from viatool.taylor import Arithmetic, Refinement, engine_of
 from viatool.taylor.approximation import Approximation
 from viatool.trajectory import BagSettings, Trajectory
 from viatool.uncertainty import ErrorModel, as_error_model
+from viatool.verification.beside import examine_beside
 from viatool.verification.campaign import StateWork
 from viatool.verification.clock import Clock
+from viatool.verification.close import CLOSE, MOST
 from viatool.verification.examination import StateExamination
 from viatool.verification.horizon import HorizonExamination
 from viatool.verification.result import Result
@@ -68,6 +70,7 @@ def verify(
     explain_errors: bool = False,
     noise: float | None = None,
     seed: int = 0,
+    close: int = CLOSE,
     workers: int | Literal["auto"] = 1,
     scheduler: Scheduler | str | None = None,
     chunk: int | None = None,
@@ -127,7 +130,9 @@ def verify(
     explain_errors : bool
         Judge the states that are not proved again without each error in turn, to tell what it costs.
     noise, seed
-        Of the simulated sensor and of the search for counterexamples.
+        Of the simulated sensor; the seed is that of close places and of the search for counterexamples, too.
+    close : int
+        So many places beside the driven path are examined as well, see `Result.close`; 0 for none.
     workers : int or "auto"
         Processes that work on the states; "auto" takes one for each core.
     scheduler : Scheduler or str, optional
@@ -163,6 +168,8 @@ def verify(
     -----
     Sound: every state called safe is safe under the assumptions that `Result.assumptions` lists.
     """
+    if not 0 <= close <= MOST:
+        raise ConfigurationError(f"{close} close places", f"ask for 0 to {MOST:,}")
     if resume and checkpoint is None:
         raise ConfigurationError("nothing is there to resume from", "give the folder with --checkpoint")
     wishes = Wishes(
@@ -237,7 +244,7 @@ def verify(
 
         with clock.timed("explain"):
             costs = cost_of_errors(setting, wishes, findings.judgement.safe, ask, judge)
-    return Result(
+    result = Result(
         policy_path=policy.path,
         policy_sha256=policy.sha256,
         setting=setting,
@@ -260,3 +267,6 @@ def verify(
         recording=recording,
         error_costs=costs,
     )
+    with clock.timed("close"):
+        result = examine_beside(result, examination, close, campaign, progress or ignore)
+    return replace(result, seconds=clock.seconds)

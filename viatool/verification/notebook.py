@@ -19,6 +19,7 @@ def table_of(result: Result) -> str:
         f"{result.criterion}, d_danger": result.danger_rate,
         "sampled, not a proof": result.sampled_safety_rate,
         "contested states only": result.contested_rate,
+        **({} if result.close is None else {"close places": result.close_rate}),
     }
     head = "".join(f"<th>{outcome}</th>" for outcome in ("rate of safe states", *_OUTCOMES))
     body = "".join(

@@ -77,6 +77,10 @@ class Result(Asked):
         Widths are those of every so manieth state; with 0 and 1 of all that are bounded.
     velocity : ndarray, optional
         (N, 2, 3) ends of the velocity that the robot was measured to have, NaN where it was not, as far as that counts.
+    close : Result, optional
+        Of the close places beside the states, in the same episodes: what was found there counts into nothing else.
+    no_close : str
+        Why there are none, where some were asked for.
     """
 
     policy_path: Path
@@ -100,6 +104,8 @@ class Result(Asked):
     error_costs: ErrorCosts | None = None
     velocity: Floats | None = None
     bounded_every: int = 1
+    close: Result | None = None
+    no_close: str = ""
 
     EPISODE_COLUMNS: ClassVar = ("outcome",)
     """Arrays of the state table with one row for each episode instead of one for each state."""
@@ -192,6 +198,13 @@ class Result(Asked):
         return self._rate(self.judgement.safe, self.contested.collision)
 
     @property
+    def close_rate(self) -> RateByOutcome:
+        """Return the share of the close places that are safe, by the outcomes of the episodes that they are beside."""
+        if self.close is None:
+            return RateByOutcome.of(np.zeros(0, dtype=bool), np.zeros(0, dtype=np.str_))
+        return self.close.contested_rate
+
+    @property
     def stake(self) -> dict[str, int]:
         """Return in how many states the verdict depended on the policy, as `contested`, of how many `states`."""
         return {"contested": int(self.contested.collision.sum()), "states": len(self.trajectory)}
@@ -254,7 +267,6 @@ class Result(Asked):
 
     def to_json(self) -> dict[str, Any]:
         """Return the report as plain data for `json.dumps`, with None where a value does not exist."""
-        verdict = self.verdict
         return {
             "schema_version": SCHEMA_VERSION,
             "policy": {"path": str(self.policy_path), "sha256": self.policy_sha256},
@@ -264,11 +276,12 @@ class Result(Asked):
             "arithmetic": self.arithmetic,
             "engine": dict(self.engine),
             "states": len(self.trajectory),
-            "verdicts": {name: int((verdict == name).sum()) for name in VERDICTS},
+            "verdicts": self.verdicts(),
             "safety_rate": self.safety_rate.to_json(),
             "sampled_safety_rate": self.sampled_safety_rate.to_json(),
             "danger_rate": self.danger_rate.to_json(),
             "contested_rate": self.contested_rate.to_json(),
+            "close_rate": self.close_rate.to_json(),
             "stake": self.stake,
             "task": self.task(),
             "reachable_width": self.reachable_width(),
@@ -278,9 +291,26 @@ class Result(Asked):
             "assumptions": self.assumptions(),
             "premises": [premise.to_json() for premise in self.premises],
             "unsafe_states": self.unsafe_states(),
+            **({"close": self._close_json()} if self.close is not None or self.no_close else {}),
             **({} if self.horizon is None else {"horizon": self.horizon.to_json()}),
             **({"recording": [found.to_json() for found in self.recording]} if self.recording else {}),
             **({} if self.error_costs is None else {"error_costs": self.error_costs.to_json("states")}),
+        }
+
+    def verdicts(self) -> dict[str, int]:
+        """Return how many states have each verdict."""
+        return {name: int((self.verdict == name).sum()) for name in VERDICTS}
+
+    def _close_json(self) -> dict[str, Any]:
+        """Return what was found at close places, as plain data."""
+        close = self.close
+        if close is None:
+            none = dict.fromkeys(VERDICTS, 0)
+            return {"states": 0, "verdicts": none, "unsafe_states": [], "reason": self.no_close}
+        return {
+            "states": len(close.trajectory),
+            "verdicts": close.verdicts(),
+            "unsafe_states": close.unsafe_states(),
         }
 
     def unsafe_states(self) -> list[dict[str, Any]]:
@@ -376,6 +406,13 @@ class Result(Asked):
         )
 
     @property
+    def _close_words(self) -> str:
+        """Return in words where close places come from, or why there are none; empty if none were asked for."""
+        if self.close is None:
+            return f"none: {self.no_close}" if self.no_close else ""
+        return f"{len(self.close.trajectory):,}, {'; '.join(self.close.trajectory.notes)}"
+
+    @property
     def _sensor_words(self) -> str:
         """Return in words what sensors may err, and what a recorded scan says of one that errs as a whole."""
         errors = self.setting.reading_errors
@@ -395,6 +432,7 @@ class Result(Asked):
         return {
             "states": "; ".join([self.origin or "of unknown origin", *self.trajectory.notes]),
             **({"recording": "; ".join(map(str, self.recording))} if self.recording else {}),
+            **({"close_places": told} if (told := self._close_words) else {}),
             "before_the_network": self.maps.before,
             "after_the_network": self.maps.after,
             "footprint": rules.footprint.words,

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from viatool.errors import ConfigurationError
 from viatool.policy import Policy
 from viatool.setting.recalled import recalled
+from viatool.setting.received import as_received
 from viatool.setting.setting import Setting
 from viatool.simulate import Agreement, Conditions, Places, compare_with_map, drive, observe_places
 from viatool.trajectory import BagSettings, Trajectory, load_trajectory
 from viatool.uncertainty import ErrorModel
+from viatool.verification.close import close_places
 
 StrPath = str | os.PathLike[str]
 
@@ -46,13 +48,19 @@ class Source:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if self.places is not None and self.trajectory is not None:
+        if self.places is not None and self.places.near is None and self.trajectory is not None:
             raise ConfigurationError("states are given and poses are to be sampled", "leave one of them out")
 
     def states(self, policy: Policy, setting: Setting) -> Trajectory:
         """Return the states."""
-        if self.places is not None:
+        if self.places is None:
+            return self._driven(policy, setting)
+        if self.places.near is None:
             return observe_places(policy, setting, self.places, seed=self.seed)
+        driven = as_received(setting, self._driven(policy, setting))
+        return close_places(setting, driven, self.places.near, seed=self.seed)
+
+    def _driven(self, policy: Policy, setting: Setting) -> Trajectory:
         if self.trajectory is None:
             conditions = Conditions(noise=self.noise, delay=setting.rules.delay)
             motors = _motors(setting)
@@ -63,7 +71,7 @@ class Source:
 
     def compared(self, setting: Setting, states: Trajectory) -> tuple[Agreement, ...]:
         """Return how the LiDAR readings of recorded states agree with the map; nothing of states that are simulated."""
-        if self.trajectory is None:
+        if self.trajectory is None or self.places is not None:
             return ()
         return compare_with_map(
             setting.spec.observation,
@@ -78,6 +86,9 @@ class Source:
         """Return in words where the states come from, and the seed."""
         seed = self.seed
         if self.places is not None:
+            if self.places.near is not None:
+                driven = replace(self, places=None).words(setting)
+                return f"{self.places.near:,} close places beside states that are {driven}"
             if self.places.count is not None:
                 return f"{self.places.count:,} random poses, seed {seed}"
             grid = f"a grid of {self.places.spacing:g} m with {self.places.headings} headings"

@@ -159,6 +159,8 @@ def witness_document(result: Result) -> dict[str, Any]:
     if result.horizon is not None:
         crashes = result.horizon.crashes
         entries += state_entries(result, crashes.last, crashes)
+    if result.close is not None:
+        entries += [{**entry, "close": True} for entry in state_entries(result.close, result.close.witnesses)]
     return compose_witnesses(
         result.policy_path,
         result.policy_sha256,

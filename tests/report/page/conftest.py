@@ -37,7 +37,7 @@ def verified(folder: Path) -> Callable[..., Result]:
     """Verify the policy of the hall on a map, with any setting."""
 
     def verified(name: str = "plain", **settings: object) -> Result:
-        arguments = {"eps": 0.01, **settings}
+        arguments = {"eps": 0.01, "close": 0, **settings}
         return viatool.verify(folder / "policy.onnx", folder / f"{name}.yaml", **arguments)
 
     return verified

@@ -350,3 +350,25 @@ def test_a_thinned_page_still_steps_through_its_states(show: Show, plain: Result
     assert browser.text("shown") == "20 of 20 states shown"
     click(browser, "#forward")
     assert browser.complaints() == []
+
+
+def test_close_places_are_drawn_told_apart_and_filtered(show: Show, verified: Verified) -> None:
+    result = verified(close=40)
+    assert result.close is not None
+    browser = show(result)
+    assert browser.complaints() == []
+    for verdict in ("safe", "unsafe", "unknown"):
+        drawn, some = browser.source(f"close-{verdict}"), result.close.verdict == verdict
+        np.testing.assert_allclose(
+            np.column_stack([drawn["x"], drawn["y"]]).reshape(-1, 2), result.close.poses[some, :2], atol=1e-5
+        )
+    driven = result.poses[result.verdict == "unsafe", :2]
+    drawn = browser.source("dots-unsafe")
+    np.testing.assert_allclose(np.column_stack([drawn["x"], drawn["y"]]).reshape(-1, 2), driven, atol=1e-5)
+    total = len(result.verdict) + 40
+    assert browser.text("shown") == f"{total} of {total} states and close places shown"
+    select_state(browser, total - 1)
+    assert browser.text("where").startswith("close place 39, beside ")
+    browser.run("document.querySelector('[data-filter=place][value=\"1\"]').click()")
+    assert browser.text("shown") == f"{total - 40} of {total} states and close places shown"
+    assert browser.source("close-safe")["x"] == []

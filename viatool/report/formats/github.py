@@ -15,6 +15,7 @@ SUFFIXES = ()
 NEEDS = Annotated
 LIBRARIES = ()
 SUMMARY_VARIABLE = "GITHUB_STEP_SUMMARY"
+MOST_EVIDENCE = 10  # sentences of a condition that failed
 MOST_OF_A_KIND = 10  # GitHub shows no more annotations of a kind for each step
 
 
@@ -30,7 +31,13 @@ def render(document: Annotated, checks: Sequence[Check], suffix: str) -> str:
     if summary:
         with Path(summary).open("a", encoding="utf-8") as stream:
             stream.write(markdown(document, checks) + "\n")
-    failed = [Annotation("error", f"gate failed: {c.condition}", c.figures) for c in checks if not c.passed]
+    failed = [
+        Annotation(
+            "error", f"gate failed: {c.condition}", " ".join([c.figures, *c.some_evidence(MOST_EVIDENCE)])
+        )
+        for c in checks
+        if not c.passed
+    ]
     stake = document.headline.stake
     told = [Annotation("notice", "at stake", stake)] if stake else []
     found = [*told, *failed, *document.annotations()]

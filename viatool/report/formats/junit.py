@@ -12,6 +12,7 @@ from viatool.report.sections import Case, Check
 SUFFIXES = (".xml",)
 NEEDS = Cased
 LIBRARIES = ()
+MOST_EVIDENCE = 1000  # sentences of a condition that failed
 
 
 def render(document: Cased, checks: Sequence[Check], suffix: str) -> bytes:
@@ -54,7 +55,8 @@ def _facts(document: Cased) -> list[tuple[str, str]]:
 
 def _condition(check: Check) -> Case:
     outcome = "error" if check.empty or check.unfounded else "passed" if check.passed else "failure"
-    return Case("viatool.gate", check.condition, outcome, check.figures, check.condition)
+    evidence = check.some_evidence(MOST_EVIDENCE)
+    return Case("viatool.gate", check.condition, outcome, check.figures, check.condition, evidence)
 
 
 def _element(case: Case) -> Xml.Element:
@@ -63,13 +65,18 @@ def _element(case: Case) -> Xml.Element:
     )
     match case.outcome:
         case "passed":
-            pass
+            if case.evidence:
+                Xml.SubElement(element, "system-out").text = _lines(case)
         case "skipped":
             Xml.SubElement(element, "skipped", {"message": _clean(case.message)})
         case kind:
             part = Xml.SubElement(element, kind, {"message": _clean(case.message), "type": f"viatool.{kind}"})
-            part.text = _clean(case.figures)
+            part.text = _lines(case)
     return element
+
+
+def _lines(case: Case) -> str:
+    return "\n".join(map(_clean, (case.figures, *case.evidence)))
 
 
 def _clean(text: str) -> str:

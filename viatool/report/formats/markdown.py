@@ -13,6 +13,7 @@ from viatool.report.sections import Breakdown, Check, Facts, Rates, Section, Tab
 SUFFIXES = ()
 NEEDS = Document
 LIBRARIES = ()
+MOST_EVIDENCE = 200  # sentences of a condition that failed
 _SPECIAL = str.maketrans({character: f"\\{character}" for character in "\\`*_{}[]()#+!|~@"})
 
 
@@ -40,6 +41,8 @@ def markdown(document: Document, checks: Sequence[Check] = ()) -> str:
     if checks:
         rows = [("passed" if c.passed else "**FAILED**", *_cells((c.condition, c.figures))) for c in checks]
         lines += _table(("gate", "condition", "found"), rows)
+        for check in checks:
+            lines += _evidence(check)
     for section in document.sections:
         lines += _section(section)
     if record.premises:
@@ -50,6 +53,20 @@ def markdown(document: Document, checks: Sequence[Check] = ()) -> str:
     facts += [("policy sha256", record.policy.sha256), ("map sha256", record.map.sha256)]
     lines += [*_table(("", ""), facts), "</details>", ""]
     return "\n".join(lines)
+
+
+def _evidence(check: Check) -> list[str]:
+    told = [f"- {_escape(sentence)}" for sentence in check.some_evidence(MOST_EVIDENCE)]
+    if not told:
+        return []
+    return [
+        f"<details><summary>Not safe: {_escape(check.condition)}</summary>",
+        "",
+        *told,
+        "",
+        "</details>",
+        "",
+    ]
 
 
 def _section(section: Section) -> list[str]:

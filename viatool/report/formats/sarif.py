@@ -17,6 +17,7 @@ SUFFIXES = (".sarif", ".json")
 NEEDS = Located
 LIBRARIES = ()
 SCHEMA = "https://docs.oasis-open.org/sarif/sarif/v2.1.0/os/schemas/sarif-schema-2.1.0.json"
+MOST_EVIDENCE = 100  # sentences of a condition that failed
 MOST_RESULTS = 25_000  # more are refused by code scanning
 GATE = {"gate": ("error", "A condition of the gate does not hold.")}
 
@@ -50,7 +51,8 @@ def render(document: Located, checks: Sequence[Check], suffix: str) -> str:
 
 
 def _failed(check: Check) -> Finding:
-    return Finding("gate", f"{check.condition}: {check.figures}", check.condition, check.condition)
+    told = " ".join([f"{check.condition}: {check.figures}", *check.some_evidence(MOST_EVIDENCE)])
+    return Finding("gate", told, check.condition, check.condition)
 
 
 def _rule(name: str, level: str, text: str) -> dict[str, Any]:

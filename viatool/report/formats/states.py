@@ -8,7 +8,7 @@ from zipfile import ZIP_DEFLATED, ZipFile
 import numpy as np
 from numpy.lib import format as npy
 
-from viatool.report.document import StateTabled
+from viatool.report.document import StateTable, StateTabled
 from viatool.report.sections import Check
 
 SUFFIXES = (".npz",)
@@ -19,25 +19,30 @@ _FAST = 1  # level of compression: nearly as small as the usual 6, and several t
 
 
 def render(document: StateTabled, checks: Sequence[Check], suffix: str) -> Iterator[bytes]:
-    """Yield the state table as an npz archive, some rows at a time."""
-    states = document.size
-    spans = [slice(start, start + _ROWS) for start in range(0, states, _ROWS)]
-    empty = document.state_table(slice(0, 0))
+    """Yield the tables of states as one npz archive, some rows at a time."""
     outlet = _Outlet()
     with ZipFile(outlet, "w", ZIP_DEFLATED, compresslevel=_FAST) as archive:
-        for name, column in empty.items():
-            per_state = name not in document.episode_columns
-            count = states if per_state else len(column)
-            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
-                shape = (count, *column.shape[1:])
-                npy.write_array_header_1_0(
-                    member,
-                    {"descr": npy.dtype_to_descr(column.dtype), "fortran_order": False, "shape": shape},
-                )
-                for rows in spans if per_state else spans[:1]:
-                    member.write(np.ascontiguousarray(document.state_table(rows)[name]).tobytes())
-                    yield outlet.take()
+        for prefix, table in document.state_tables().items():
+            for _ in _written(archive, prefix, table):
+                yield outlet.take()
     yield outlet.take()
+
+
+def _written(archive: ZipFile, prefix: str, table: StateTable) -> Iterator[None]:
+    """Write the arrays of a table, pausing after some rows."""
+    spans = [slice(start, start + _ROWS) for start in range(0, table.size, _ROWS)]
+    for name, column in table.rows(slice(0, 0)).items():
+        per_state = name not in table.episode_columns
+        count = table.size if per_state else len(column)
+        with archive.open(f"{prefix}{name}.npy", "w", force_zip64=True) as member:
+            shape = (count, *column.shape[1:])
+            npy.write_array_header_1_0(
+                member,
+                {"descr": npy.dtype_to_descr(column.dtype), "fortran_order": False, "shape": shape},
+            )
+            for rows in spans if per_state else spans[:1]:
+                member.write(np.ascontiguousarray(table.rows(rows)[name]).tobytes())
+                yield
 
 
 class _Outlet:

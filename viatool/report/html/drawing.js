@@ -15,7 +15,7 @@ const Drawing = (() => {
     };
     let end = null;
     for (const row of rows) {
-      if (row + 1 >= States.count || States.episode[row + 1] !== States.episode[row]) continue;
+      if (States.close[row] || row + 1 >= States.count || States.episode[row + 1] !== States.episode[row]) continue;
       if (row !== end) {
         lines.x.push([]);
         lines.y.push([]);
@@ -31,7 +31,9 @@ const Drawing = (() => {
     data.verdicts.forEach((name, level) => {
       const some = rows.filter((row) => States.verdict[row] === level);
       fill(`path-${name}`, data.connected ? stretches(some) : { x: [], y: [] });
-      fill(`dots-${name}`, outline(data.connected && level === 0 ? [] : some.map(States.poseOf)));
+      const [close, driven] = [1, 0].map((kind) => some.filter((row) => States.close[row] === kind));
+      fill(`close-${name}`, outline(close.map(States.poseOf)));
+      fill(`dots-${name}`, outline(data.connected && level === 0 ? [] : driven.map(States.poseOf)));
     });
     fill("halo", data.connected ? stretches(rows.filter((row) => !States.danger[row])) : { x: [], y: [] });
   }
@@ -62,10 +64,11 @@ const Drawing = (() => {
     }
     fill("goal", outline(goal ? [goal] : []));
     const rows = States.rowsOfEpisode(episode);
-    fill("track", outline(data.connected ? rows.map(States.poseOf) : []));
+    const path = data.connected ? rows.filter((row) => !States.close[row]) : [];
+    fill("track", outline(path.map(States.poseOf)));
     for (const axis of [0, 1]) {
       const curve = (some) => ({ x: some.map(States.timeOf), y: some.map((row) => States.widthOf(row, axis)) });
-      fill(`width-line-${axis}`, curve(data.connected ? rows : []));
+      fill(`width-line-${axis}`, curve(path));
       data.verdicts.forEach((name, level) => fill(`width-${axis}-${name}`, curve(rows.filter((row) => States.verdict[row] === level))));
     }
   }

@@ -49,12 +49,17 @@ def map_figure(result: Result) -> figure:
         )
         dots.glyph.line_width = 1.0 + 0.6 * level
         themed(dots.glyph, line_color=verdict, fill_color=verdict)
+        hollow = plot.scatter(
+            "x", "y", source=source(f"close-{verdict}", "x y"), size=4.0 + 2.0 * level, marker=_CLOSE[level]
+        )
+        themed(hollow.glyph, line_color=verdict).fill_alpha = 0.0
     draw_goal(plot)
     draw_here(plot)
     draw_robot(plot)
     return plot
 
 
+_CLOSE = ("circle", "square", "diamond")  # hollow
 _MARKERS = ("circle", "square", "x")  # of the verdicts: told apart without colours as well
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from bokeh.plotting import figure
 
 from viatool.report.foreign import one_line
@@ -18,6 +19,7 @@ from viatool.report.sections import Check, Share, Table
 from viatool.report.states.document import OUTCOMES, StatesDocument, by_outcome
 from viatool.report.states.episodes import Episode, summarise_episodes
 from viatool.report.wording import describe_eps
+from viatool.verification.beside import together
 
 if TYPE_CHECKING:
     from viatool.arrays import Indices
@@ -36,6 +38,7 @@ SCRIPTS = (
     "report.js",
 )
 MOST_EPISODES = 500  # rows of the table of episodes
+MOST_CLOSE = 2_000  # close places that a page holds
 
 
 def render_page(document: StatesRun, checks: Sequence[Check], most: int | None = None) -> str:
@@ -52,20 +55,25 @@ def render_page(document: StatesRun, checks: Sequence[Check], most: int | None =
     """
     result = document.result
     kept = keep_states(result) if most is None else keep_states(result, most)
+    every, shown = together(result), kept
+    if result.close is not None:
+        beside = keep_states(result.close, MOST_CLOSE)
+        shown = np.concatenate([kept, len(result.trajectory) + beside])
     return assemble(
         document,
         __package__,
         "page.html",
         SCRIPTS,
         title="viatool",
-        data=page_data(result, kept),
+        data=page_data(every, shown, driven=result),
         figures=_figures(result),
         checks=checks,
         connected=result.trajectory.connected,
         thinned=_thinned(result, kept),
+        close=result.close is not None,
         shown_outcomes=[name for name in (*OUTCOMES[1:], "unknown") if name in result.outcomes],
         **_tables(document),
-        **_episodes(result, kept),
+        **_episodes(every, shown, result.trajectory.episodes),
     )
 
 
@@ -142,10 +150,8 @@ def _cell(share: Share) -> dict[str, str]:
     return {"rate": share.percentage(), "figures": share.of() if share.total else "no states"}
 
 
-def _episodes(result: Result, kept: Indices) -> dict[str, Any]:
-    import numpy as np
-
-    every = summarise_episodes(result)
+def _episodes(result: Result, kept: Indices, driven: int) -> dict[str, Any]:
+    every = [e for e in summarise_episodes(result) if e.index < driven or e.states]
     worst = sorted(every, key=lambda e: (-e.unsafe, -e.unknown, e.index))[:MOST_EPISODES]
     place = {int(e): i for i, e in enumerate(np.unique(result.trajectory.episode[kept]))}
     left_out = len(every) - len(worst)

@@ -10,11 +10,13 @@
   function passing() {
     const ticked = (kind) => new Set([...document.querySelectorAll(`[data-filter=${kind}]:checked`)].map((box) => box.value));
     const [verdicts, outcomes, episode] = [ticked("verdict"), ticked("outcome"), element("episode").value];
+    const places = ticked("place");
+    const placePasses = (row) => !document.querySelector("[data-filter=place]") || places.has(String(States.close[row]));
     const verdictPasses = data.verdicts.map((name) => verdicts.has(name));
     const episodePasses = data.episodes.map(({ outcome }, i) => outcomes.has(outcome) && (episode === "" || Number(episode) === i));
     const rows = [];
     for (let row = 0; row < States.count; row += 1) {
-      if (verdictPasses[States.verdict[row]] && episodePasses[States.episode[row]]) rows.push(row);
+      if (verdictPasses[States.verdict[row]] && episodePasses[States.episode[row]] && placePasses(row)) rows.push(row);
     }
     return rows;
   }
@@ -25,7 +27,7 @@
     slider.max = Math.max(shown.length - 1, 0);
     slider.disabled = shown.length === 0;
     const [some, all] = [shown.length, States.count].map((number) => number.toLocaleString("en"));
-    element("shown").textContent = `${some} of ${all} states shown`;
+    element("shown").textContent = `${some} of ${all} states ${States.close.includes(1) ? "and close places " : ""}shown`;
     Drawing.drawMap(shown);
     select(Math.max(shown.indexOf(current), 0));
   }

@@ -76,13 +76,14 @@ def pack_coarsely(array: Floats) -> dict[str, Any]:
     return {**pack(whole, "uint16"), "lower": lower.tolist(), "step": step.tolist()}
 
 
-def page_data(result: Result, kept: Indices) -> dict[str, Any]:
-    """Return all that the page's script needs to draw any of the kept states."""
+def page_data(result: Result, kept: Indices, *, driven: Result | None = None) -> dict[str, Any]:
+    """Return all that the page's script needs to draw the kept states; behind the driven ones stand close places."""
     trajectory = result.trajectory
+    count = len(trajectory if driven is None else driven.trajectory)
     episodes, episode = np.unique(trajectory.episode[kept], return_inverse=True)
-    first = closest_state(result)
+    first = closest_state(result if driven is None else driven)
     return {
-        "states": _states(result, kept, episode.reshape(-1)),
+        "states": _states(result, kept, episode.reshape(-1), count),
         "witnesses": _witnesses(result, kept),
         "episodes": [_episode(result, int(index)) for index in episodes],
         "channels": channel_list(result.setting.spec, result.radii),
@@ -97,11 +98,12 @@ def page_data(result: Result, kept: Indices) -> dict[str, Any]:
     }
 
 
-def _states(result: Result, kept: Indices, episode: Indices) -> dict[str, Any]:
-    trajectory = result.trajectory
+def _states(result: Result, kept: Indices, episode: Indices, driven: int) -> dict[str, Any]:
+    trajectory, close = result.trajectory, kept >= driven
     verdict = np.select([result.verdict == name for name in VERDICTS], range(len(VERDICTS)))
     packed = {
-        "number": pack(kept, "uint32"),
+        "number": pack(np.where(close, kept - driven, kept), "uint32"),
+        "close": pack(close, "uint8"),
         "episode": pack(episode, "uint32"),
         "time": pack(trajectory.time[kept], "float32"),
         "pose": pack(trajectory.poses[kept], "float32"),

@@ -10,7 +10,7 @@ const Words = (() => {
     const { name, outcome } = States.episodeOf(row);
     const when = data.connected ? `t = ${States.time[row].toFixed(2)} s` : `goal of ${name}`;
     const where = data.connected ? `${name} (${outcome}), ${when}` : when;
-    return `state ${States.number[row]}, ${where}: ${States.verdictOf(row)}`;
+    return `${States.close[row] ? "close place" : "state"} ${States.number[row]}, ${where}: ${States.verdictOf(row)}`;
   }
 
   // Pairs of a name and a value.

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from viatool.errors import ConfigurationError
 from viatool.margins.result import document_of
-from viatool.report.document import Replayable, StateTabled
+from viatool.report.document import Replayable, StateTable, StateTabled
 from viatool.report.margins.document import MarginsDocument
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from viatool.margins.result import Margins
 
 
@@ -33,14 +31,9 @@ class MarginsRun(MarginsDocument, Replayable, StateTabled):
             )
         return self.margins[0]
 
-    @property
-    def episode_columns(self) -> Sequence[str]:
-        """Return the names of the arrays that do not have a row for each state."""
-        return self.only.EPISODE_COLUMNS
-
-    def state_table(self, rows: slice) -> Mapping[str, NDArray[Any]]:
-        """Return the arrays of some contested states."""
-        return self.only.state_table(rows)
+    def state_tables(self) -> Mapping[str, StateTable]:
+        """Return the arrays of the contested states."""
+        return {"": StateTable(self.size, self.only.EPISODE_COLUMNS, self.only.state_table)}
 
     def witness_file(self) -> Mapping[str, Any]:
         """Return the counterexamples, each within the smallest error that has one."""

@@ -15,6 +15,7 @@ from viatool.report.margins.tables import margin_sections
 from viatool.report.numbers import MISSING, count, counted, percent_of, percentage, significant
 from viatool.report.palette import MEANING, VERDICTS
 from viatool.report.sections import (
+    NOTHING,
     Breakdown,
     Check,
     Count,
@@ -65,6 +66,7 @@ class StatesDocument(Verified):
         "overall": "safety rate",
         "danger": "danger rate",
         "contested": "contested rate",
+        "close": "close rate",
         "sampled": "sampled safety rate",
         "success": "safety rate in successful episodes",
         "collision": "safety rate in colliding episodes",
@@ -84,10 +86,20 @@ class StatesDocument(Verified):
     def stake(self) -> str:
         """Return in words in how many states the verdict depended on the policy, and what these verdicts are."""
         record, contested = self.record, self.record.contested_rate.overall.share
-        if not contested.total:
-            return "no verdict depended on the policy"
         tested = f"in {count(contested.total)} of {counted(record.states, 'state')}"
-        return f"the policy was put to the test {tested}: {_ended(contested, record.verdicts)}"
+        each = [tested + _ended(contested, record.verdicts)]
+        if record.close is not None and self.close.total:
+            each.append(
+                f"in {counted(self.close.total, 'close place')}{_ended(self.close, record.close.verdicts)}"
+            )
+        elif not contested.total:
+            return "no verdict depended on the policy"
+        return f"the policy was put to the test {'; '.join(each)}"
+
+    @property
+    def close(self) -> Share:
+        """Return which share of the close places is safe."""
+        return NOTHING if self.record.close_rate is None else self.record.close_rate.overall.share
 
     @property
     def subject(self) -> Sequence[str]:
@@ -119,11 +131,15 @@ class StatesDocument(Verified):
     def rate_rows(self) -> Mapping[str, RateByOutcomeRecord]:
         """Return the rates of safe states by what they count, in the order in which they are shown."""
         record = self.record
+        close = (
+            {} if record.close_rate is None or not self.close.total else {"close places": record.close_rate}
+        )
         return {
             f"{record.criterion}, collision distance": record.safety_rate,
             f"{record.criterion}, danger distance": record.danger_rate,
             "sampled (9 actions), not a proof": record.sampled_safety_rate,
             "contested states only": record.contested_rate,
+            **close,
         }
 
     @property
@@ -197,6 +213,7 @@ class StatesDocument(Verified):
             "overall": record.safety_rate.overall.share,
             "danger": record.danger_rate.overall.share,
             "contested": record.contested_rate.overall.share,
+            "close": self.close,
             "sampled": record.sampled_safety_rate.overall.share,
             **dict(zip(OUTCOMES[1:], by_outcome(record.safety_rate)[1:], strict=True)),
             **horizon,
@@ -206,6 +223,26 @@ class StatesDocument(Verified):
     def size(self) -> int:
         """Return how many states there are."""
         return self.record.states
+
+    def nothing(self, rate: str) -> str:
+        """Say why a rate is of nothing: of close places, why there are none."""
+        if rate != "close":
+            return super().nothing(rate)
+        record = self.record.close
+        return "no close places" + (
+            f": {record.reason}" if record is not None and record.reason else " were examined"
+        )
+
+    def evidence(self, rate: str) -> Iterator[str]:
+        """Name the states, or close places, that are known to be unsafe."""
+        record = self.record
+        if rate == "close":
+            close = record.close
+            yield from (
+                [] if close is None else [_named("close place", state) for state in close.unsafe_states]
+            )
+        elif rate in ("overall", "contested"):
+            yield from (_named("state", state) for state in record.unsafe_states or ())
 
     @property
     def limited(self) -> Mapping[str, Count]:
@@ -244,15 +281,31 @@ class StatesDocument(Verified):
         return [Check("no unsafe state that the baseline lacks", not new, f"{count(len(new))} new{more}")]
 
 
+def _named(what: str, found: UnsafeState) -> str:
+    return describe_state(what, found.state, "unsafe", found.scenario, found.time, found.pose)
+
+
+def describe_state(
+    what: str, number: int, verdict: str, scenario: str, time: float, pose: Sequence[float]
+) -> str:
+    """Write in a sentence which state is meant; `what` tells a state from a close place."""
+    x, y, heading = pose
+    return (
+        f"{what.capitalize()} {number} is {verdict}: scenario {scenario} at {time:.2f} s, "
+        f"x {x:.3f} m, y {y:.3f} m, heading {heading:.3f} rad."
+    )
+
+
 def by_outcome(rates: RateByOutcomeRecord) -> tuple[Share, ...]:
     """Return the rates in the order of `OUTCOMES`."""
     return tuple(getattr(rates, outcome).share for outcome in OUTCOMES)
 
 
 def _ended(contested: Share, verdicts: Verdicts) -> str:
-    """Write the verdicts of contested states; all that are not safe are contested."""
+    """Write the verdicts of contested states behind a colon; all that are not safe are contested."""
     numbers = {"proved": contested.part, "unsafe": verdicts.unsafe, "unknown": verdicts.unknown}
-    return ", ".join(f"{count(number)} {name}" for name, number in numbers.items() if number)
+    told = ", ".join(f"{count(number)} {name}" for name, number in numbers.items() if number)
+    return f": {told}" if told else ""
 
 
 def _rate(share: float | None) -> str:

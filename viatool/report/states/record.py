@@ -89,6 +89,15 @@ class UnsafeState(ReportPart):
     pose: tuple[float, float, float]
 
 
+class ClosePlacesRecord(ReportPart):
+    """What was found at close places, beside the driven states; `reason` says why there are none."""
+
+    states: Count
+    verdicts: Verdicts
+    unsafe_states: list[UnsafeState]
+    reason: str = ""
+
+
 class PoseError(ReportPart):
     """Half-widths of the box around every recorded pose: of x and y in metres, of the heading in radians."""
 
@@ -153,6 +162,8 @@ class StatesRecord(VerifiedRecord):
     sampled_safety_rate: RateByOutcomeRecord
     danger_rate: RateByOutcomeRecord
     contested_rate: RateByOutcomeRecord
+    close_rate: RateByOutcomeRecord | None = None
+    close: ClosePlacesRecord | None = None
     stake: StakeRecord | None = None
     task: TaskRecord
     reachable_width: dict[str, Width]
@@ -162,6 +173,22 @@ class StatesRecord(VerifiedRecord):
     possible: PossibleCommands | None = None
     error_costs: ErrorCostsRecord | None = None
     margins: StateMarginsRecord | None = None
+
+    @model_validator(mode="after")
+    def _close_adds_up(self) -> Self:
+        rate = None if self.close_rate is None else self.close_rate.overall
+        if self.close is None or rate is None:
+            return self
+        found = self.close.verdicts
+        counted = found.safe + found.unsafe + found.unknown
+        if counted != self.close.states:
+            raise ValueError(f"the verdicts count {counted} close places of {self.close.states}")
+        if rate.total - rate.safe != found.unsafe + found.unknown:
+            raise ValueError(
+                f"close_rate counts {rate.total - rate.safe} close places that are not safe, the verdicts "
+                f"{found.unsafe + found.unknown}"
+            )
+        return self
 
     @model_validator(mode="after")
     def _adds_up(self) -> Self:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -16,12 +17,13 @@ from viatool.report.document import (
     Explorable,
     Located,
     Replayable,
+    StateTable,
     StateTabled,
     Tabled,
 )
 from viatool.report.numbers import counted
 from viatool.report.sections import Annotation, Case, Check, Finding, Rules
-from viatool.report.states.document import StatesDocument
+from viatool.report.states.document import StatesDocument, describe_state
 from viatool.report.states.episodes import Episode, summarise_episodes
 
 if TYPE_CHECKING:
@@ -32,6 +34,7 @@ if TYPE_CHECKING:
     from viatool.report.files import Content
     from viatool.verification.result import Result
 
+NOT_SAFE = ("unsafe", "unknown")
 COLUMNS = ("state", "episode", "scenario", "outcome", "time", "x", "y", "theta", "verdict")
 
 
@@ -50,12 +53,20 @@ class StatesRun(
         What was read besides policy and map, by its role: ``specification``, ``errors``, ``recording``.
     """
 
-    FINDING_RULES: ClassVar[Rules] = {
+    FINDING_RULES: ClassVar[Rules] = {  # of what was not driven, no finding is an error
         "unsafe-state": (
             "error",
             "A sensor error within eps makes the deployed policy violate the criterion.",
         ),
         "unknown-state": ("warning", "The criterion could be neither proved nor refuted."),
+        "unsafe-close-place": (
+            "warning",
+            "Beside the driven path, a sensor error within eps makes the deployed policy violate the criterion.",
+        ),
+        "unknown-close-place": (
+            "note",
+            "Beside the driven path, the criterion could be neither proved nor refuted.",
+        ),
     }
 
     def __init__(
@@ -66,15 +77,28 @@ class StatesRun(
         self.result, self.files = result, files or {}
 
     def cases(self) -> Sequence[Case]:
-        """Return every episode: an unsafe one is a failure, one with unknown states an error."""
-        return [_case(episode) for episode in summarise_episodes(self.result)]
+        """Return every episode: an unsafe one is a failure, one with unknown states an error; and close places.
+
+        Close places were not driven: they fail nothing but the gate that asks for them.
+        """
+        close = self.result.close
+        beside = [] if close is None else summarise_episodes(close)
+        return [
+            *(_case(episode) for episode in summarise_episodes(self.result)),
+            *(self._beside(episode) for episode in beside if episode.states),
+        ]
+
+    def _beside(self, episode: Episode) -> Case:
+        evidence = tuple(self._told(self.result.close, "close place", episode.index))
+        name = f"beside {episode.index}: {episode.name}"
+        return Case("viatool.close_places", name, figures=_figures(episode), evidence=evidence)
 
     def annotations(self) -> Sequence[Annotation]:
         """Return an error for each unsafe episode, and a warning for each with unknown states alone."""
         episodes = summarise_episodes(self.result)
         unsafe = [(e, "error", "unsafe", e.unsafe) for e in episodes if e.unsafe]
         unknown = [(e, "warning", "unknown", e.unknown) for e in episodes if e.unknown and not e.unsafe]
-        return [
+        driven = [
             Annotation(
                 level,
                 f"{counted(number, f'{verdict} state')} in {e.name}",
@@ -82,27 +106,34 @@ class StatesRun(
             )
             for e, level, verdict, number in [*unsafe, *unknown]
         ]
+        close = [] if self.result.close is None else summarise_episodes(self.result.close)
+        beside = [
+            Annotation(
+                "warning",
+                f"{counted(e.unsafe + e.unknown, 'close place')} not safe beside {e.name}",
+                f"{e.safe} of {counted(e.states, 'close place')} safe, {e.unsafe} unsafe, {e.unknown} unknown",
+            )
+            for e in close
+            if e.unsafe + e.unknown
+        ]
+        return [*driven, *beside]
 
     def findings(self) -> tuple[Iterable[Finding], int]:
-        """Return the unsafe states, then the unknown ones."""
-        return self._findings(), int((self.result.verdict != "safe").sum())
+        """Return the unsafe states, then the unknown ones, and the same of close places."""
+        number = int((self.result.verdict != "safe").sum())
+        if self.result.close is not None:
+            number += int((self.result.close.verdict != "safe").sum())
+        return self._findings(), number
 
     def _findings(self) -> Iterator[Finding]:
-        trajectory, lacking = self.result.trajectory, self._lacking
-        for verdict in ("unsafe", "unknown"):
-            for state in np.flatnonzero(self.result.verdict == verdict).tolist():
-                name, time = trajectory.name_of(trajectory.episode[state]), float(trajectory.time[state])
-                x, y, heading = trajectory.poses[state].tolist()
-                text = (
-                    f"State {state} is {verdict}: scenario {name} at {time:.2f} s, "
-                    f"x {x:.3f} m, y {y:.3f} m, heading {heading:.3f} rad."
-                )
-                # Poses that were picked have no time that tells them apart.
-                place = (
-                    f"{name}/{time:.3f}" if trajectory.connected else f"{name}/{x:.3f},{y:.3f},{heading:.3f}"
-                )
-                takes = dict.fromkeys([rate for rate, rows in lacking.items() if rows[state]] + [verdict], 1)
-                yield Finding(f"{verdict}-state", text, place, place, verdict, name, state, takes)
+        lacking = self._lacking
+        for found in _findings(self.result, "state"):
+            takes = [rate for rate, rows in lacking.items() if rows[found.state]] + [found.verdict]
+            yield replace(found, takes=dict.fromkeys(takes, 1))
+        if self.result.close is not None:
+            for found in _findings(self.result.close, "close place"):
+                beside = f"beside {found.scenario}"  # nobody who accepts a driven state means this one
+                yield replace(found, scenario=beside, state=None, takes={"close": 1})
 
     @property
     def _lacking(self) -> Mapping[str, NDArray[np.bool_]]:
@@ -118,6 +149,21 @@ class StatesRun(
             **{name: ~judgement.safe & (outcome == name) for name in ("success", "collision", "timeout")},
             **lasting,
         }
+
+    def evidence(self, rate: str) -> Iterator[str]:
+        """Name every state, or close place, that is not safe."""
+        if rate == "close":
+            yield from self._told(self.result.close, "close place")
+        elif rate in ("overall", "contested"):
+            yield from self._told(self.result, "state")
+
+    @staticmethod
+    def _told(result: Result | None, what: str, episode: int | None = None) -> Iterator[str]:
+        """Name what is not safe of a result, in one of its episodes or in all."""
+        if result is not None:
+            for verdict in NOT_SAFE:
+                for state in _where(result, verdict, episode):
+                    yield _describe(result, state, what)
 
     def columns(self) -> Sequence[str]:
         """Return what a row tells of its state, with the ends of every action."""
@@ -164,21 +210,51 @@ class StatesRun(
 
         return evidence_folder(self, checks)
 
-    @property
-    def episode_columns(self) -> Sequence[str]:
-        """Return the names of the arrays with one row for each episode."""
-        return self.result.EPISODE_COLUMNS
+    def state_tables(self) -> Mapping[str, StateTable]:
+        """Return the arrays of the states, and those of close places."""
+        every = {"": self.result, **({} if self.result.close is None else {"close_": self.result.close})}
+        return {
+            prefix: StateTable(len(one.trajectory), one.EPISODE_COLUMNS, one.state_table)
+            for prefix, one in every.items()
+        }
 
-    def state_table(self, rows: slice) -> Mapping[str, NDArray[Any]]:
-        """Return the arrays of some states."""
-        return self.result.state_table(rows)
+
+def _where(result: Result, verdict: str, episode: int | None = None) -> list[int]:
+    """Return which states have a verdict, in one of the episodes or in all."""
+    there = result.verdict == verdict
+    if episode is not None:
+        there &= result.episode == episode
+    found: list[int] = np.flatnonzero(there).tolist()
+    return found
+
+
+def _describe(result: Result, state: int, what: str) -> str:
+    trajectory, verdict = result.trajectory, str(result.verdict[state])
+    name, time = trajectory.name_of(trajectory.episode[state]), float(trajectory.time[state])
+    return describe_state(what, state, verdict, name, time, trajectory.poses[state].tolist())
+
+
+def _findings(result: Result, what: str) -> Iterator[Finding]:
+    trajectory = result.trajectory
+    for verdict in NOT_SAFE:
+        for state in _where(result, verdict):
+            name, time = trajectory.name_of(trajectory.episode[state]), float(trajectory.time[state])
+            x, y, heading = trajectory.poses[state].tolist()
+            # Poses that were picked have no time that tells them apart.
+            place = f"{name}/{time:.3f}" if trajectory.connected else f"{name}/{x:.3f},{y:.3f},{heading:.3f}"
+            rule, text = f"{verdict}-{what.replace(' ', '-')}", _describe(result, state, what)
+            yield Finding(rule, text, place, place, verdict, name, state)
+
+
+def _figures(episode: Episode) -> str:
+    return (
+        f"{episode.safe} safe, {episode.unsafe} unsafe, {episode.unknown} unknown; outcome {episode.outcome}"
+    )
 
 
 def _case(episode: Episode) -> Case:
     group, name = "viatool.trajectory", f"{episode.index}: {episode.name}"
-    figures = (
-        f"{episode.safe} safe, {episode.unsafe} unsafe, {episode.unknown} unknown; outcome {episode.outcome}"
-    )
+    figures = _figures(episode)
     if episode.unsafe:
         first = f"{counted(episode.unsafe, 'unsafe state')}, the first is state {episode.first_unsafe}"
         return Case(group, name, "failure", first, figures)
