@@ -22,13 +22,13 @@ from viatool.taylor.approximation import Approximation
 from viatool.trajectory import BagSettings, Trajectory
 from viatool.uncertainty import ErrorModel, as_error_model
 from viatool.verification.clock import Clock
+from viatool.verification.close import CLOSE
 from viatool.verification.examination import StateExamination
 from viatool.verification.source import Source
 from viatool.versions import result_versions
 from viatool.world import Footprint, Scenario, WorldMap, as_map
 
 StrPath = str | os.PathLike[str]
-CLOSE = 300
 MOST = 0.5
 STEPS = 256
 """The largest error that is tried, and by how much finer both ends are followed, where nothing else is asked."""

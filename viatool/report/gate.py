@@ -15,9 +15,6 @@ from viatool.report.document import Document
 from viatool.report.numbers import count, digits_needed, down, percent_of
 from viatool.report.sections import NOTHING, Check, Count, Share, Survivor
 
-_NAMED = 20
-"""Subjects that a failed condition names."""
-
 
 @dataclass(frozen=True)
 class Threshold:
@@ -184,15 +181,17 @@ def _survived(threshold: Threshold, document: Document) -> Check:
     least = float(threshold.least)  # as the error was, which was examined as a float
     failing = [one for one in found if one.error is None or not one.error >= least]
     if not failing:
-        return Check(condition, passed=True, figures=f"the least is {_error(found[0])}")
-    named = "; ".join(f"{one.name} ({_error(one)})" for one in failing[:_NAMED])
-    more = f"; and {count(len(failing) - _NAMED)} more" if len(failing) > _NAMED else ""
-    figures = f"{count(len(failing))} of {count(len(found))} do not: {named}{more}"
-    return Check(condition, passed=False, figures=figures)
+        return Check(condition, passed=True, figures=f"the weakest is {_proved(found[0])}")
+    evidence = tuple(f"{one.name[:1].upper()}{one.name[1:]} is {_proved(one)}." for one in failing)
+    return Check(condition, False, f"{count(len(failing))} of {count(len(found))} do not", evidence=evidence)
 
 
-def _error(survivor: Survivor) -> str:
-    return "not even 0" if survivor.error is None else down(survivor.error)
+def _proved(survivor: Survivor) -> str:
+    return (
+        "not proved even at an error of 0"
+        if survivor.error is None
+        else f"proved up to {down(survivor.error)}"
+    )
 
 
 def _beside(accepted: int) -> str:
