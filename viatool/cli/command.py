@@ -12,8 +12,12 @@ from viatool.cli.sections import write_options
 class Command(click.Command):
     """A click command that refuses an option which is given twice, of which click would silently keep the last.
 
-    Its help shows many options in sections.
+    Its help shows many options in sections, and is asked for by -h as well, wherever the command is made.
     """
+
+    def get_help_option_names(self, ctx: click.Context) -> list[str]:
+        """Return both names: click keeps the option that it makes of those of the first context."""
+        return ["-h", "--help"]
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options into the help."""

@@ -16,6 +16,7 @@ from viatool.cli.failures import compose, explain
 from viatool.errors import PolicyWarning
 
 COMMANDS = (
+    "init",
     "verify",
     "certify",
     "mission",

@@ -11,9 +11,10 @@ FEW = 12
 
 SECTIONS = {
     "What is looked at": (
-        "--map", "--unknown", "--spec", "--scenario", "--scenarios", "--episodes", "--start", "--start-error", "--goal",
-        "--goal-radius", "--time-limit", "--trajectory", "--poses", "--close", "--scan-topic", "--odom-topic",
-        "--cmd-topic", "--frame", "--seed",
+        "--policy", "--vecnormalize", "--spec", "--map", "--unknown", "--origin", "--scan", "--scan-yaw", "--nav2",
+        "--environment", "--observation", "--command", "--scenario", "--scenarios", "--episodes", "--start",
+        "--start-error", "--goal", "--goal-radius", "--time-limit", "--trajectory", "--poses", "--close",
+        "--scan-topic", "--odom-topic", "--cmd-topic", "--frame", "--seed",
     ),
     "What may err": (
         "--eps", "--errors", "--pose-error", "--explain-errors", "--margins", "--noise", "--adversary", "--channel",

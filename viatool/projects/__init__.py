@@ -9,27 +9,39 @@ from viatool.projects.file import Project, ProjectFile, find_project, load_proje
 from viatool.projects.matrix import ProjectCell, expand
 from viatool.projects.options import Catalogue, read_overrides
 from viatool.projects.records import ProjectSummary, worst
+from viatool.projects.robot_files import RobotFacts, load_environment, load_nav2, load_scanner
 from viatool.projects.run import Request, choose_cells, run_cells
 from viatool.projects.schema import project_schema
 from viatool.projects.selection import Selection
+from viatool.projects.site import Preferences
+from viatool.projects.start import begin, described, read_model, write_beginning
 from viatool.projects.tables import print_cells, print_summary
 
 __all__ = [
     "Catalogue",
+    "Preferences",
     "Project",
     "ProjectCell",
     "ProjectFile",
     "ProjectSummary",
     "Request",
+    "RobotFacts",
     "Selection",
+    "begin",
     "choose_cells",
+    "described",
     "expand",
     "find_project",
+    "load_environment",
+    "load_nav2",
     "load_project",
+    "load_scanner",
     "print_cells",
     "print_summary",
     "project_schema",
+    "read_model",
     "read_overrides",
     "run_cells",
     "worst",
+    "write_beginning",
 ]

@@ -92,7 +92,7 @@ class Results:
             record = CellRecord.model_validate_json(text)
         except (OSError, ValidationError, UnicodeDecodeError):
             return None
-        return record if all((self.path / file).is_file() for file in record.reports.values()) else None
+        return record if all((self.path / file).exists() for file in record.reports.values()) else None
 
 
 @contextmanager

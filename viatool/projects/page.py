@@ -15,6 +15,7 @@ from viatool.report.palette import COLOUR
 
 _LINKED = (
     "html",
+    "evidence",
     "markdown",
     "figure",
     "junit",

@@ -265,7 +265,7 @@ class _Run:
                 "conditions": conditions,
                 "message": attempt.said if code else "",
                 "seconds": round(attempt.seconds, 3),
-                "reports": {n: f"{place}/{f}" for n, f in self.files.items() if (draft / f).is_file()},
+                "reports": {n: f"{place}/{f}" for n, f in self.files.items() if (draft / f).exists()},
                 "run": True,
             }
         )

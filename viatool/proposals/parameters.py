@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -62,6 +62,18 @@ def with_parameters(proposal: Proposal, path: Path) -> Proposal:
             taken.append(f"{field} is {value}, from '{name}'")
     guesses = tuple(Guess(words, f"{path.name} means that") for words in taken)
     return replace(proposal, source=f"{proposal.source}, and {path}", guesses=(*proposal.guesses, *guesses))
+
+
+def with_limits(proposal: Proposal, limits: Sequence[tuple[float, float]]) -> Proposal:
+    """Return a proposal whose commands have these limits, one pair for each; as it was where their number differs."""
+    if len(limits) != len(proposal.action) or any("kind" not in action for action in proposal.action):
+        return proposal
+    actions = []
+    for action, (lower, upper) in zip(proposal.action, limits, strict=True):
+        for end, value in (("upper", upper), ("lower", lower)):
+            action = _limited(action, str(action["kind"]), end, float(value))
+        actions.append(action)
+    return replace(proposal, action=actions)
 
 
 def _leaves(content: dict[Any, Any]) -> Iterator[tuple[str, Any]]:
