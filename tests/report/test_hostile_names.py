@@ -48,7 +48,7 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Result:
     folder = tmp_path_factory.mktemp("hall")
     write_policy(folder / "policy.onnx")
     (folder / "map.yaml").write_text(MAP, encoding="utf-8")
-    return viatool.verify(folder / "policy.onnx", folder / "map.yaml", eps=0.01)
+    return viatool.verify(folder / "policy.onnx", folder / "map.yaml", eps=0.01, close=20)
 
 
 def named(result: Result, name: str) -> Result:
@@ -65,6 +65,7 @@ def named(result: Result, name: str) -> Result:
         trajectory=replace(trajectory, scenarios=scenarios, notes=(name,)),
         versions={**result.versions, name: name},
         origin=name,
+        close=None if result.close is None else named(result.close, name),
     )
 
 
@@ -93,8 +94,10 @@ def read_json(text: str, plain: Result) -> None:
 
 def read_junit(text: str, plain: Result) -> None:
     cases = list(ElementTree.fromstring(text).iter("testcase"))
-    assert len(cases) == plain.trajectory.episodes + 1
-    assert {part.tag for case in cases for part in case} <= {"failure", "error", "skipped"}
+    assert plain.close is not None
+    beside = len(np.unique(plain.close.episode))
+    assert len(cases) == plain.trajectory.episodes + beside + 1
+    assert {part.tag for case in cases for part in case} <= {"failure", "error", "skipped", "system-out"}
 
 
 def read_csv(text: str, plain: Result) -> None:
