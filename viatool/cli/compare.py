@@ -14,8 +14,25 @@ from viatool.cli.terminal import open_console
 @click.command(cls=Command)
 @click.argument("before", type=options.READABLE)
 @click.argument("after", type=options.READABLE)
-def command(before: Path, after: Path) -> None:
-    """Show two reports in JSON of one kind, BEFORE and AFTER, side by side."""
-    from viatool.report import load_document, print_comparison
+@click.option(
+    "--output",
+    "-o",
+    multiple=True,
+    metavar="FORMAT:PATH",
+    help="Write the comparison as markdown or html (a page that opens offline). Repeatable.",
+)
+@options.quiet_option
+def command(before: Path, after: Path, output: tuple[str, ...], quiet: bool) -> None:
+    """Show two reports in JSON of one kind, BEFORE and AFTER, side by side.
 
-    print_comparison(load_document(before), load_document(after), open_console())
+    What is the same in both, such as a scenario, is paired, and rates of what was drawn independently have an interval
+    of their difference.
+    """
+    from viatool.report import load_document, print_comparison
+    from viatool.report.compared import comparison_output, write_comparison
+
+    outputs = [comparison_output(text) for text in output]
+    old, new = load_document(before), load_document(after)
+    write_comparison(old, new, outputs)
+    if not quiet:
+        print_comparison(old, new, open_console())

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from viatool.arrays import Booleans, Floats
 from viatool.simulate import Proportion
+from viatool.simulate.statistics import sign_test
 
 _GOOD = 0.95
 """Share of goals reached from which on nobody looks for a reading with more changes."""
@@ -35,10 +36,7 @@ class Paired:
     @property
     def chance(self) -> float:
         """Return the probability of so uneven a count, to either side, among equals: the exact sign test."""
-        from scipy.stats import binomtest
-
-        uneven = self.better + self.worse
-        return float(binomtest(self.better, uneven).pvalue) if uneven else 1.0
+        return sign_test(self.better, self.worse)
 
 
 class Evidence(Protocol):

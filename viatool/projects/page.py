@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import re
 import shlex
 from collections.abc import Iterable
 from html import escape
-from importlib.resources import files
 
 from viatool.projects.records import OUTCOMES, CellRecord, ProjectSummary
 from viatool.projects.tables import grid_of, label_of, tone_of
-from viatool.report.foreign import one_line
-from viatool.report.palette import COLOUR
+from viatool.report.html.plain import inert, plain_page
 
 _LINKED = (
     "html",
@@ -27,7 +24,6 @@ _LINKED = (
     "witnesses",
     "json",
 )
-_POLICY = "default-src 'none'; style-src 'unsafe-inline'"
 _OWN = """
 main { padding-top: 14px; }
 a { color: var(--accent); }
@@ -45,19 +41,8 @@ def page_of(summary: ProjectSummary) -> str:
     """Return the page."""
     verdict = "passed" if summary.exit_code == 0 else "failed"
     told = OUTCOMES.get(summary.exit_code, OUTCOMES[3])
-    return f"""<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta http-equiv="Content-Security-Policy" content="{_POLICY}">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{_safe(summary.project)}: {_safe(told)}</title>
-<style>{_style()}</style>
-</head>
-<body>
-<main>
-<section>
-  <h1>{_safe(summary.project)}: <span class="{verdict}">{_safe(told)}</span></h1>
+    main = f"""<section>
+  <h1>{inert(summary.project)}: <span class="{verdict}">{inert(told)}</span></h1>
   <p class="sub">{len(summary.counted)} of {len(summary.cells)} cells were asked for; exit code {summary.exit_code}</p>
   <h2>Policies against maps</h2>
   {_grid(summary)}
@@ -66,28 +51,15 @@ def page_of(summary: ProjectSummary) -> str:
 <section>
   <h2>Cells</h2>
   {"".join(map(_cell, summary.cells))}
-</section>
-</main>
-<footer>Made by viatool {_safe(summary.viatool)}.</footer>
-</body>
-</html>
-"""
-
-
-def _style() -> str:
-    """Return the style of the reports; without a script, the system alone chooses between light and dark."""
-    style = files("viatool.report.html").joinpath("style.css").read_text(encoding="utf-8")
-    colours = " ".join(f"--{name}: {value};" for name, value in COLOUR.items())
-    dark = re.search(r':root\[data-theme="dark"\]\s*(\{[^}]*\})', style)
-    at_night = f"@media (prefers-color-scheme: dark) {{ :root {dark[1]} }}" if dark else ""
-    return f":root {{ {colours} }}\n{style}\n{at_night}\n{_OWN}"
+</section>"""
+    return plain_page(f"{summary.project}: {told}", main, f"Made by viatool {summary.viatool}.", _OWN)
 
 
 def _grid(summary: ProjectSummary) -> str:
     maps, rows = grid_of(summary.cells)
-    head = "".join(f'<th scope="col">{_safe(name)}</th>' for name in maps)
+    head = "".join(f'<th scope="col">{inert(name)}</th>' for name in maps)
     body = "".join(
-        f'<tr><th scope="row">{_safe(policy)}</th>'
+        f'<tr><th scope="row">{inert(policy)}</th>'
         + "".join(f"<td>{''.join(map(_entry, row[name])) or '-'}</td>" for name in maps)
         + "</tr>"
         for policy, row in rows.items()
@@ -102,10 +74,10 @@ def _entry(record: CellRecord) -> str:
     accepted = sum(one.passed for one in record.accepted)
     notes = [*([f"{accepted} accepted"] if accepted else []), *(["kept"] if record.reused else [])]
     notes += [] if record.run or record.code is None else ["from an earlier run"]
-    text = f"{_safe(label_of(record))}: <b>{_safe(record.outcome)}</b>"
-    small = "; ".join([*([_safe(record.headline)] if record.headline else []), *notes])
+    text = f"{inert(label_of(record))}: <b>{inert(record.outcome)}</b>"
+    small = "; ".join([*([inert(record.headline)] if record.headline else []), *notes])
     small = f"<small>{small}</small>" if small else ""
-    return f'<a class="cell {tone_of(record)}" href="#{_safe(_anchor(record))}">{text}{small}</a>'
+    return f'<a class="cell {tone_of(record)}" href="#{inert(_anchor(record))}">{text}{small}</a>'
 
 
 def _accepted(summary: ProjectSummary) -> str:
@@ -114,7 +86,7 @@ def _accepted(summary: ProjectSummary) -> str:
         return ""
     body = "".join(
         f'<tr><td class="{"passed" if one.passed else "failed"}">{"in force" if one.passed else "NOT in force"}</td>'
-        f"<td>{_safe(record.name)}</td><td>{_safe(one.condition)}</td><td>{_safe(one.figures)}</td></tr>"
+        f"<td>{inert(record.name)}</td><td>{inert(one.condition)}</td><td>{inert(one.figures)}</td></tr>"
         for record, one in rows
     )
     return (
@@ -125,27 +97,23 @@ def _accepted(summary: ProjectSummary) -> str:
 
 def _cell(record: CellRecord) -> str:
     links = " · ".join(
-        f'<a href="{_safe(record.reports[name])}">{name}</a>' for name in _LINKED if name in record.reports
+        f'<a href="{inert(record.reports[name])}">{name}</a>' for name in _LINKED if name in record.reports
     )
     conditions = "".join(
         f'<tr><td class="{"passed" if one.passed else "failed"}">{"passed" if one.passed else "FAILED"}</td>'
-        f'<td>{_safe(one.condition)}</td><td class="quiet">{_safe(one.figures)}</td></tr>'
+        f'<td>{inert(one.condition)}</td><td class="quiet">{inert(one.figures)}</td></tr>'
         for one in record.conditions
     )
     parts: Iterable[str] = (
-        f'<h3 id="{_safe(_anchor(record))}">{_safe(record.name)}: {_safe(record.outcome)}</h3>',
-        f"<p>{_safe(record.headline)} {f'({_safe(record.figures)})' if record.figures else ''}</p>",
+        f'<h3 id="{inert(_anchor(record))}">{inert(record.name)}: {inert(record.outcome)}</h3>',
+        f"<p>{inert(record.headline)} {f'({inert(record.figures)})' if record.figures else ''}</p>",
         f'<table class="plain"><tbody>{conditions}</tbody></table>' if conditions else "",
         f"<pre>{escape(record.message)}</pre>" if record.message else "",
         f"<p>{links}</p>" if links else "",
-        f'<p class="quiet"><code>{_safe(shlex.join(record.command))}</code></p>',
+        f'<p class="quiet"><code>{inert(shlex.join(record.command))}</code></p>',
     )
     return "".join(parts)
 
 
 def _anchor(record: CellRecord) -> str:
     return record.name.replace("/", "--")
-
-
-def _safe(text: str) -> str:
-    return escape(one_line(text))

@@ -15,10 +15,13 @@ from viatool.errors import ConfigurationError
 from viatool.report.document import Document
 from viatool.report.foreign import shown
 from viatool.report.numbers import MISSING, count, seconds, significant
+from viatool.report.paired import Paired, interval_of
 from viatool.report.palette import STYLE
 from viatool.report.sections import NOTHING, Share
 
 Row = tuple[str, str, str, Text]
+"""What is compared, both figures, and what changes, in a colour if one is better."""
+TITLES = ("before", "after", "change")
 
 
 @dataclass(frozen=True)
@@ -60,6 +63,19 @@ def differences(before: Document, after: Document) -> list[Difference]:
     return [difference for difference in found if difference.before != difference.after]
 
 
+def compared(before: Document, after: Document) -> list[list[Row]]:
+    """Return what two reports assumed and found, in sections of rows.
+
+    Raises
+    ------
+    ConfigurationError
+        If they are of different kinds.
+    """
+    require_same_kind(before, after)
+    sections = (_settings, _tallies, _rates, _chance, _costs)
+    return [list(section(before, after)) for section in sections]
+
+
 def print_comparison(before: Document, after: Document, console: Console) -> None:
     """Print what two reports assumed and found; changes for the better are in the colour of safe.
 
@@ -68,18 +84,11 @@ def print_comparison(before: Document, after: Document, console: Console) -> Non
     ConfigurationError
         If they are of different kinds.
     """
-    require_same_kind(before, after)
     table = Table(box=box.SIMPLE_HEAD, show_edge=False)
     table.add_column("")
-    table.add_column("before", justify="right")
-    table.add_column("after", justify="right")
-    table.add_column("change", justify="right")
-    for section in (
-        _settings(before, after),
-        _tallies(before, after),
-        _rates(before, after),
-        _costs(before, after),
-    ):
+    for title in TITLES:
+        table.add_column(title, justify="right")
+    for section in compared(before, after):
         for name, old, new, change in section:
             table.add_row(Text(shown(name)), Text(shown(old)), Text(shown(new)), change)
         table.add_section()
@@ -115,6 +124,30 @@ def _rates(before: Document, after: Document) -> Iterator[Row]:
         if name in before.rates or name in after.rates:
             old, new = before.rates.get(name, NOTHING), after.rates.get(name, NOTHING)
             yield title, old.percentage(), new.percentage(), _rate_change(old, new)
+
+
+def _chance(before: Document, after: Document) -> Iterator[Row]:
+    """Yield how the subjects of both runs do side by side, and by how much rates differ beyond chance."""
+    same = before.content.get("seed") == after.content.get("seed") and before.record.map == after.record.map
+    paired = Paired.of(before.outcomes if same else {}, after.outcomes)
+    if paired.total:
+        better = f"better here, of the {count(paired.total)} {after.SUBJECTS} of both"
+        likely = Text(f"by chance: {significant(paired.chance)}", style="dim")
+        yield better, count(paired.before), count(paired.after), likely
+    if paired.total and paired.holding:
+        yield _interval(after.RATES["overall"], paired.interval)
+        return
+    for name, title in after.RATES.items():
+        old, new = before.rates.get(name, NOTHING), after.rates.get(name, NOTHING)
+        if after.INDEPENDENT and old.total and new.total:
+            yield _interval(title, interval_of(old, new))
+
+
+def _interval(title: str, ends: tuple[float, float]) -> Row:
+    low, high = (f"{100.0 * end:+.1f}" for end in ends)
+    certain = ends[0] > 0.0 or ends[1] < 0.0
+    style = STYLE["safe" if ends[0] > 0.0 else "unsafe"] if certain else "dim"
+    return f"{title}, 95 %", "", "", Text(f"{low} to {high} points", style=style)
 
 
 def _rate_change(old: Share, new: Share) -> Text:

@@ -60,6 +60,8 @@ class Document(ABC):
     RATES: ClassVar[Mapping[str, str]]
     """What a gate may ask of it: names of rates and what they are the rates of; ``overall`` needs no name."""
 
+    INDEPENDENT: ClassVar[bool] = False
+    """Whether subjects are drawn independently of each other, so that chance makes intervals of their rates."""
     RADII: ClassVar[Mapping[str, str]] = {}
     """What else a gate may ask of it: names of errors and what is to survive them, everything."""
 
@@ -122,6 +124,14 @@ class Document(ABC):
     @abstractmethod
     def tallies(self) -> Sequence[Tally]:
         """Return the figures that a comparison shows, with what is the better side."""
+
+    @property
+    def outcomes(self) -> Mapping[str, float]:
+        """Return a figure of each subject, by what makes it the same one in another run; {} where the JSON tells none.
+
+        More is better; 1 and 0 where a subject holds or not.
+        """
+        return {}
 
     @property
     def survived(self) -> Mapping[str, Sequence[Survivor]]:

@@ -48,6 +48,13 @@ class Proportion:
         return low, high
 
 
+def sign_test(one: int, other: int) -> float:
+    """Return the probability of so uneven a count, to either side, among equals: the exact sign test."""
+    count = one + other
+    tail = sum(math.comb(count, number) for number in range(min(one, other) + 1))
+    return float(min(1.0, 2 * tail / 2**count))
+
+
 @dataclass(frozen=True)
 class Spread:
     """Some numbers in short.

@@ -39,19 +39,19 @@ def markdown(document: Document, checks: Sequence[Check] = ()) -> str:
         "",
     ]
     if checks:
-        rows = [("passed" if c.passed else "**FAILED**", *_cells((c.condition, c.figures))) for c in checks]
-        lines += _table(("gate", "condition", "found"), rows)
+        rows = [("passed" if c.passed else "**FAILED**", *cells((c.condition, c.figures))) for c in checks]
+        lines += table(("gate", "condition", "found"), rows)
         for check in checks:
             lines += _evidence(check)
     for section in document.sections:
         lines += _section(section)
     if record.premises:
-        rows = [_cells((p.name, p.value, p.source)) for p in record.premises]
-        lines += _table(("in effect", "value", "from"), rows)
+        rows = [cells((p.name, p.value, p.source)) for p in record.premises]
+        lines += table(("in effect", "value", "from"), rows)
     lines += ["<details><summary>Assumed</summary>", ""]
-    facts = [_cells(fact) for fact in document.assumptions.items()]
+    facts = [cells(fact) for fact in document.assumptions.items()]
     facts += [("policy sha256", record.policy.sha256), ("map sha256", record.map.sha256)]
-    lines += [*_table(("", ""), facts), "</details>", ""]
+    lines += [*table(("", ""), facts), "</details>", ""]
     return "\n".join(lines)
 
 
@@ -72,18 +72,18 @@ def _evidence(check: Check) -> list[str]:
 def _section(section: Section) -> list[str]:
     match section:
         case Breakdown():
-            rows = [_cells((part.name, *part.figures, part.meaning)) for part in section.parts]
-            return _table(section.head, rows)
+            rows = [cells((part.name, *part.figures, part.meaning)) for part in section.parts]
+            return table(section.head, rows)
         case Rates():
             rows = [
                 (_escape(name), *(f"{share.percentage()} ({share.of('/')})" for share in shares))
                 for name, shares in section.rows.items()
             ]
-            return _table((section.title, *section.groups), rows)
+            return table((section.title, *section.groups), rows)
         case Table():
             told = ": ".join(text for text in (section.title, section.remark) if text)
             above = [f"{_escape(told)}.", ""] if section.remark else [f"{_escape(told)}", ""] if told else []
-            return [*above, *_table(section.head, [_cells(row) for row in section.rows])]
+            return [*above, *table(section.head, [cells(row) for row in section.rows])]
         case Facts():
             return _facts(section)
 
@@ -93,17 +93,19 @@ def _facts(section: Facts) -> list[str]:
         name, value = section.pairs[0]
         told = ": ".join(text for text in (section.title, name, value) if text)
         return [f"{_escape(told)}.", ""]
-    return _table((section.title, ""), [_cells(pair) for pair in section.pairs])
+    return table((section.title, ""), [cells(pair) for pair in section.pairs])
 
 
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return the lines of a table of cells that are Markdown already; none without rows."""
     if not rows:
         return []
-    lines = [f"| {' | '.join(cells)} |" for cells in (head, ["---"] * len(head), *rows)]
+    lines = [f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *rows)]
     return [*lines, ""]
 
 
-def _cells(texts: Iterable[str]) -> tuple[str, ...]:
+def cells(texts: Iterable[str]) -> tuple[str, ...]:
+    """Return texts that others wrote as cells of a table."""
     return tuple(map(_escape, texts))
 
 

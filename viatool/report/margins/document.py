@@ -18,6 +18,7 @@ from viatool.report.margins.tables import (
     varied_in_words,
 )
 from viatool.report.numbers import MISSING, count, counted, down
+from viatool.report.paired import apart
 from viatool.report.sections import (
     Annotation,
     Case,
@@ -174,6 +175,14 @@ class MarginsDocument(Verified, Cased, Annotated, Located, Tabled, Drawn, Explor
             return {}
         found = [Survivor(self._name(name, one), one.certified) for name, one in self._states()]
         return {"margin": sorted(found, key=lambda one: -1.0 if one.error is None else one.error)}
+
+    @property
+    def outcomes(self) -> Mapping[str, float]:
+        """Return which error every contested state of a single policy survives, -1 for none, by where it is."""
+        states = [state for _, state in self._states()] if len(self.names) == 1 else []
+        places = (f"{state.scenario} {state.pose}" for state in states)
+        survived = (-1.0 if state.certified is None else state.certified for state in states)
+        return dict(zip(apart(places), survived, strict=True))
 
     def _states(self) -> Iterator[tuple[str, ContestedStateRecord]]:
         for name, part in self.parts.items():

@@ -8,6 +8,7 @@ from typing import ClassVar
 from viatool.report.document import Annotated, Cased, Document, Located, Tabled
 from viatool.report.missions.record import MissionRecord, MissionsRecord
 from viatool.report.numbers import MISSING, count, counted
+from viatool.report.paired import apart
 from viatool.report.sections import (
     Annotation,
     Breakdown,
@@ -41,6 +42,7 @@ class MissionsDocument(Verified, Cased, Annotated, Located, Tabled):
     RECORD = MissionsRecord
     SIGN = "missions"
     WHAT = "a report of missions"
+    INDEPENDENT = True
     SUBJECTS = "missions"
     EMPTY = "no missions to decide on"
     COMMAND = "mission"
@@ -164,6 +166,13 @@ class MissionsDocument(Verified, Cased, Annotated, Located, Tabled):
         """Return the share of the missions that are proved."""
         share = self.record.mission_rate.share
         return {"overall": share, "mission": share}
+
+    @property
+    def outcomes(self) -> Mapping[str, float]:
+        """Return which missions are proved."""
+        missions = self.record.missions
+        proved = (float(mission.verdict == "proved") for mission in missions)
+        return dict(zip(apart(mission.scenario for mission in missions), proved, strict=True))
 
     @property
     def size(self) -> int:

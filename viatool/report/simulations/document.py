@@ -7,6 +7,7 @@ from typing import ClassVar
 
 from viatool.report.document import Annotated, Cased, Located, Tabled
 from viatool.report.numbers import MISSING, count, counted, percentage, significant
+from viatool.report.paired import apart
 from viatool.report.sections import (
     Annotation,
     Breakdown,
@@ -48,6 +49,7 @@ class SimulationDocument(Cased, Annotated, Located, Tabled):
     RECORD = SimulationRecord
     SIGN = "episodes"
     WHAT = "a simulation"
+    INDEPENDENT = True
     SUBJECTS = "episodes"
     EMPTY = "no episodes to decide on"
     COMMAND = "simulate"
@@ -208,6 +210,13 @@ class SimulationDocument(Cased, Annotated, Located, Tabled):
         collision = self.record.collision.share
         clear = Share(collision.total - collision.part, collision.total)
         return {"overall": self.record.success.share, "clear": clear}
+
+    @property
+    def outcomes(self) -> Mapping[str, float]:
+        """Return which episodes reach the goal."""
+        episodes = self.record.episodes
+        reached = (float(episode.outcome == "success") for episode in episodes)
+        return dict(zip(apart(episode.scenario for episode in episodes), reached, strict=True))
 
     @property
     def size(self) -> int:
