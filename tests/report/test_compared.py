@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from viatool.cli import main
-from viatool.report.paired import Paired, apart, interval_of
+from viatool.report.paired import PairedSubjects, apart, interval_of
 from viatool.report.sections import Share
 from viatool.simulate.statistics import sign_test
 
@@ -19,7 +19,7 @@ from viatool.simulate.statistics import sign_test
 def test_intervals_are_those_that_newcombe_prints() -> None:
     """Statistics in Medicine 17 (1998): 873-890, example (a), and 2635-2650, example (a), method 10 of both."""
     assert interval_of(Share(48, 80), Share(56, 70)) == pytest.approx((0.0524, 0.3339), abs=5e-5)
-    assert Paired(36, 2, 12, 0, True).interval == pytest.approx((0.0569, 0.3404), abs=5e-5)
+    assert PairedSubjects(36, 2, 12, 0, True).interval == pytest.approx((0.0569, 0.3404), abs=5e-5)
 
 
 @pytest.mark.parametrize(("old", "new"), list(product((0.3, 0.8), (0.3, 0.5))))
@@ -27,7 +27,7 @@ def test_intervals_hold_the_difference_about_as_often_as_they_say(old: float, ne
     rng, held, tries = np.random.default_rng(3), 0, 1500
     for _ in range(tries):
         before, after = rng.random((2, 60)) < np.array([[old], [new]])
-        low, high = Paired.of(
+        low, high = PairedSubjects.of(
             *({str(k): float(v) for k, v in enumerate(run)} for run in (before, after))
         ).interval
         held += low <= new - old <= high
@@ -35,9 +35,11 @@ def test_intervals_hold_the_difference_about_as_often_as_they_say(old: float, ne
 
 
 def test_only_what_both_have_is_paired() -> None:
-    paired = Paired.of({"a": 1.0, "b": 0.0, "c": 1.0, "d": 0.0}, {"b": 1.0, "c": 1.0, "d": 0.0, "e": 0.0})
+    paired = PairedSubjects.of(
+        {"a": 1.0, "b": 0.0, "c": 1.0, "d": 0.0}, {"b": 1.0, "c": 1.0, "d": 0.0, "e": 0.0}
+    )
     assert (paired.both, paired.before, paired.after, paired.neither) == (1, 0, 1, 1)
-    margins = Paired.of({"a": 0.02, "b": -1.0, "c": 0.3}, {"a": 0.05, "b": -1.0, "c": 0.1})
+    margins = PairedSubjects.of({"a": 0.02, "b": -1.0, "c": 0.3}, {"a": 0.05, "b": -1.0, "c": 0.1})
     assert (margins.both, margins.before, margins.after, margins.holding) == (1, 1, 1, False)
 
 
@@ -80,7 +82,7 @@ def test_the_same_scenarios_are_paired_on_the_command_line(drives: dict[str, Pat
         line for line in told.output.splitlines() if "better here, of the 40 episodes of both" in line
     )
     assert line.split()[8:10] == [str(worse), str(better)]
-    low, high = Paired.of(*({k: float(v) for k, v in each.items()} for each in (old, new))).interval
+    low, high = PairedSubjects.of(*({k: float(v) for k, v in each.items()} for each in (old, new))).interval
     for text in (told.output, *(path.read_text() for path in files.values())):
         assert f"{100 * low:+.1f} to {100 * high:+.1f} points".lstrip("+") in text.replace("\\", "")
 

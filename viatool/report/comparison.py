@@ -15,7 +15,7 @@ from viatool.errors import ConfigurationError
 from viatool.report.document import Document
 from viatool.report.foreign import shown
 from viatool.report.numbers import MISSING, count, seconds, significant
-from viatool.report.paired import Paired, interval_of
+from viatool.report.paired import PairedSubjects, interval_of
 from viatool.report.palette import STYLE
 from viatool.report.sections import NOTHING, Share
 
@@ -129,7 +129,7 @@ def _rates(before: Document, after: Document) -> Iterator[Row]:
 def _chance(before: Document, after: Document) -> Iterator[Row]:
     """Yield how the subjects of both runs do side by side, and by how much rates differ beyond chance."""
     same = before.content.get("seed") == after.content.get("seed") and before.record.map == after.record.map
-    paired = Paired.of(before.outcomes if same else {}, after.outcomes)
+    paired = PairedSubjects.of(before.outcomes if same else {}, after.outcomes)
     if paired.total:
         better = f"better here, of the {count(paired.total)} {after.SUBJECTS} of both"
         likely = Text(f"by chance: {significant(paired.chance)}", style="dim")

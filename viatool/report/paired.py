@@ -12,7 +12,7 @@ from viatool.simulate.statistics import Proportion, sign_test
 
 
 @dataclass(frozen=True)
-class Paired:
+class PairedSubjects:
     """Subjects that two runs have in common.
 
     Parameters
@@ -31,7 +31,7 @@ class Paired:
     holding: bool
 
     @classmethod
-    def of(cls, before: Mapping[str, float], after: Mapping[str, float]) -> Paired:
+    def of(cls, before: Mapping[str, float], after: Mapping[str, float]) -> PairedSubjects:
         """Pair what two runs tell of each subject: a figure of which more is better, 1 and 0 where it holds or not."""
         pairs = [(before[name], after[name]) for name in before if name in after]
         holding = all(figure in (0.0, 1.0) for pair in pairs for figure in pair)
