@@ -49,9 +49,14 @@ def test_a_missing_extra_is_named() -> None:
     assert "viatool[train]" in message
 
 
-def test_the_page_without_its_library_is_refused_before_any_work(tmp_path: Path) -> None:
-    program = "import sys; sys.modules['bokeh'] = None; from viatool.cli import main; main()"
-    arguments = ("verify", "missing.onnx", "--map", "m.yaml", "--eps", "0.1", "-o", "html:r.html")
+@pytest.mark.parametrize(
+    ("library", "extra", "output"), [("bokeh", "html", "html:r.html"), ("rosbags", "ros", "mcap:r.mcap")]
+)
+def test_a_format_without_its_library_is_refused_before_any_work(
+    tmp_path: Path, library: str, extra: str, output: str
+) -> None:
+    program = f"import sys; sys.modules[{library!r}] = None; from viatool.cli import main; main()"
+    arguments = ("verify", "missing.onnx", "--map", "m.yaml", "--eps", "0.1", "-o", output)
     for name in ("missing.onnx", "m.yaml"):
         (tmp_path / name).write_text("not read before the outputs are checked")
     run = subprocess.run(
@@ -63,8 +68,8 @@ def test_the_page_without_its_library_is_refused_before_any_work(tmp_path: Path)
         env={**os.environ, "PYTHONPATH": str(ROOT)},
     )
     assert (run.returncode, run.stdout) == (2, "")
-    assert "'bokeh'" in run.stderr
-    assert "pip install 'viatool[html]'" in run.stderr
+    assert f"'{library}'" in run.stderr
+    assert f"pip install 'viatool[{extra}]'" in run.stderr
     assert sorted(path.name for path in tmp_path.iterdir()) == ["m.yaml", "missing.onnx"]
 
 

@@ -75,10 +75,10 @@ LIVE = tuple(SCHEMAS)
 JUDGED = (StatesRun, PlacesRun, SimulationRun, MissionsRun)
 """Kinds of run of which each part passes or fails."""
 SERVED = {
-    StatesRun: "json gate states csv witnesses figure html markdown junit sarif github evidence",
+    StatesRun: "json gate states csv witnesses mcap figure html markdown junit sarif github evidence",
     PlacesRun: "json gate cells csv witnesses figure html markdown junit sarif github",
     SimulationRun: "json gate trajectory csv figure markdown junit sarif github",
-    MissionsRun: "json gate tube csv witnesses figure html markdown junit sarif github",
+    MissionsRun: "json gate tube csv witnesses mcap figure html markdown junit sarif github",
     MarginsRun: "json gate states csv witnesses figure html markdown junit sarif github",
     DiagnosisRun: "json gate csv figure html markdown github",
 }

@@ -98,8 +98,8 @@ if TYPE_CHECKING:
     multiple=True,
     metavar="FORMAT:PATH",
     help="Write a report: json, figure (png, svg, pdf), html (a page that opens offline), tube (npz), witnesses "
-    "(json, for viatool replay), csv (a row for each mission), markdown, junit, sarif or github; PATH - is stdout. "
-    "Repeatable.",
+    "(json, for viatool replay), mcap (ROS messages, for Foxglove and RViz), csv (a row for each mission), markdown, "
+    "junit, sarif or github; PATH - is stdout. Repeatable.",
 )
 @gate_options
 @work_options

@@ -123,8 +123,9 @@ _OF_MARGINS = (
     "-o",
     multiple=True,
     metavar="FORMAT:PATH",
-    help="Write a report: html (to explore), json, states (npz), witnesses (json, for viatool replay), csv, "
-    "figure (png, svg, pdf), markdown, junit, sarif, github or evidence (a folder, for viatool check); PATH - is "
+    help="Write a report: html (to explore), json, states (npz), witnesses (json, for viatool replay), mcap (ROS "
+    "messages, for Foxglove and RViz), csv, figure (png, svg, pdf), markdown, junit, sarif, github or evidence (a "
+    "folder, for viatool check); PATH - is "
     "stdout. Repeatable.",
 )
 @gate_options

@@ -22,6 +22,7 @@ _LINKED = (
     "cells",
     "tube",
     "witnesses",
+    "mcap",
     "json",
 )
 _OWN = """

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from viatool.report.files import Content
+    from viatool.report.playback.messages import RosMessage
     from viatool.report.sections import Annotation, Case, Check, Finding, Rules
 
 
@@ -230,6 +231,14 @@ class Replayable(Document):
     @abstractmethod
     def witness_file(self) -> Mapping[str, Any]:
         """Return what ``viatool replay`` reads."""
+
+
+class Playable(Document):
+    """A document that can be played over time, beside a recording."""
+
+    @abstractmethod
+    def play(self) -> Iterator[RosMessage]:
+        """Yield ROS messages in the order of their stamps."""
 
 
 @dataclass(frozen=True)

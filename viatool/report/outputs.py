@@ -26,6 +26,7 @@ FORMATS = {
     "trajectory": "viatool.report.formats.trajectory",
     "csv": "viatool.report.formats.csv",
     "witnesses": "viatool.report.formats.witnesses",
+    "mcap": "viatool.report.formats.mcap",
     "figure": "viatool.report.formats.figure",
     "html": "viatool.report.formats.html",
     "markdown": "viatool.report.formats.markdown",

@@ -123,6 +123,7 @@ def load_bag(path: Path, specification: PolicySpecification | None, settings: Ba
         notes=tuple(notes),
         commanded=told[:, 0] > 0,
         motion=gathered.motion(stamps[:, 0]),
+        began=gathered.first,
     )
 
 

@@ -60,6 +60,8 @@ class Trajectory:
     motion : mapping
         What the robot had in each state besides its pose, by name, as far as it is known: (N,) each, `v` in m/s,
         `omega` in rad/s, `steering` in rad.
+    began : int, optional
+        When `time` was 0, by the clock of a recording of one episode, in nanoseconds; None where nothing tells.
 
     Raises
     ------
@@ -84,6 +86,7 @@ class Trajectory:
     steps: Indices | None = None
     people: Floats = field(default_factory=lambda: np.zeros((0, 0, 5)))
     motion: Mapping[str, Floats] = field(default_factory=dict)
+    began: int | None = None
 
     def __post_init__(self) -> None:
         if np.shape(self.people)[1:] == (0, 5):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 
-from viatool.report.document import Drawn, Explorable, Replayable, TubeTabled
+from viatool.report.document import Drawn, Explorable, Playable, Replayable, TubeTabled
 from viatool.report.missions.document import MissionsDocument
 from viatool.report.sections import Check
 
@@ -17,9 +17,10 @@ if TYPE_CHECKING:
 
     from viatool.loop.horizon import Crashes
     from viatool.missions import Mission, Missions
+    from viatool.report.playback.messages import RosMessage
 
 
-class MissionsRun(MissionsDocument, Drawn, Explorable, Replayable, TubeTabled):
+class MissionsRun(MissionsDocument, Drawn, Explorable, Replayable, Playable, TubeTabled):
     """The report of missions."""
 
     def __init__(self, missions: Missions) -> None:
@@ -37,6 +38,12 @@ class MissionsRun(MissionsDocument, Drawn, Explorable, Replayable, TubeTabled):
         from viatool.report.missions.html.page import render_page
 
         return render_page(self, checks)
+
+    def play(self) -> Iterator[RosMessage]:
+        """Yield the tubes of all missions, with the runs that refute them."""
+        from viatool.report.missions.playback import play_missions
+
+        return play_missions(self.missions)
 
     def tube_table(self) -> Mapping[str, NDArray[Any]]:
         """Return the parts of all tubes."""

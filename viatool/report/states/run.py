@@ -16,6 +16,7 @@ from viatool.report.document import (
     Evidenced,
     Explorable,
     Located,
+    Playable,
     Replayable,
     StateTable,
     StateTabled,
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 
     from viatool.margins.result import Margins
     from viatool.report.files import Content
+    from viatool.report.playback.messages import RosMessage
     from viatool.verification.result import Result
 
 NOT_SAFE = ("unsafe", "unknown")
@@ -39,7 +41,17 @@ COLUMNS = ("state", "episode", "scenario", "outcome", "time", "x", "y", "theta",
 
 
 class StatesRun(
-    StatesDocument, Cased, Annotated, Located, Tabled, Drawn, Explorable, Replayable, StateTabled, Evidenced
+    StatesDocument,
+    Cased,
+    Annotated,
+    Located,
+    Tabled,
+    Drawn,
+    Explorable,
+    Replayable,
+    Playable,
+    StateTabled,
+    Evidenced,
 ):
     """The report of a result.
 
@@ -203,6 +215,12 @@ class StatesRun(
         from viatool.verification.witness_file import witness_document
 
         return witness_document(self.result)
+
+    def play(self) -> Iterator[RosMessage]:
+        """Yield the states as they were driven, with what is known of each."""
+        from viatool.report.states.playback import StatesPlayback
+
+        return StatesPlayback(self.result).messages()
 
     def evidence_files(self, checks: Sequence[Check]) -> Mapping[str, Content]:
         """Return claims, assumptions, inputs, verdicts and counterexamples, and a page about them."""
