@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viatool.arrays import Booleans, Floats, Indices
-from viatool.motion.actuated import STANDING
 from viatool.policy import Maps, ObservationChannel
 from viatool.safety.counterexamples import Witnesses
 from viatool.safety.judgement import Contested, Judgement
@@ -22,6 +21,7 @@ from viatool.setting.setting import ActionName, Setting
 from viatool.simulate import Agreement
 from viatool.taylor import ReachableSet
 from viatool.trajectory import Trajectory
+from viatool.verification.assumed import assumptions_of
 from viatool.verification.horizon_result import HorizonResult
 from viatool.verification.notebook import table_of
 from viatool.verification.rates import RateByOutcome
@@ -354,17 +354,6 @@ class Result(Asked):
         }
 
     @property
-    def _begun_words(self) -> str:
-        """Return in words what the motion begins with, of a robot for which it matters."""
-        kinematics = self.rules.kinematics
-        if not kinematics.state:
-            return ""
-        names = " and ".join(axis.name for axis in kinematics.state)
-        exact = bool((self.begun[:, 0] == self.begun[:, 1]).all())
-        known = "as it was recorded" if exact else "within the error of what was measured"
-        return f" and its {names} {known}; {kinematics.state_words}, where it stops changing"
-
-    @property
     def moving(self) -> tuple[Floats, Floats]:
         """Return the ends (N, A + S) of the commands, behind them those of the state in which they are given."""
         lower, upper = self.commands
@@ -382,70 +371,6 @@ class Result(Asked):
             "most": int(counts.max()),
         }
 
-    @property
-    def _from(self) -> str:
-        """Return in words from which poses a state is judged."""
-        x, y, theta = self.setting.pose_radii
-        if not self.setting.pose_radii.any():
-            return "the exact pose of the state"
-        return f"every pose within {x:g} m, {y:g} m and {theta:g} rad of that of the state"
-
-    @property
-    def _moving(self) -> str:
-        """Return in words whether obstacles move."""
-        places = [place for place, _ in self.setting.uncertainty.premises() if place.startswith("obstacles.")]
-        if not places:
-            return "do not move"
-        machine = self.rules.machine
-        slow = f" (is no faster than {STANDING:g} m/s)" if machine is not None and machine.lag else ""
-        passive = f", and counts until the robot stands{slow}" if self.rules.manoeuvre.passive else ""
-        told = ", ".join(places)
-        return (
-            f"what is bounded by {told} may move in any direction from where it was observed, or be anywhere within "
-            f"its region where it roams, and nothing else does{passive}"
-        )
-
-    @property
-    def _close_words(self) -> str:
-        """Return in words where close places come from, or why there are none; empty if none were asked for."""
-        if self.close is None:
-            return f"none: {self.no_close}" if self.no_close else ""
-        return f"{len(self.close.trajectory):,}, {'; '.join(self.close.trajectory.notes)}"
-
-    @property
-    def _sensor_words(self) -> str:
-        """Return in words what sensors may err, and what a recorded scan says of one that errs as a whole."""
-        errors = self.setting.reading_errors
-        if not errors.scans:
-            return errors.words
-        return f"{errors.words}; a scan that errs as a whole is the recorded one, changed by as much as that of the map"
-
     def assumptions(self) -> dict[str, Any]:
         """Return what the verdicts rest on, by name."""
-        rules = self.rules
-        grid = self.world_map.obstacles.grid
-        stop = rules.manoeuvre.deceleration
-        held = rules.interval if rules.timing is None else rules.timing.interval[1]
-        reached = "reached at once" if rules.actuation.is_ideal else "followed as the error model says"
-        taken = "free" if grid is not None and grid.unknown_is_free else "obstacles"
-        unknown = "" if grid is None else f"; unknown cells count as {taken}"
-        return {
-            "states": "; ".join([self.origin or "of unknown origin", *self.trajectory.notes]),
-            **({"recording": "; ".join(map(str, self.recording))} if self.recording else {}),
-            **({"close_places": told} if (told := self._close_words) else {}),
-            "before_the_network": self.maps.before,
-            "after_the_network": self.maps.after,
-            "footprint": rules.footprint.words,
-            "clearance": f"more than {rules.clearance.collision:g} m (danger: {rules.clearance.danger:g} m)",
-            "commands": (f"clipped to {rules.kinematics.range_words(rules.lower, rules.upper)}, {reached}"),
-            "motion": f"{rules.moves_as}, from {self._from}{self._begun_words}",
-            "horizon": f"one command, held for {held:g} s; each state by itself, not the whole run"
-            + ("" if self.horizon is None else f". {self.horizon.meaning}"),
-            "delay": (f"{rules.delay:g} s" if rules.delay else "none")
-            if rules.timing is None
-            else rules.timing.words,
-            "braking": "not asked" if stop is None else f"{stop:g} m/s^2",
-            "obstacles": f"{self._moving}; whatever lies outside the arena is an obstacle{unknown}",
-            "sensor_error": self._sensor_words,
-            **({"memory": self.setting.memory_words} if self.setting.spec.memory else {}),
-        }
+        return assumptions_of(self)
