@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -146,6 +147,19 @@ def test_the_edge_of_a_box_that_some_poses_see_and_others_miss():
     assert forms.upper[1, 0] < 1.01
     assert forms.lower[2, 0] > 3.4  # along the lower side, 0.2 m away: the far wall
     assert excess(world, None, boxes, SINGLE, np.random.default_rng(0), 3000) <= ROUNDING
+
+
+def test_any_ray_may_meet_what_is_within_the_box_also_at_the_seam_of_its_bearings():
+    world = WorldMap("round", Path("round.yaml"), "", ARENAS["box"], Obstacles(np.array([[0.5, 0.0, 0.2]])))
+    shapes, lidar = Shapes.of(world, None), Lidar(math.pi, 1, 1, 0.0, 5.0)
+    for heading in np.linspace(-3.0, 3.0, 300):
+        boxes = PoseBoxes(np.array([[0.0, 0.0, heading]]), np.array([[1.0, 0.0, 0.0]]))
+        seam = -heading - np.pi - sight._slack(boxes, shapes, lidar) - 1e-9
+        seam -= 2.0 * np.pi * np.floor((seam + np.pi) / (2.0 * np.pi))
+        rays = tuple((seam + np.arange(-2, 3) * np.spacing(seam)).tolist())
+        around = replace(lidar, field_of_view=None, listed=rays, rays=5, bins=5)
+        forms = enclose_scan(boxes, shapes, around)
+        assert (forms.lower <= 0.1).all(), (heading, rays)
 
 
 def test_a_single_pose_gets_what_a_cast_ray_gives():

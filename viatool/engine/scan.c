@@ -126,8 +126,9 @@ static void widest_gap(Reading *readings, integer count, double cap, double *mid
     integer kept = 0;
     for (integer k = 0; k < count; k++)
         if (readings[k].least < cap) readings[kept++] = (Reading){readings[k].least, least(readings[k].most, cap)};
+    if (!kept) return;
     qsort(readings, (size_t)kept, sizeof *readings, by_least);
-    double reached = kept ? readings[0].most : cap;
+    double reached = readings[0].most;
     for (integer k = 1; k <= kept; k++) {
         const double next = k < kept ? readings[k].least : cap, gap = next - reached;
         if (gap > NARROW && gap >= *width) *width = gap, *middle = 0.5 * (next + reached);

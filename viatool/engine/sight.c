@@ -65,8 +65,7 @@ typedef struct {
 
 static Between rays_between(const Fan *fan, double low, double high) {
     const int known = low <= high; /* every ray may meet what lies in no known direction */
-    low = known ? low - BEARING_ROUNDING : -PI, high = known ? high + BEARING_ROUNDING : PI;
-    high = least(high, low + 2.0 * PI);
+    low = (known ? low : -PI) - BEARING_ROUNDING, high = (known ? high : PI) + BEARING_ROUNDING;
     const double turns = 2.0 * PI * floor((low + PI) / (2.0 * PI)); /* brings low into [-pi, pi) */
     low -= turns, high -= turns;
     Between found = {first_from(fan, low, 0), first_from(fan, high, 1) - 1, first_from(fan, high - 2.0 * PI, 1) - 1};

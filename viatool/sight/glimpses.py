@@ -127,8 +127,7 @@ def _rays_between(
     box, shape = np.nonzero(near)
     low, high = low[box, shape], high[box, shape]
     known = low <= high  # every ray may meet what lies in no known direction
-    low, high = np.where(known, low - _ROUNDING, -np.pi), np.where(known, high + _ROUNDING, np.pi)
-    high = np.minimum(high, low + 2.0 * np.pi)
+    low, high = np.where(known, low, -np.pi) - _ROUNDING, np.where(known, high, np.pi) + _ROUNDING
     turns = 2.0 * np.pi * np.floor((low + np.pi) / (2.0 * np.pi))  # brings low into [-pi, pi)
     low, high = low - turns, high - turns
     bearing, order = lidar.around
