@@ -14,10 +14,11 @@ from tests.safety.brute_force import clearance, drive
 from tests.safety.hand_made_policy import specification, write_policy
 from viatool.errors import ConfigurationError, EmptyEvaluationError, PolicyError, TrajectoryError
 from viatool.policy import ActionChannel, load_policy
+from viatool.safety.reasons import Reasons
 from viatool.simulate import roll_out
 from viatool.taylor import ReachableSet, memory
 from viatool.trajectory import Trajectory, load_trajectory, write_trajectory
-from viatool.verification import observing, verify
+from viatool.verification import job, observing, verify
 from viatool.world import Obstacles, load_map
 
 LAB = "maps/lab.yaml"
@@ -26,7 +27,7 @@ KEYS = {
     "schema_version", "policy", "map", "eps", "criterion", "arithmetic", "engine", "states", "verdicts",
     "safety_rate", "sampled_safety_rate", "danger_rate", "contested_rate", "close_rate", "stake", "task",
     "reachable_width", "seconds", "versions", "assumptions",
-    "premises", "unsafe_states", "close",
+    "premises", "unsafe_states", "close", "reasons", "reasons_left_out",
 }  # fmt: skip
 
 
@@ -180,6 +181,7 @@ def test_bounds_of_a_large_network_are_refined_only_where_a_verdict_depends_on_t
 def test_bounds_are_refined_where_no_attained_command_fails_and_only_there(result, policy, monkeypatch):
     """A robot that may do anything is asked about again unless it is known to do what fails."""
     monkeypatch.setattr(memory, "_SMALL", 0.0)
+    monkeypatch.setattr(job, "find_reasons", lambda *asked: Reasons())
     some = result.trajectory.select(np.flatnonzero(result.contested.either))
     least, most = (
         np.array([getattr(each, end) for each in policy.spec.action]) for end in ("lower", "upper")

@@ -23,6 +23,7 @@ COMMANDS = (
     "margin",
     "run",
     "replay",
+    "explain",
     "gate",
     "compare",
     "report",

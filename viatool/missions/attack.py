@@ -64,6 +64,18 @@ class MissionRuns:
         return bool(late.any() or not self.runs.clearance.min(initial=np.inf) > limit)
 
     @property
+    def flawless(self) -> tuple[float, float] | None:
+        """Return when the first run arrives, which has no error, in seconds, and its least clearance.
+
+        Infinite if it does not arrive; None where motors and timing are drawn in it as well.
+        """
+        if not self.refutes:
+            return None
+        after, steps = int(self.arrived[0]), self.seconds.shape[1]
+        arrives = float(self.seconds[0, after - 1]) if after <= steps else np.inf
+        return arrives, float(self.runs.clearance[0].min(initial=np.inf))
+
+    @property
     def late(self) -> Indices:
         """Return the runs that are still on their way after all K intervals, if they refute."""
         late = self.arrived > self.runs.poses.shape[1]

@@ -54,6 +54,11 @@ class Mission:
         Seconds after which runs may have arrived, and all of them have if it is proved.
     driven_arrival : tuple of float or None
         Seconds after which the first and the last of the driven runs arrives that do; None if none does.
+    near : str
+        What the run comes near to that collides, in words; empty without one.
+    flawless : tuple of float or None
+        Of the run from the middle of the starts without any error: seconds after which it arrives, infinite if it does
+        not, and the least clearance; None where motors and timing err in every run.
     """
 
     scenario: Scenario
@@ -67,6 +72,8 @@ class Mission:
     task: str = ""
     arrival: tuple[float, float] = (0.0, 0.0)
     driven_arrival: tuple[float, float] | None = None
+    near: str = ""
+    flawless: tuple[float, float] | None = None
 
     @property
     def verdict(self) -> str:
@@ -91,8 +98,8 @@ class Mission:
         if len(self.crashes):
             x, y, _ = self.crashes.place[0]
             after = int(self.crashes.step[0]) * self.interval + float(self.crashes.seconds[0])
-            near = f"{self.crashes.clearance[0]:.3f} m of something"
-            return f"a run comes within {near} at ({x:.2f}, {y:.2f}) after {after:.2f} s"
+            near = f"{self.crashes.clearance[0]:.3f} m of {self.near or 'something'}"
+            return f"a run comes within {near}, at ({x:.2f}, {y:.2f}) after {after:.2f} s"
         if len(self.late):
             x, y, _ = self.late.place[0]
             limit = self.late.poses.shape[1] * self.interval
@@ -119,7 +126,16 @@ class Mission:
             "parts": proof.most_parts,
             "start_parts": proof.start_parts,
             "reason": self.reason,
+            "flawless_run": self._flawless,
         }
+
+    @property
+    def _flawless(self) -> dict[str, float | None] | None:
+        """Return what is known of the run without any error."""
+        if self.flawless is None:
+            return None
+        seconds, clearance = (None if np.isinf(value) else value for value in self.flawless)
+        return {"arrives": seconds, "clearance": clearance}
 
     def to_arrays(self) -> dict[str, NDArray[Any]]:
         """Return what was found as arrays; the scenario is not in them."""
@@ -135,6 +151,8 @@ class Mission:
         return {
             "numbers": np.array([*numbers, self.interval, self.seconds, *self.arrival], dtype=np.float64),
             "driven_arrival": np.array(self.driven_arrival or [], dtype=np.float64),
+            "near": np.array(self.near),
+            "flawless": np.array(self.flawless or [], dtype=np.float64),
             "reason": np.array(proof.reason),
             "task": np.array(self.task),
             **{f"tube_{each.name}": getattr(tube, each.name) for each in fields(MissionTube)},
@@ -159,9 +177,10 @@ class Mission:
             for kind in ("crash", "late")
         )
         driven, task = (arrays["paths"], arrays["arrived"], crashes, late), str(arrays["task"])
-        times = arrays["driven_arrival"].tolist()
+        times, flawless = (arrays[name].tolist() for name in ("driven_arrival", "flawless"))
         ends = (arrival[0], arrival[1]), (times[0], times[1]) if times else None
-        return cls(scenario, interval, proof, *driven, seconds, task, *ends)
+        known = str(arrays["near"]), (flawless[0], flawless[1]) if flawless else None
+        return cls(scenario, interval, proof, *driven, seconds, task, *ends, *known)
 
     @classmethod
     def not_begun(cls, scenario: Scenario, setting: Setting, task: str = "") -> Mission:

@@ -22,6 +22,7 @@ from viatool.missions.follow import MissionFollower, MissionLimits
 from viatool.missions.verdicts import Mission, late_run
 from viatool.policy import Policy
 from viatool.rounding import SPARE
+from viatool.safety.nearest import describe_nearest
 from viatool.schedule import Span, Work, digest_of
 from viatool.sets.states import POSE
 from viatool.setting.setting import Setting
@@ -97,7 +98,16 @@ class MissionExamination:
                 self.setting.rules.seconds_after(proof.steps)[1],
             ),
             driven.driven_arrival,
+            self._nearest(scenario, driven),
+            driven.flawless,
         )
+
+    def _nearest(self, scenario: Scenario, driven: MissionRuns) -> str:
+        """Return what the run comes near to that collides, in words; nothing without one."""
+        if not len(driven.crashes):
+            return ""
+        setting = self.setting
+        return describe_nearest(setting.world_map, scenario, driven.crashes.place[0], setting.rules.footprint)
 
     def follower(self, loop: ClosedLoop, scenario: Scenario) -> MissionFollower:
         """Return who follows the runs of a scenario: of robots whose motion has a state, in forms of their starts."""

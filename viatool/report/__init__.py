@@ -5,7 +5,7 @@ from __future__ import annotations
 from viatool.report.accepted import Acceptance, accepted_text, load_accepted
 from viatool.report.bounds_file import parse_bounds_output
 from viatool.report.comparison import print_comparison
-from viatool.report.console import print_checks, print_report
+from viatool.report.console import print_checks, print_explanation, print_failing, print_report
 from viatool.report.document import Document
 from viatool.report.gate import Gate, Threshold, evaluate, parse_threshold
 from viatool.report.kinds import KINDS, load_document
@@ -44,6 +44,8 @@ __all__ = [
     "print_bounds",
     "print_checks",
     "print_comparison",
+    "print_explanation",
+    "print_failing",
     "print_inspection",
     "print_map",
     "print_report",

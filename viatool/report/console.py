@@ -18,7 +18,7 @@ from viatool.report.sections import Breakdown, Check, Facts, Part, Rates, Sectio
 from viatool.report.wording import describe_seconds
 
 if TYPE_CHECKING:
-    from viatool.report.document import Document
+    from viatool.report.document import Document, Explained
     from viatool.report.records import FileIdentity
 
 BAR_WIDTH = 60
@@ -63,6 +63,17 @@ def print_checks(checks: Sequence[Check], console: Console) -> None:
         table.add_row(word, Text(shown(check.condition)), Text(shown(check.figures), style="dim"))
     told = [Text(shown(line), style="dim") for check in checks for line in check.some_evidence(MOST_EVIDENCE)]
     console.print(_titled("Gate", Group(table, *told) if checks else Text("no condition was given")))
+
+
+def print_explanation(text: str, console: Console) -> None:
+    """Print in paragraphs why something is not safe."""
+    console.print(Text("\n".join(shown(line) for line in text.split("\n"))))
+
+
+def print_failing(document: Explained, console: Console) -> None:
+    """Print all that is not safe, each with its reason in short."""
+    table = document.failing
+    console.print(_table(table) if table.rows else Text("Nothing to explain: all is safe."))
 
 
 def _headline(document: Document) -> RenderableType:

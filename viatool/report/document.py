@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from pydantic import ValidationError
 
 from viatool.errors import ConfigurationError
-from viatool.report.records import RunRecord
-from viatool.report.sections import Count, Headline, Section, Share, Survivor, Tally
+from viatool.report.records import SCHEMA_VERSION, RunRecord
+from viatool.report.sections import Count, Headline, Section, Share, Survivor, Table, Tally
 
 if TYPE_CHECKING:
     import numpy as np
@@ -70,6 +70,12 @@ class Document(ABC):
 
     def __init__(self, content: Mapping[str, Any], path: Path | None = None) -> None:
         self.content, self.path = dict(content), path
+        version = self.content.get("schema_version", SCHEMA_VERSION)
+        if isinstance(version, int) and version != SCHEMA_VERSION:
+            raise ConfigurationError(
+                f"'{path}' is a report of schema version {version}, and this viatool reads version {SCHEMA_VERSION}",
+                f"write it again with viatool {self.COMMAND} ... --output json:PATH",
+            )
         try:
             self.record = self.RECORD.model_validate(self.content)
         except ValidationError as error:
@@ -165,6 +171,28 @@ class Document(ABC):
     def new_failures(self, baseline: Any) -> Sequence[Check]:
         """Decide what an older document of the same kind says about single failures."""
         return ()
+
+
+class Explained(Document):
+    """A document that says of each subject that is not safe why."""
+
+    ASKED: ClassVar[Sequence[str]]
+    """The options of ``viatool explain`` that name a subject."""
+
+    @property
+    @abstractmethod
+    def failing(self) -> Table:
+        """Return a row for each subject that is not safe, the worst first."""
+
+    @abstractmethod
+    def explain(self, option: str, subject: Any) -> str:
+        """Return in words what a subject is, as one of the options names it, and why it is not safe.
+
+        Raises
+        ------
+        ConfigurationError
+            If there is no such subject, or the report does not say why.
+        """
 
 
 class Cased(Document):

@@ -16,6 +16,8 @@ from viatool.report.sections import Share
 Count = Annotated[int, Field(ge=0, strict=True)]
 Amount = Annotated[float, Field(ge=0.0)]
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
+SCHEMA_VERSION = 1
+"""Of the reports that are read."""
 
 
 class ReportPart(BaseModel):
@@ -61,7 +63,7 @@ class PremiseRecord(ReportPart):
 class RunRecord(ReportPart):
     """What every report says of its run: what was examined, what took effect, with which versions."""
 
-    schema_version: Annotated[int, Field(ge=1, le=1)]
+    schema_version: Annotated[int, Field(ge=1, le=SCHEMA_VERSION)]
     policy: FileIdentity
     map: FileIdentity
     versions: dict[str, str]

@@ -7,7 +7,7 @@ neither add up to that of all terms together nor exclude each other.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -19,6 +19,8 @@ from viatool.errors import ConfigurationError
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
 
+EPS = "eps of "
+"""Before the name of a channel: the error that is its radius."""
 MOST = 2000
 """What is judged again at most."""
 
@@ -124,7 +126,7 @@ class Alternatives:
         return TermCost(term, value, saved)
 
 
-Ask = Callable[[Wishes, dict[str, float]], Setting]
+Ask = Callable[[Wishes, Mapping[str, float]], Setting]
 """Makes the setting of other wishes and radii by channel."""
 Judge = Callable[[Setting, Indices], Booleans]
 """Tells which of some states (D,) are proved in a setting."""
@@ -159,7 +161,7 @@ def cost_of_errors(setting: Setting, wishes: Wishes, safe: Booleans, ask: Ask, j
 def drop_each(setting: Setting, wishes: Wishes, ask: Ask) -> Alternatives:
     """Return what is asked without each error that a verdict allows for; as `cost_of_errors`."""
     terms, settings, left_out = [], [], []
-    bare: tuple[Wishes, dict[str, float]] = (wishes, radii_of(setting))
+    bare: tuple[Wishes, Mapping[str, float]] = (wishes, radii_of(setting))
     for term, value, dropped in droppable(setting, wishes):
         bare = dropped(*bare)
         try:
@@ -177,7 +179,7 @@ def radii_of(setting: Setting) -> dict[str, float]:
     return {name: radius for name, radius in setting.errors.by_channel.items() if name not in fixed}
 
 
-Dropped = Callable[[Wishes, dict[str, float]], tuple[Wishes, dict[str, float]]]
+Dropped = Callable[[Wishes, Mapping[str, float]], tuple[Wishes, Mapping[str, float]]]
 
 
 def droppable(setting: Setting, wishes: Wishes) -> Iterator[tuple[str, str, Dropped]]:
@@ -185,7 +187,7 @@ def droppable(setting: Setting, wishes: Wishes) -> Iterator[tuple[str, str, Drop
     units = setting.errors.units
     for channel, radius in radii_of(setting).items():
         if radius > 0.0:
-            yield f"eps of {channel}", f"{radius:g} {units[channel]}".rstrip(), _without_eps(channel)
+            yield f"{EPS}{channel}", f"{radius:g} {units[channel]}".rstrip(), _without_eps(channel)
     if wishes.delay > 0.0:
         yield "delay", f"{wishes.delay:g} s", lambda wished, radii: (replace(wished, delay=0.0), radii)
     for place, value in wishes.errors.premises():

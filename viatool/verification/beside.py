@@ -9,14 +9,18 @@ import numpy as np
 from viatool.schedule import Campaign, Progress, Serial
 from viatool.verification.campaign import CloseWork
 from viatool.verification.close import joined, places_beside
-from viatool.verification.examination import StateExamination
 from viatool.verification.findings import StateFindings
+from viatool.verification.reasoning import find_reasons
+from viatool.verification.rejudging import Rejudging
 from viatool.verification.result import Result
 from viatool.verification.states import states_of
 
+_JUDGED = 16
+"""Places that are not safe of which is found out which errors they take."""
+
 
 def examine_beside(
-    result: Result, examination: StateExamination, count: int, campaign: Campaign, tell: Progress
+    result: Result, again: Rejudging, count: int, campaign: Campaign, tell: Progress
 ) -> Result:
     """Return a result with the examination of close places, or with the reason why there are none.
 
@@ -24,8 +28,8 @@ def examine_beside(
     ----------
     result : Result
         Of driven states.
-    examination : StateExamination
-        What happened to them, and now to the places; its seed is that of the places, too.
+    again : Rejudging
+        What was asked of them, and now is of the places; the seed of the examination is that of the places, too.
     count : int
         How many places; 0 for none.
     campaign, tell : Campaign, Progress
@@ -37,15 +41,17 @@ def examine_beside(
     """
     if not count:
         return result
+    examination = replace(again.examination, horizon=None)
     places, reason = places_beside(result.setting, result.trajectory, count, seed=examination.seed)
     if places is None:
         return replace(result, no_close=reason)
     asked = states_of(result.setting, places)
-    work = CloseWork(replace(examination, horizon=None), asked, result.versions)
+    work = CloseWork(examination, asked, result.versions)
     campaign = campaign.within("close")
     if len(work) == 1:  # of which others would do no part
         campaign = replace(campaign, scheduler=Serial())
     found = campaign.carry_out(work, tell).part
+    again = replace(again, trajectory=places, examination=examination)
     beside = replace(
         result,
         trajectory=places,
@@ -59,6 +65,7 @@ def examine_beside(
         horizon=None,
         recording=(),
         error_costs=None,
+        reasons=find_reasons(again, asked, found, most_judged=_JUDGED),
     )
     return replace(result, close=beside)
 
@@ -89,5 +96,6 @@ def together(result: Result) -> Result:
         witnesses=found.witnesses,
         horizon=None,
         error_costs=None,
+        reasons=result.reasons.then(close.reasons, count),
         close=None,
     )

@@ -15,7 +15,7 @@ from viatool.motion.carried import recorded_ends
 from viatool.policy import Policy
 from viatool.safety import Contested, JudgedStates, Judgement, ScenePoses, find_contested
 from viatool.safety.moving import movers_around
-from viatool.safety.pieces import judge_pieces
+from viatool.safety.pieces import CommandPieces, judge_pieces
 from viatool.setting.driven import DrivenPolicy
 from viatool.setting.setting import Setting
 from viatool.taylor import ReachableSet, bounds_in_passing, efforts_of
@@ -24,6 +24,42 @@ from viatool.verification.findings import StateFindings
 from viatool.verification.horizon import HorizonExamination
 from viatool.verification.observing import BlockSensors
 from viatool.verification.states import States
+
+
+@dataclass(frozen=True, eq=False)
+class Attained:
+    """What would be known of B states if no command could be sent beyond those that were found attained.
+
+    Parameters
+    ----------
+    pieces : CommandPieces
+        These commands: of each output the span of what is attained.
+    known : ndarray
+        (B,) bool: whether anything was found attained.
+    judgement : Judgement
+        Of these; what is not known holds.
+    """
+
+    pieces: CommandPieces
+    known: Booleans
+    judgement: Judgement
+
+
+def judge_attained(
+    policy: DrivenPolicy,
+    reachable: ReachableSet,
+    judged: JudgedStates,
+    asked: Contested,
+    sensors: BlockSensors,
+) -> Attained:
+    """Judge B states as if bounds were as tight as they can be: the tightest of them hold all that is attained."""
+    inner = reachable.attained_alone()
+    known = np.asarray(np.isfinite(inner.upper - inner.lower).all(axis=1))
+    if inner.possible is not None:
+        known &= inner.possible.any(axis=1)
+    pieces = sensors.pieces(policy, inner)
+    asked = Contested(asked.collision & known, asked.danger & known)
+    return Attained(pieces, known, judge_pieces(judged, pieces, asked))
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,6 +155,21 @@ class StateExamination:
             del clock.seconds["horizon"]
         return StateFindings(commands, contested, judgement, witnesses, clock.seconds, tubes, crashes)
 
+    def proves(self, states: States) -> Booleans:
+        """Tell which states are proved at d_col with the last of the efforts, (B,), and nothing else.
+
+        Notes
+        -----
+        Sound: yes. All are taken for contested, so that one which geometry alone settles may not be proved.
+        """
+        return np.concatenate([np.zeros(0, dtype=bool), *map(self._proves, states.each_block())])
+
+    def _proves(self, block: States) -> Booleans:
+        sensors, every = self.sensors(block, self.placed(block)), np.ones(len(block), dtype=bool)
+        policy, effort = self.setting.driven(self.policy), self.efforts[-1]
+        pieces = sensors.pieces(policy, sensors.reach(self.policy, effort, every, every))
+        return judge_pieces(sensors.judged, pieces, Contested(every, ~every)).safe
+
     def placed(self, block: States) -> ScenePoses:
         """Return where the states of a block stand, among what stands there."""
         return ScenePoses.of(self.setting.world_map, block.scenarios, block.poses, block.episode)
@@ -150,13 +201,9 @@ class StateExamination:
         They might not where what is attained fails already: the tightest of bounds hold it, too. Where nothing is known
         of what is attained they might.
         """
-        inner = reachable.attained_alone()
         open_ = contested.either & ~judgement.all_hold
-        known = np.isfinite(inner.upper - inner.lower).all(axis=1)
-        if inner.possible is not None:
-            known &= inner.possible.any(axis=1)
-        asked = Contested(contested.collision & open_ & known, contested.danger & open_ & known)
-        best = judge_pieces(judged, sensors.pieces(policy, inner), asked)
+        asked = Contested(contested.collision & open_, contested.danger & open_)
+        best = judge_attained(policy, reachable, judged, asked, sensors).judgement
         return open_ & (
             (best.safe & ~judgement.safe)
             | (best.danger & ~judgement.danger)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from viatool.arrays import Indices
 from viatool.loop.horizon import Crashes, Horizon, Tubes
 from viatool.safety import Contested, Judgement, Witnesses
 from viatool.taylor import ReachableSet
@@ -50,6 +51,23 @@ class StateFindings:
         if horizon is None or self.tubes is None or self.crashes is None:
             return None
         return HorizonResult(horizon, self.tubes, self.crashes)
+
+    def rows(self, which: Indices) -> StateFindings:
+        """Return what is known of some states, each once, counted from the first of them; without the horizon."""
+        place = np.full(len(self.judgement.safe), -1)
+        place[which] = np.arange(len(which))
+        witnesses = replace(self.witnesses, state=place[self.witnesses.state])
+        kept = np.flatnonzero(witnesses.state >= 0)
+        kept = kept[np.argsort(witnesses.state[kept], kind="stable")]
+        return StateFindings(
+            self.reachable.rows(which),
+            Contested(self.contested.collision[which], self.contested.danger[which]),
+            Judgement(
+                self.judgement.safe[which], self.judgement.danger[which], self.judgement.sampled[which]
+            ),
+            witnesses.select(kept),
+            {},
+        )
 
     @classmethod
     def join(cls, parts: Sequence[StateFindings]) -> StateFindings:

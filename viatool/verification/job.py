@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
-from viatool.arrays import Booleans, Indices
 from viatool.errors import ConfigurationError
 from viatool.loop.elapsed import check_moving_on
 from viatool.loop.horizon import Horizon
@@ -29,6 +28,8 @@ from viatool.verification.clock import Clock
 from viatool.verification.close import CLOSE, MOST
 from viatool.verification.examination import StateExamination
 from viatool.verification.horizon import HorizonExamination
+from viatool.verification.reasoning import find_reasons
+from viatool.verification.rejudging import Rejudging
 from viatool.verification.result import Result
 from viatool.verification.source import Source
 from viatool.verification.states import states_of
@@ -228,22 +229,13 @@ def verify(
         work = StateWork(examination, asked, result_versions())
         findings = campaign.carry_out(work, progress or ignore).part
     clock.share_out("examine", findings.seconds)
+    again = Rejudging(policy, world_map, scenarios, setting, wishes, job, trajectory, examination)
     costs = None
     if explain_errors:
-
-        def ask(wished: Wishes, radii: Mapping[str, float]) -> Setting:
-            return Setting.of(policy, world_map, radii, wished, scenarios, job=job)
-
-        def judge(other: Setting, rows: Indices) -> Booleans:
-            states = states_of(other, trajectory, followed=False).select(rows)
-            plain = replace(
-                examination, policy=other.commanding(policy), setting=other.bare(), only_contested=True, horizon=None,
-                bounded_every=0, search=False,
-            )  # fmt: skip
-            return plain(states).judgement.safe
-
         with clock.timed("explain"):
-            costs = cost_of_errors(setting, wishes, findings.judgement.safe, ask, judge)
+            costs = cost_of_errors(setting, wishes, findings.judgement.safe, again.ask, again.proved)
+    with clock.timed("reasons"):
+        reasons = find_reasons(again, asked, findings)
     result = Result(
         policy_path=policy.path,
         policy_sha256=policy.sha256,
@@ -266,7 +258,8 @@ def verify(
         horizon=findings.over(horizon),
         recording=recording,
         error_costs=costs,
+        reasons=reasons,
     )
     with clock.timed("close"):
-        result = examine_beside(result, examination, close, campaign, progress or ignore)
+        result = examine_beside(result, again, close, campaign, progress or ignore)
     return replace(result, seconds=clock.seconds)

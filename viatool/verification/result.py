@@ -15,6 +15,7 @@ from viatool.arrays import Booleans, Floats, Indices
 from viatool.policy import Maps, ObservationChannel
 from viatool.safety.counterexamples import Witnesses
 from viatool.safety.judgement import Contested, Judgement
+from viatool.safety.reasons import Reasons
 from viatool.setting.asked import Asked
 from viatool.setting.error_costs import ErrorCosts
 from viatool.setting.setting import ActionName, Setting
@@ -73,6 +74,8 @@ class Result(Asked):
         How recorded LiDAR readings agree with the map, one for each LiDAR; empty for states that were simulated.
     error_costs : ErrorCosts, optional
         What each error costs in verdicts, if that was asked.
+    reasons : Reasons
+        Why states are not safe.
     bounded_every : int
         Widths are those of every so manieth state; with 0 and 1 of all that are bounded.
     velocity : ndarray, optional
@@ -102,6 +105,7 @@ class Result(Asked):
     horizon: HorizonResult | None = None
     recording: tuple[Agreement, ...] = ()
     error_costs: ErrorCosts | None = None
+    reasons: Reasons = field(default_factory=Reasons)
     velocity: Floats | None = None
     bounded_every: int = 1
     close: Result | None = None
@@ -291,6 +295,7 @@ class Result(Asked):
             "assumptions": self.assumptions(),
             "premises": [premise.to_json() for premise in self.premises],
             "unsafe_states": self.unsafe_states(),
+            **self.reasons.to_json(),
             **({"close": self._close_json()} if self.close is not None or self.no_close else {}),
             **({} if self.horizon is None else {"horizon": self.horizon.to_json()}),
             **({"recording": [found.to_json() for found in self.recording]} if self.recording else {}),
@@ -311,6 +316,7 @@ class Result(Asked):
             "states": len(close.trajectory),
             "verdicts": close.verdicts(),
             "unsafe_states": close.unsafe_states(),
+            **close.reasons.to_json(),
         }
 
     def unsafe_states(self) -> list[dict[str, Any]]:

@@ -65,7 +65,7 @@ def render_page(document: StatesRun, checks: Sequence[Check], most: int | None =
         "page.html",
         SCRIPTS,
         title="viatool",
-        data=page_data(every, shown, driven=result),
+        data={**page_data(every, shown, driven=result), "reasons": _reasons(every, shown)},
         figures=_figures(result),
         checks=checks,
         connected=result.trajectory.connected,
@@ -75,6 +75,12 @@ def render_page(document: StatesRun, checks: Sequence[Check], most: int | None =
         **_tables(document),
         **_episodes(every, shown, result.trajectory.episodes),
     )
+
+
+def _reasons(result: Result, shown: Indices) -> list[tuple[int, str]]:
+    """Return why states are not safe, by the place of each among those that the page holds."""
+    place = {state: row for row, state in enumerate(shown.tolist())}
+    return [(place[one.state], one_line(one.words)) for one in result.reasons.each if one.state in place]
 
 
 def _figures(result: Result) -> list[figure]:

@@ -4,6 +4,7 @@
 const Words = (() => {
   const { data, rules } = States;
   const number = (value, digits = 4) => Number(value.toPrecision(digits)).toString();
+  const reasons = new Map(data.reasons);
   const signed = (value) => `${value < 0 ? "−" : "+"}${Math.abs(value).toFixed(3)}`;
 
   function describe(row) {
@@ -23,6 +24,7 @@ const Words = (() => {
       ["at d_danger", States.danger[row] ? "proved" : "not proved"],
       ["contested", `${States.contested[row] ? "yes: some" : "no: no"} command of the robot could make it fail`],
     ];
+    if (reasons.has(row)) facts.unshift(["why", reasons.get(row)]);
     data.actions.forEach(({ name, unit }, axis) => {
       const range = box ? `${number(box.lower[axis], 6)} to ${number(box.upper[axis], 6)} ${unit}` : "not bounded: geometry alone settles this state";
       facts.push([name, box ? `${range}, width ${number(States.widthOf(row, axis), 3)}` : range]);

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import ClassVar
 
-from viatool.report.document import Annotated, Cased, Document, Located, Tabled
+from viatool.errors import ConfigurationError
+from viatool.report.document import Annotated, Cased, Document, Explained, Located, Tabled
+from viatool.report.missions.explained import explain_mission
 from viatool.report.missions.record import MissionRecord, MissionsRecord
 from viatool.report.numbers import MISSING, count, counted
 from viatool.report.paired import apart
@@ -36,7 +38,7 @@ MEANING = {
 COLUMNS = ("scenario", "verdict", "steps", "seconds", "clearance", "parts", "start_parts", "reason")
 
 
-class MissionsDocument(Verified, Cased, Annotated, Located, Tabled):
+class MissionsDocument(Verified, Explained, Cased, Annotated, Located, Tabled):
     """Missions; their JSON tells all that the formats of text need."""
 
     RECORD = MissionsRecord
@@ -57,6 +59,8 @@ class MissionsDocument(Verified, Cased, Annotated, Located, Tabled):
         ),
         "unknown-mission": ("warning", "The mission could be neither proved nor refuted."),
     }
+
+    ASKED = ("scenario",)
 
     record: MissionsRecord
 
@@ -205,6 +209,24 @@ class MissionsDocument(Verified, Cased, Annotated, Located, Tabled):
         ]
         figures = f"no longer: {', '.join(lost)}" if lost else "all are"
         return (Check("missions that were proved still are", not lost, figures),)
+
+    @property
+    def failing(self) -> Table:
+        """Return the missions that are not proved, refuted ones first."""
+        rows = tuple(
+            (mission.scenario, mission.verdict, mission.reason) for mission, _, _ in self._failures()
+        )
+        return Table(("mission", "verdict", "why"), rows, texts=2)
+
+    def explain(self, option: str, subject: str) -> str:
+        """Return why a mission is not proved, by the name of its scenario."""
+        missions = {mission.scenario: mission for mission in self.record.missions}
+        if subject not in missions:
+            raise ConfigurationError(
+                f"there is no mission '{subject}': the report is on {', '.join(missions)}",
+                "give one of these names",
+            )
+        return explain_mission(missions[subject], self.record)
 
     def cases(self) -> Sequence[Case]:
         """Return every mission: a refuted one is a failure, an unknown one an error."""

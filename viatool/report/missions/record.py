@@ -33,6 +33,13 @@ class MissionLimitsRecord(ReportPart):
     finer: Count
 
 
+class FlawlessRun(ReportPart):
+    """The run without any error: after how many seconds it arrives, None if it does not, and its least clearance."""
+
+    arrives: Amount | None
+    clearance: float | None
+
+
 class MissionRecord(ReportPart):
     """One mission.
 
@@ -60,6 +67,7 @@ class MissionRecord(ReportPart):
     parts: Count
     start_parts: Count
     reason: str
+    flawless_run: FlawlessRun | None = None
 
 
 class MissionsRecord(VerifiedRecord):

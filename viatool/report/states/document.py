@@ -10,10 +10,12 @@ from typing import ClassVar
 
 import numpy as np
 
+from viatool.report.document import Explained
 from viatool.report.error_costs import states_table
 from viatool.report.margins.tables import margin_sections
 from viatool.report.numbers import MISSING, count, counted, percent_of, percentage, significant
 from viatool.report.palette import MEANING, VERDICTS
+from viatool.report.reasons import Failing
 from viatool.report.sections import (
     NOTHING,
     Breakdown,
@@ -29,6 +31,7 @@ from viatool.report.sections import (
     Tally,
 )
 from viatool.report.states.record import (
+    ClosePlacesRecord,
     HorizonRecord,
     RateByOutcomeRecord,
     RecordingRecord,
@@ -38,6 +41,7 @@ from viatool.report.states.record import (
 )
 from viatool.report.verified import Verified
 from viatool.report.wording import describe_eps, describe_value
+from viatool.setting.criteria import SAMPLED
 
 OUTCOMES = ("overall", "success", "collision", "timeout")
 HORIZON_COLUMNS = (
@@ -53,7 +57,7 @@ NAMED = 3  # new unsafe states that a message names
 SAME = 1e-3  # metres and radians within which a pose counts as the same
 
 
-class StatesDocument(Verified):
+class StatesDocument(Verified, Explained):
     """A report on states."""
 
     RECORD = StatesRecord
@@ -73,6 +77,8 @@ class StatesDocument(Verified):
         "timeout": "safety rate in episodes that ran out of time",
         "horizon": "safety rate over the horizon",
     }
+
+    ASKED = ("state", "close")
 
     record: StatesRecord
 
@@ -108,7 +114,7 @@ class StatesDocument(Verified):
 
     @property
     def sections(self) -> Sequence[Section]:
-        """Return verdicts, rates, the horizon if there is one, how the episodes ended, and widths."""
+        """Return verdicts, rates, the horizon if there is one, why states are not safe, how episodes end, widths."""
         horizon, errors = self.horizon, self.error_costs
         return [
             Breakdown(("verdict", "states", "share", "meaning"), tuple(map(self._part, VERDICTS))),
@@ -117,6 +123,7 @@ class StatesDocument(Verified):
             ),
             *([] if horizon is None else [horizon]),
             *([] if errors is None else [errors]),
+            *(part.worst for part in self.failing_parts.values() if part.reasons),
             *self.margins,
             Facts("Driven, not proved", (("", self.task),)),
             *([Facts("Recorded readings against the map", self.recording)] if self.recording else []),
@@ -126,6 +133,33 @@ class StatesDocument(Verified):
     def _part(self, verdict: str) -> Part:
         number, total = int(getattr(self.record.verdicts, verdict)), self.record.states
         return Part(verdict, (count(number), percentage(number, total)), MEANING[verdict], number, verdict)
+
+    @property
+    def failing_parts(self) -> Mapping[str, Failing]:
+        """Return what is not safe and why, by the option that names it: states, and close places."""
+        record, close = self.record, self.record.close
+        proved = "sampled" if record.criterion == SAMPLED.name else "proved"
+        return {
+            "state": _failing("state", record.states, record, proved),
+            **({} if close is None else {"close": _failing("close place", close.states, close, proved)}),
+        }
+
+    @property
+    def failing(self) -> Table:
+        """Return all states and close places of which it is told why they are not safe."""
+        parts = self.failing_parts.values()
+        left = sum(part.left_out for part in parts)
+        rows = tuple(row for part in parts for row in part.rows())
+        remark = f"{count(left)} more are not safe, which the report does not explain" if left else ""
+        return Table(("what", "scenario", "time [s]", "verdict", "why"), rows, "", remark, texts=2)
+
+    def explain(self, option: str, subject: int) -> str:
+        """Return why a state or a close place is not safe, by its number."""
+        parts = self.failing_parts
+        part = parts.get(option, Failing("close place", 0, frozenset(), {}, 0, ""))
+        told = part.explain(subject)
+        later = " The report says of the intervals after states how many are safe."
+        return told + later if self.record.horizon is not None and "nothing to explain" in told else told
 
     @property
     def rate_rows(self) -> Mapping[str, RateByOutcomeRecord]:
@@ -294,6 +328,13 @@ def describe_state(
         f"{what.capitalize()} {number} is {verdict}: scenario {scenario} at {time:.2f} s, "
         f"x {x:.3f} m, y {y:.3f} m, heading {heading:.3f} rad."
     )
+
+
+def _failing(what: str, size: int, part: StatesRecord | ClosePlacesRecord, proved: str) -> Failing:
+    """Return what a report says of states, or of close places, that are not safe."""
+    reasons = None if part.reasons is None else {one.state: one for one in part.reasons}
+    unsafe = frozenset(one.state for one in part.unsafe_states or ())
+    return Failing(what, size, unsafe, reasons, part.reasons_left_out, proved)
 
 
 def by_outcome(rates: RateByOutcomeRecord) -> tuple[Share, ...]:

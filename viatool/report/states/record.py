@@ -9,6 +9,7 @@ from typing_extensions import Self
 
 from viatool.report.error_costs import ErrorCostsRecord
 from viatool.report.margins.record import PolicyMarginsRecord, VariedRecord
+from viatool.report.reasons import ReasonRecord
 from viatool.report.records import Count, CountedRecord, Fraction, ReportPart, VerifiedRecord
 
 
@@ -95,6 +96,8 @@ class ClosePlacesRecord(ReportPart):
     states: Count
     verdicts: Verdicts
     unsafe_states: list[UnsafeState]
+    reasons: list[ReasonRecord] | None = None
+    reasons_left_out: Count = 0
     reason: str = ""
 
 
@@ -168,6 +171,8 @@ class StatesRecord(VerifiedRecord):
     task: TaskRecord
     reachable_width: dict[str, Width]
     unsafe_states: list[UnsafeState] | None = None
+    reasons: list[ReasonRecord] | None = None
+    reasons_left_out: Count = 0
     horizon: HorizonRecord | None = None
     recording: list[RecordingRecord] | None = None
     possible: PossibleCommands | None = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -96,9 +97,17 @@ class StatesRun(
         close = self.result.close
         beside = [] if close is None else summarise_episodes(close)
         return [
-            *(_case(episode) for episode in summarise_episodes(self.result)),
+            *(_case(episode, self._worst.get(episode.index)) for episode in summarise_episodes(self.result)),
             *(self._beside(episode) for episode in beside if episode.states),
         ]
+
+    @cached_property
+    def _worst(self) -> Mapping[int, str]:
+        """Return in short why the worst state of each episode is not safe, by the number of the episode."""
+        worst: dict[int, str] = {}
+        for one in self.result.reasons.each:
+            worst.setdefault(int(self.result.episode[one.state]), f"state {one.state}: {one.brief}")
+        return worst
 
     def _beside(self, episode: Episode) -> Case:
         evidence = tuple(self._told(self.result.close, "close place", episode.index))
@@ -114,7 +123,8 @@ class StatesRun(
             Annotation(
                 level,
                 f"{counted(number, f'{verdict} state')} in {e.name}",
-                f"{e.safe} of {e.states} states safe, the episode ended in {e.outcome}",
+                f"{e.safe} of {e.states} states safe, the episode ended in {e.outcome}"
+                + (f"; {self._worst[e.index]}" if e.index in self._worst else ""),
             )
             for e, level, verdict, number in [*unsafe, *unknown]
         ]
@@ -180,12 +190,13 @@ class StatesRun(
     def columns(self) -> Sequence[str]:
         """Return what a row tells of its state, with the ends of every action."""
         ends = [f"{action.name}_{end}" for end in ("lower", "upper") for action in self.result.actions]
-        return [*COLUMNS, *ends]
+        return [*COLUMNS, *ends, "reason"]
 
     def rows(self) -> Iterator[Sequence[object]]:
         """Yield a row for each state."""
         trajectory, reachable = self.result.trajectory, self.result.reachable
         names = [trajectory.name_of(index) for index in range(trajectory.episodes)]
+        words = {one.state: one.words for one in self.result.reasons.each}
         for state, episode in enumerate(trajectory.episode.tolist()):
             ends = (*reachable.lower[state], *reachable.upper[state])
             yield [
@@ -196,6 +207,7 @@ class StatesRun(
                 *(f"{number:.9g}" for number in (trajectory.time[state], *trajectory.poses[state])),
                 self.result.verdict[state],
                 *(f"{number:.17g}" for number in ends),
+                words.get(state, ""),
             ]
 
     def draw(self) -> Figure:
@@ -254,13 +266,15 @@ def _describe(result: Result, state: int, what: str) -> str:
 
 def _findings(result: Result, what: str) -> Iterator[Finding]:
     trajectory = result.trajectory
+    reasons = {one.state: f" Reason: {one.brief}." for one in result.reasons.each}
     for verdict in NOT_SAFE:
         for state in _where(result, verdict):
             name, time = trajectory.name_of(trajectory.episode[state]), float(trajectory.time[state])
             x, y, heading = trajectory.poses[state].tolist()
             # Poses that were picked have no time that tells them apart.
             place = f"{name}/{time:.3f}" if trajectory.connected else f"{name}/{x:.3f},{y:.3f},{heading:.3f}"
-            rule, text = f"{verdict}-{what.replace(' ', '-')}", _describe(result, state, what)
+            rule = f"{verdict}-{what.replace(' ', '-')}"
+            text = f"{_describe(result, state, what)}{reasons.get(state, '')}"
             yield Finding(rule, text, place, place, verdict, name, state)
 
 
@@ -270,14 +284,15 @@ def _figures(episode: Episode) -> str:
     )
 
 
-def _case(episode: Episode) -> Case:
+def _case(episode: Episode, worst: str | None) -> Case:
+    """Return an episode as a case, with why its worst state is not safe."""
     group, name = "viatool.trajectory", f"{episode.index}: {episode.name}"
-    figures = _figures(episode)
+    figures, because = _figures(episode), f"; {worst}" if worst else ""
     if episode.unsafe:
         first = f"{counted(episode.unsafe, 'unsafe state')}, the first is state {episode.first_unsafe}"
-        return Case(group, name, "failure", first, figures)
+        return Case(group, name, "failure", f"{first}{because}", figures)
     if episode.unknown:
-        return Case(group, name, "error", counted(episode.unknown, "unknown state"), figures)
+        return Case(group, name, "error", f"{counted(episode.unknown, 'unknown state')}{because}", figures)
     if not episode.states:
         return Case(group, name, "skipped", "no states")
     return Case(group, name)
