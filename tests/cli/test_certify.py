@@ -7,10 +7,12 @@ from xml.etree import ElementTree
 import jsonschema
 import numpy as np
 import pytest
+import shapely
 from click.testing import CliRunner
 
 from tests.places.test_arriving import CHAMBER, constant
 from viatool.cli import main
+from viatool.world import load_map
 
 ARGUMENTS = ["certify", "via", "--map", "room", "--eps", "0.01", "--smallest", "0.06", "--halvings", "0"]
 SCHEMA = Path(__file__).resolve().parents[2] / "docs" / "certificate.schema.json"
@@ -163,3 +165,28 @@ def test_wrong_usage_is_exit_2(arguments, words):
     done = run(*arguments)
     assert done.exit_code == 2
     assert words in done.output
+
+
+def test_a_place_says_what_its_counterexample_comes_near_to(outputs):
+    report = outputs[1]["json"]
+    worst = json.loads(report.read_text())["worst"]
+    assert worst
+    room = load_map("room")
+    standing = room.obstacles + room.scenarios[0].obstacles
+    shapes = {"wall of the arena": shapely.Polygon(room.arena).exterior}
+    for x, y, radius in standing.circles:
+        shapes[f"circle of radius {radius:.3g} m at ({x:.2f}, {y:.2f})"] = shapely.Point(x, y).buffer(radius)
+    for shape in map(shapely.Polygon, standing.polygons):
+        corners, middle = len(shape.exterior.coords) - 1, shape.centroid
+        shapes[f"polygon of {corners} corners around ({middle.x:.2f}, {middle.y:.2f})"] = shape
+    for one in worst[:5]:
+        x, y, theta = one["pose"]
+        away = {name: shape.distance(shapely.Point(x, y)) for name, shape in shapes.items()}
+        assert away[one["obstacle"]] <= min(away.values()) + 0.1  # it drives some centimetres until it stands
+        said = CliRunner().invoke(main, ["explain", str(report), f"--place={x + 0.01},{y},{theta}"])
+        words = " ".join(said.output.split())
+        assert said.exit_code == 0
+        assert "is 0.01 m and 0 rad away" in words
+        assert f"m of {one['obstacle']} after" in words
+        assert "was not asked" in words
+    assert "worst place" in CliRunner().invoke(main, ["explain", str(report)]).output

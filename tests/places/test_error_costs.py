@@ -183,3 +183,15 @@ def test_the_reports_rank_them(tmp_path):
         assert "all of them together" in text
     shown = CliRunner().invoke(main, ["report", str(tmp_path / "places.json")])
     assert "of the contested volume" in " ".join(shown.output.split())
+
+
+def test_the_worst_places_name_the_errors_that_save_their_cells(certificate):
+    table, worst = certificate.cell_table(), certificate.to_json()["worst"]
+    refuted = np.flatnonzero(table["status"] == "refuted")
+    assert worst
+    for one in worst:
+        (row,) = np.flatnonzero((table["witness_pose"] == one["pose"]).all(axis=1))
+        told = str(table["fails_by"][refuted[row]])
+        assert one["saved_by"] == [name for name in told.split(",") if name]
+        assert (table["lower"][refuted[row], :3] <= np.array(one["pose"]) + 1e-9).all()
+        assert one["obstacle"]

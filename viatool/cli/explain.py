@@ -20,7 +20,7 @@ from viatool.cli.terminal import open_console
 @click.option(
     "--place",
     type=PoseType(),
-    help="Of a report of certify: the place nearest to this one that is not certified.",
+    help="Of a report of certify: the nearest to this place of its worst counterexamples.",
 )
 @click.option("--scenario", metavar="NAME", help="Of a report of mission: the mission of this name.")
 def command(report: Path, **given: Any) -> None:

@@ -14,7 +14,7 @@ from viatool.arrays import Indices
 from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.deceived import Deceptions, errors_of
 from viatool.loop.vicinity import Vicinity
-from viatool.places.findings import SETTLED, STATUSES, CellFindings
+from viatool.places.findings import REFUTED, SETTLED, STATUSES, CellFindings
 from viatool.places.lasting import LastingCells
 from viatool.places.raster import Raster, rasterise
 from viatool.places.tree import AXES, Lattice, Nodes
@@ -195,7 +195,7 @@ class Certificate(Asked):
             "free_rate": _rate(safe, free),
             "decided_rate": _rate(decided, contested),
             "over_time": None if self.lasting is None else self.lasting.to_json(),
-            "worst": [self._witness(int(row)) for row in self.worst()],
+            "worst": self._worst_json(),
             **({} if self.error_costs is None else {"error_costs": self._costs(self.error_costs)}),
             "seconds": dict(self.seconds),
             "versions": dict(self.versions),
@@ -230,6 +230,22 @@ class Certificate(Asked):
         whole = len(costs.rows) * self.contested[1]
         for one in told["terms"]:
             one["share"] = one["cells"] * costs.not_proved / whole if whole else 0.0
+        return told
+
+    def _worst_json(self) -> list[dict[str, Any]]:
+        """Return the worst counterexamples, with what they come near to and which error each would save."""
+        rows = self.worst()
+        seen, footprint, costs = self.witnesses(rows), self.rules.footprint, self.error_costs
+        told = [self._witness(row) for row in rows.tolist()]
+        for place, one in enumerate(told):
+            closest = seen.violation(place, self.world_map, self.scenario, footprint)["closest"]
+            one["obstacle"] = closest["obstacle"]
+        if costs is not None:
+            leaves = np.flatnonzero(self.findings.status == REFUTED)[rows]
+            names = costs.column(len(self.findings))
+            for leaf, one in zip(leaves.tolist(), told, strict=True):
+                if leaf in costs.rows:
+                    one["saved_by"] = [name for name in str(names[leaf]).split(",") if name]
         return told
 
     def _witness(self, row: int) -> dict[str, Any]:

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
-from viatool.report.document import Annotated
+from viatool.report.document import Annotated, Explained
 from viatool.report.error_costs import cells_table
 from viatool.report.numbers import count, counted, percentage, significant
-from viatool.report.places.record import OverTime, PlacesRecord
+from viatool.report.places.explained import explain_place, nearest
+from viatool.report.places.record import OverTime, PlacesRecord, WorstPlace
 from viatool.report.sections import (
     Annotation,
     Breakdown,
@@ -36,7 +37,12 @@ MEANING = {
 _UNITS = ("m/s", "rad/s", "m/s to the left")
 
 
-class PlacesDocument(Verified, Annotated):
+def _of(place: WorstPlace) -> str:
+    """Return what a counterexample comes near to, behind how near."""
+    return "" if place.obstacle is None else f" of {place.obstacle}"
+
+
+class PlacesDocument(Verified, Annotated, Explained):
     """A certificate."""
 
     RECORD = PlacesRecord
@@ -51,6 +57,8 @@ class PlacesDocument(Verified, Annotated):
         "arrive": "share of the free volume that reaches the goal for certain",
         "forever": "share of the free volume that is left only towards the goal",
     }
+
+    ASKED = ("place",)
 
     record: PlacesRecord
 
@@ -161,12 +169,25 @@ class PlacesDocument(Verified, Annotated):
                 f"({place.pose[0]:.2f}, {place.pose[1]:.2f}, {place.pose[2]:.2f} rad)",
                 self._told(place.previous, None if state is None else state.axes, 2),
                 self._told(place.action, None if state is None else state.command, 3),
-                f"{place.clearance:.3f} m after {place.seconds:.2f} s",
+                f"{place.clearance:.3f} m{_of(place)} after {place.seconds:.2f} s",
             )
             for place in self.record.worst
         )
         before = "motion" if self.record.state else "previous command"
         return Table(("worst place", before, "command", "clearance"), rows, texts=3)
+
+    @property
+    def failing(self) -> Table:
+        """Return the worst counterexamples."""
+        return self.worst
+
+    def explain(self, option: str, subject: Sequence[float]) -> str:
+        """Return what is known of the worst counterexample nearest to a place x, y, theta."""
+        if not self.record.worst:
+            return "No place is refuted: the report names no counterexample, and of what is unknown volumes alone."
+        state, found = self.record.state, nearest(self.record, subject)
+        command = self._told(found.action, None if state is None else state.command, 3)
+        return explain_place(self.record, subject, command)
 
     @staticmethod
     def _told(numbers: Sequence[float], names: Sequence[str] | None, digits: int) -> str:

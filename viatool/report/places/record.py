@@ -66,13 +66,19 @@ class Volume(ReportPart):
 
 
 class WorstPlace(ReportPart):
-    """A counterexample: pose and previous command (or state of the motion), the policy's command, closest approach."""
+    """A counterexample: pose and previous command (or state of the motion), the policy's command, closest approach.
+
+    `obstacle` is what it comes near to; `saved_by` are the errors of which each would save its cell if it were not,
+    None where that was not asked.
+    """
 
     pose: list[float]
     previous: list[float]
     action: list[float]
     clearance: Amount
     seconds: Amount
+    obstacle: str | None = None
+    saved_by: list[str] | None = None
 
 
 class StepRecord(ShareRecord):
