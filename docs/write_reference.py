@@ -111,7 +111,8 @@ Generated from the typed models by `python docs/write_reference.py`; a test hold
 JSON Schemas, for editors and other programs: [map](map.schema.json), [specification](specification.schema.json),
 [report](report.schema.json), [certificate](certificate.schema.json),
 [margins](margin.schema.json), [simulation](simulation.schema.json), [diagnosis](diagnosis.schema.json),
-[training](training.schema.json) (its options are explained in [training](training.md)). Lengths are metres, angles radians, poses x, y, theta. [File formats](files.md) has examples.
+[training](training.schema.json) (its options are explained in [training](training.md)).
+Lengths are metres, angles radians, poses x, y, theta. [File formats](files.md) has examples.
 """
 
 
