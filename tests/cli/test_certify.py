@@ -72,7 +72,7 @@ def test_ci_sees_the_gate_the_slices_and_the_worst_places(outputs):
     assert int(suite.get("failures")) >= 1
     lines = outputs[1]["github"].read_text().splitlines()
     assert lines[0].startswith("::error")
-    assert any(line.startswith("::warning") and "comes within" in line for line in lines)
+    assert any(line.startswith("::error") and "comes within" in line for line in lines)
 
 
 def test_what_holds_over_time_is_printed_drawn_and_written(tmp_path):

@@ -26,6 +26,7 @@ ROOT = Path(__file__).resolve().parents[2]
 Run = Callable[..., Result]
 VERIFY = ("verify", "policy.onnx", "--map", "map.yaml", "--eps", "0.01")
 SUFFIX = {
+    "mcap": "mcap",
     "gate": "json",
     "states": "npz",
     "csv": "csv",

@@ -40,7 +40,7 @@ NAMES = {
     "right to left": "safe\u202eefasnu\u2066",
 }
 FOR_THE_PAGE = ("angle brackets", "ansi", "workflow command", "template")  # the browser's tests have more
-TEXT_FORMATS = sorted(set(formats_of(StatesRun)) - {"states", "figure", *FOLDERS})
+TEXT_FORMATS = sorted(set(formats_of(StatesRun)) - {"states", "figure", "mcap", *FOLDERS})
 
 
 @pytest.fixture(scope="module")

@@ -27,4 +27,4 @@ def command(ctx: click.Context, /, report: Path, quiet: bool, **given: Any) -> N
     checks = evaluate(build_gate(given, type(document)), document)
     if not quiet:
         print_checks(checks, open_console())
-    leave_by_gate(ctx, checks, exit_zero=given["exit_zero"])
+    leave_by_gate(ctx, checks, quiet=quiet)

@@ -68,8 +68,8 @@ def contested_option(command: Command) -> Command:
     )(command)
 
 
-def leave_by_gate(ctx: click.Context, checks: Sequence[Check], *, exit_zero: bool) -> None:
-    """End a command by the decided conditions of its gate.
+def leave_by_gate(ctx: click.Context, checks: Sequence[Check], *, quiet: bool) -> None:
+    """End a command by the decided conditions of its gate; one that is quiet says in a line what does not hold.
 
     Raises
     ------
@@ -81,15 +81,30 @@ def leave_by_gate(ctx: click.Context, checks: Sequence[Check], *, exit_zero: boo
         If a condition failed.
     """
     from viatool.errors import ConfigurationError, EmptyEvaluationError
+    from viatool.report import Ruling
 
-    for check in checks:
-        if check.unfounded:
+    match Ruling(checks).outcome:
+        case "unfounded":
+            check = next(check for check in checks if check.unfounded)
             raise ConfigurationError(f"{check.condition}: {check.figures}", check.hint)
-    for check in checks:
-        if check.empty:
+        case "empty":
+            check = next(check for check in checks if check.empty)
             raise EmptyEvaluationError(f"{check.condition}: {check.figures}", check.hint)
-    if not all(check.passed for check in checks) and not exit_zero:
-        ctx.exit(GATE_FAILED)
+        case outcome:
+            broken = [check for check in checks if not check.passed]
+            if quiet and broken:
+                click.echo(_in_a_line(broken), err=True)
+            if outcome == "failed":
+                ctx.exit(GATE_FAILED)
+
+
+def _in_a_line(broken: Sequence[Check]) -> str:
+    from viatool.report.foreign import shown
+    from viatool.report.numbers import counted
+
+    first = f"{broken[0].word}: {broken[0].condition}: {broken[0].figures}"
+    others = f" (and {counted(len(broken) - 1, 'other condition')})" if len(broken) > 1 else ""
+    return shown(f"gate {first}{others}")
 
 
 def build_gate(given: Mapping[str, Any], kind: type[Document]) -> Gate:
@@ -104,4 +119,5 @@ def build_gate(given: Mapping[str, Any], kind: type[Document]) -> Gate:
         baseline=None if baseline is None else load_document(baseline),
         min_contested=given.get("min_contested"),
         accepted=() if accepted is None else load_accepted(accepted),
+        exit_zero=given["exit_zero"],
     )

@@ -137,7 +137,7 @@ def command(ctx: click.Context, /, **given: Any) -> None:
     document = MarginsRun(*margins)
     checks = evaluate(gate, document)
     tell(document, outputs, checks, quiet=given["quiet"])
-    leave_by_gate(ctx, checks, exit_zero=given["exit_zero"])
+    leave_by_gate(ctx, checks, quiet=given["quiet"])
 
 
 def _margins(given: Mapping[str, Any], number: int, also: Sequence[float], progress: Progress) -> Margins:

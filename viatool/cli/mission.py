@@ -147,7 +147,7 @@ def command(ctx: click.Context, /, **given: Any) -> None:
     document = MissionsRun(missions)
     checks = evaluate(gate, document)
     tell(document, outputs, checks, quiet=given["quiet"])
-    leave_by_gate(ctx, checks, exit_zero=given["exit_zero"])
+    leave_by_gate(ctx, checks, quiet=given["quiet"])
 
 
 _PASSED_ON = (

@@ -269,7 +269,9 @@ policy_output_option = click.option(
     metavar="FILE",
     help="The ONNX file to write.",
 )
-quiet_option = click.option("--quiet", "-q", is_flag=True, help="Print no report and no progress.")
+quiet_option = click.option(
+    "--quiet", "-q", is_flag=True, help="Print no report and no progress; of a failed gate one line."
+)
 
 
 clearance_option = click.option(

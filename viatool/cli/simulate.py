@@ -95,7 +95,7 @@ def command(ctx: click.Context, /, **given: Any) -> None:
     checks = evaluate(gate, document)
     tell(document, outputs, checks, quiet=given["quiet"])
     _show(simulation, given)
-    leave_by_gate(ctx, checks, exit_zero=given["exit_zero"])
+    leave_by_gate(ctx, checks, quiet=given["quiet"])
 
 
 def _named(text: str) -> str:

@@ -157,7 +157,7 @@ def command(ctx: click.Context, /, **given: Any) -> None:
     document = StatesRun(result, margins, _files(given))
     checks = evaluate(gate, document)
     tell(document, outputs, checks, quiet=given["quiet"])
-    leave_by_gate(ctx, checks, exit_zero=given["exit_zero"])
+    leave_by_gate(ctx, checks, quiet=given["quiet"])
 
 
 def _margins(given: Mapping[str, Any], result: Result, progress: Progress) -> Margins:

@@ -19,6 +19,7 @@ from viatool.report.outputs import (
     write_outputs,
 )
 from viatool.report.policy_summary import print_inspection
+from viatool.report.ruling import Ruling
 from viatool.report.sections import Check
 from viatool.report.summaries import print_bounds, print_map, print_symbolic
 
@@ -31,6 +32,7 @@ __all__ = [
     "Document",
     "Gate",
     "Output",
+    "Ruling",
     "Threshold",
     "accepted_text",
     "check_outputs",

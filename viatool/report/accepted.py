@@ -20,7 +20,7 @@ from typing_extensions import Self
 from viatool.errors import ConfigurationError
 from viatool.report.document import Document, Located
 from viatool.report.numbers import counted
-from viatool.report.sections import Check, Finding
+from viatool.report.sections import Check, Finding, Key
 from viatool.toml_text import read_toml, toml_key, toml_value
 from viatool.typed_toml import validated_toml
 
@@ -102,10 +102,20 @@ class Settled:
         How many of the failures behind each rate and each limit are accepted, by name.
     checks : tuple of Check
         What became of each accepted finding.
+    accepted : frozenset of Key
+        Which parts of the run they are.
     """
 
     uncounted: Mapping[str, int] = field(default_factory=dict)
     checks: tuple[Check, ...] = ()
+    accepted: frozenset[Key] = frozenset()
+
+    def excuses(self, finding: Finding, name: str) -> bool:
+        """Return whether one of the rates or limits does not count a finding, as it is accepted."""
+        return finding.key in self.accepted and name in finding.takes
+
+
+NOTHING_ACCEPTED = Settled()
 
 
 def load_accepted(path: Path) -> tuple[Acceptance, ...]:
@@ -149,7 +159,7 @@ def settle(accepted: Sequence[Acceptance], document: Document, today: date) -> S
         If such a document has no findings to accept.
     """
     if not accepted:
-        return Settled()
+        return NOTHING_ACCEPTED
     if not isinstance(document, Located):
         raise ConfigurationError(
             f"findings of {document.WHAT} cannot be accepted",
@@ -171,7 +181,7 @@ def settle(accepted: Sequence[Acceptance], document: Document, today: date) -> S
     uncounted: Counter[str] = Counter()
     for finding in kept.values():  # once, however many accept it
         uncounted.update(finding.takes)
-    return Settled(uncounted, tuple(decided))
+    return Settled(uncounted, tuple(decided), frozenset(finding.key for finding in kept.values()))
 
 
 def _decide(one: Acceptance, found: Sequence[Finding], today: date) -> Check:
@@ -188,10 +198,16 @@ def _decide(one: Acceptance, found: Sequence[Finding], today: date) -> Check:
         )
     if today > one.expires:
         return Check(
-            condition, False, f"expired, so {counted(size, 'finding')} of it counts again: {one.reason}"
+            condition,
+            False,
+            f"expired, so {counted(size, 'finding')} of it counts again: {one.reason}",
+            failing=tuple(found),
         )
     if size > one.at_most:
         return Check(
-            condition, False, f"{counted(size, 'finding')} where at most {one.at_most} may be: {one.reason}"
+            condition,
+            False,
+            f"{counted(size, 'finding')} where at most {one.at_most} may be: {one.reason}",
+            failing=tuple(found),
         )
     return Check(condition, True, f"{counted(size, 'finding')}: {one.reason}")

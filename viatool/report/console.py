@@ -59,9 +59,11 @@ def print_checks(checks: Sequence[Check], console: Console) -> None:
     for check in checks:
         word = Text("passed", style=f"bold {STYLE['safe']}")
         if not check.passed:
-            word = Text("FAILED", style=f"bold {STYLE['unsafe']}")
+            word = Text(check.word, style=f"bold {STYLE['unsafe']}")
         table.add_row(word, Text(shown(check.condition)), Text(shown(check.figures), style="dim"))
     told = [Text(shown(line), style="dim") for check in checks for line in check.some_evidence(MOST_EVIDENCE)]
+    if any(len(check.failing) > MOST_EVIDENCE for check in checks):
+        told.append(Text("Every one of them is in --output html, csv, junit or sarif.", style="dim"))
     console.print(_titled("Gate", Group(table, *told) if checks else Text("no condition was given")))
 
 

@@ -9,8 +9,9 @@ run whose document derives from it.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 
     from viatool.report.files import Content
     from viatool.report.playback.messages import RosMessage
-    from viatool.report.sections import Annotation, Case, Check, Finding, Rules
+    from viatool.report.sections import Annotation, Case, Check, Finding, Key, Rules
 
 
 class Document(ABC):
@@ -164,8 +165,8 @@ class Document(ABC):
         """Say why one of `rates` is of nothing, so that it cannot be decided on."""
         return self.EMPTY
 
-    def evidence(self, rate: str) -> Iterable[str]:
-        """Name in a sentence each what is not safe of that which one of `rates` counts, as far as it is known."""
+    def counted(self, name: str) -> Iterable[Finding]:
+        """Return what one of `rates` misses, or one of `limited` counts, as far as it is known; the gravest first."""
         return ()
 
     def new_failures(self, baseline: Any) -> Sequence[Check]:
@@ -221,6 +222,10 @@ class Located(Document):
     def findings(self) -> tuple[Iterable[Finding], int]:
         """Return the findings, the gravest first, and how many there are."""
 
+    def counted(self, name: str) -> Iterable[Finding]:
+        """Return what one of `rates` misses, or one of `limited` counts; the gravest first."""
+        return (finding for finding in self.findings()[0] if name in finding.takes)
+
 
 class Tabled(Document):
     """A document with a row for each part of the run, for spreadsheets."""
@@ -232,6 +237,14 @@ class Tabled(Document):
     @abstractmethod
     def rows(self) -> Iterator[Sequence[object]]:
         """Yield the rows, which may be many."""
+
+    def row_keys(self) -> Iterator[Collection[Key]]:
+        """Yield of which parts of the run each row is."""
+        return ((("", row),) for row in count())
+
+    def row_of(self, finding: Finding) -> Sequence[object] | None:
+        """Return a row for a finding that none of `rows` is about; None if one is."""
+        return None
 
 
 class Drawn(Document):
@@ -281,11 +294,14 @@ class StateTable:
         The names of the arrays with one row for each episode instead.
     rows : callable
         Returns the arrays of some states.
+    keys : callable
+        Returns which part of the run a row is.
     """
 
     size: int
     episode_columns: Sequence[str]
     rows: Callable[[slice], Mapping[str, NDArray[Any]]]
+    keys: Callable[[int], Key]
 
 
 class StateTabled(Document):

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import date
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
 
 from viatool.errors import ConfigurationError
-from viatool.report.accepted import Acceptance, settle
+from viatool.report.accepted import NOTHING_ACCEPTED, Acceptance, Settled, settle
 from viatool.report.comparison import Difference, differences, require_same_kind
 from viatool.report.document import Document
 from viatool.report.numbers import count, digits_needed, down, percent_of
-from viatool.report.sections import NOTHING, Check, Count, Share, Survivor
+from viatool.report.sections import NOTHING, Check, Count, Finding, Survivor
 
 
 @dataclass(frozen=True)
@@ -40,6 +40,8 @@ class Gate:
         An older report of the same kind: no rate may fall below its rate, and nothing may fail that did not.
     accepted : tuple of Acceptance
         Findings that thresholds and limits do not count; the baseline does.
+    exit_zero : bool
+        What does not hold is reported, and fails nothing.
     today : date
         Decides which of them have expired.
     """
@@ -50,6 +52,7 @@ class Gate:
     baseline: Document | None = None
     min_contested: int | None = None
     accepted: tuple[Acceptance, ...] = ()
+    exit_zero: bool = False
     today: date = field(default_factory=date.today)
 
 
@@ -131,31 +134,47 @@ def evaluate(gate: Gate, document: Document) -> tuple[Check, ...]:
     ConfigurationError
         If a condition is about what such a report does not have, or the baseline is of another kind of run.
     """
+    checks = tuple(_evaluate(gate, document))
+    if not gate.exit_zero:
+        return checks
+    return tuple(replace(check, waived=check.outcome == "failure") for check in checks)
+
+
+def _evaluate(gate: Gate, document: Document) -> Sequence[Check]:
     settled = settle(gate.accepted, document, gate.today)
-    checks = [_threshold(threshold, document, settled.uncounted) for threshold in gate.thresholds]
+    checks = [_threshold(threshold, document, settled) for threshold in gate.thresholds]
     for name, most in (("unsafe", gate.max_unsafe), ("unknown", gate.max_unknown)):
         if most is not None:
-            checks.append(_limit(name, most, document, settled.uncounted))
+            checks.append(_limit(name, most, document, settled))
     if gate.min_contested is not None:
         checks.append(_at_stake(gate.min_contested, document))
     if gate.baseline is not None:
         checks += _regressions(gate.baseline, document)
     checks += settled.checks
     if document.size == 0:  # then every count is 0 and says nothing
-        return tuple(_undecidable(check.condition, document.EMPTY) for check in checks)
+        return [_undecidable(check.condition, document.EMPTY) for check in checks]
     if document.incomplete:
         checks = [
             replace(check, passed=False, figures=f"{check.figures}, but {document.incomplete}")
             for check in checks
         ]
-    return tuple(checks)
+    return checks
+
+
+def _failing(
+    passed: bool, name: str, document: Document, settled: Settled = NOTHING_ACCEPTED
+) -> tuple[Finding, ...]:
+    """Return what one of the rates or limits of a document counts, without what is accepted, if that does not pass."""
+    if passed and not document.incomplete:
+        return ()
+    return tuple(finding for finding in document.counted(name) if not settled.excuses(finding, name))
 
 
 def _undecidable(condition: str, reason: str) -> Check:
     return Check(condition, passed=False, figures=reason, empty=True)
 
 
-def _threshold(threshold: Threshold, document: Document, uncounted: Mapping[str, int]) -> Check:
+def _threshold(threshold: Threshold, document: Document, settled: Settled) -> Check:
     """Decide a least rate; accepted findings are not held against it, and the rate is shown as it is."""
     if threshold.name in document.RADII:
         return _survived(threshold, document)
@@ -164,12 +183,10 @@ def _threshold(threshold: Threshold, document: Document, uncounted: Mapping[str,
     condition = f"{document.RATES[threshold.name]} >= {percent_of(threshold.least, digits)}"
     if rate.total == 0:
         return _undecidable(condition, document.nothing(threshold.name))
-    aside = min(uncounted.get(threshold.name, 0), rate.total - rate.part)
+    aside = min(settled.uncounted.get(threshold.name, 0), rate.total - rate.part)
     passed = (rate.part + aside) * threshold.least.denominator >= threshold.least.numerator * rate.total
     figures = f"{rate.percentage(digits)} ({rate.of()}){_beside(aside)}"
-    return Check(
-        condition, passed, figures, evidence=() if passed else tuple(document.evidence(threshold.name))
-    )
+    return Check(condition, passed, figures, failing=_failing(passed, threshold.name, document, settled))
 
 
 def _survived(threshold: Threshold, document: Document) -> Check:
@@ -182,8 +199,11 @@ def _survived(threshold: Threshold, document: Document) -> Check:
     failing = [one for one in found if one.error is None or not one.error >= least]
     if not failing:
         return Check(condition, passed=True, figures=f"the weakest is {_proved(found[0])}")
-    evidence = tuple(f"{one.name[:1].upper()}{one.name[1:]} is {_proved(one)}." for one in failing)
-    return Check(condition, False, f"{count(len(failing))} of {count(len(found))} do not", evidence=evidence)
+    findings = tuple(
+        replace(one.finding, text=f"{one.name[:1].upper()}{one.name[1:]} is {_proved(one)}.")
+        for one in failing
+    )
+    return Check(condition, False, f"{count(len(failing))} of {count(len(found))} do not", failing=findings)
 
 
 def _proved(survivor: Survivor) -> str:
@@ -198,13 +218,12 @@ def _beside(accepted: int) -> str:
     return f", {count(accepted)} accepted" if accepted else ""
 
 
-def _limit(name: str, most: int, document: Document, uncounted: Mapping[str, int]) -> Check:
+def _limit(name: str, most: int, document: Document, settled: Settled) -> Check:
     found = _counted(f"--max-{name}", name, document)
     condition = f"at most {count(most)} {found.noun}"
-    aside = min(uncounted.get(name, 0), found.number)
-    return Check(
-        condition, found.number - aside <= most, f"{count(found.number)} {found.noun}{_beside(aside)}"
-    )
+    aside = min(settled.uncounted.get(name, 0), found.number)
+    passed, figures = found.number - aside <= most, f"{count(found.number)} {found.noun}{_beside(aside)}"
+    return Check(condition, passed, figures, failing=_failing(passed, name, document, settled))
 
 
 def _at_stake(least: int, document: Document) -> Check:
@@ -226,7 +245,7 @@ def _counted(option: str, name: str, document: Document) -> Count:
 
 def _regressions(baseline: Document, document: Document) -> list[Check]:
     require_same_kind(baseline, document)
-    checks = [*_fallen_rates(baseline.rates, document.rates, document), *document.new_failures(baseline)]
+    checks = [*_fallen_rates(baseline, document), *document.new_failures(baseline)]
     if baseline.incomplete:
         aside = f", but of the baseline {baseline.incomplete}"
         checks = [replace(check, passed=False, figures=check.figures + aside) for check in checks]
@@ -234,15 +253,15 @@ def _regressions(baseline: Document, document: Document) -> list[Check]:
     return [replace(check, figures=check.figures + aside) for check in checks]
 
 
-def _fallen_rates(
-    before: Mapping[str, Share], now: Mapping[str, Share], document: Document
-) -> Iterator[Check]:
+def _fallen_rates(baseline: Document, document: Document) -> Iterator[Check]:
+    before, now, unsure = baseline.rates, document.rates, bool(baseline.incomplete)
     for name, title in document.RATES.items():
         old, new = before.get(name, NOTHING), now.get(name, NOTHING)
         if old.total and new.total:
             passed = new.part * old.total >= old.part * new.total
             figures = f"{new.percentage(4)}, was {old.percentage(4)}"
-            yield Check(f"{title} not below the baseline", passed, figures)
+            failing = _failing(passed and not unsure, name, document)
+            yield Check(f"{title} not below the baseline", passed, figures, failing=failing)
 
 
 def _other_settings(differing: list[Difference]) -> str:

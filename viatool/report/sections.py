@@ -2,11 +2,60 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Hashable, Mapping
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
 from viatool.report.numbers import count, percentage
+
+Key: TypeAlias = tuple[str, Hashable]
+"""Which part of a run is meant, among all of its report: a table, or a kind of part, and the place in it."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A place that is not safe.
+
+    Parameters
+    ----------
+    rule : str
+        Which rule it is of.
+    text : str
+        What is said.
+    place : str
+        Where, in words.
+    identity : str
+        What makes it the same finding in the next run.
+    verdict : str
+        unsafe or unknown; what is refuted is unsafe.
+    scenario : str
+        Of which scenario it is.
+    state : int, optional
+        The number of the state that it is.
+    takes : mapping
+        How much is taken from the part of each rate, and counted by each limit, because of it, by the names that a gate
+        has for them; a finding without is none that a gate counts.
+    size : int
+        How many states, missions or cells it is.
+    subject : Key, optional
+        Which part of this run it is of; its identity, if that tells it from all others.
+    """
+
+    rule: str
+    text: str
+    place: str
+    identity: str
+    verdict: str = ""
+    scenario: str = ""
+    state: int | None = None
+    takes: Mapping[str, int] = field(default_factory=dict)
+    size: int = 1
+    subject: Key | None = None
+
+    @property
+    def key(self) -> Key:
+        """Return which part of this run it is of."""
+        return ("", self.identity) if self.subject is None else self.subject
 
 
 @dataclass(frozen=True)
@@ -27,8 +76,10 @@ class Check:
         What to do then.
     unfounded : bool
         It is about what does not exist, so what was asked is wrong; such a condition never passes either.
-    evidence : tuple of str
-        What made it fail, in a sentence each.
+    failing : tuple of Finding
+        What made it fail.
+    waived : bool
+        It does not hold, which is reported and fails nothing, as ``--exit-zero`` asks.
     """
 
     condition: str
@@ -37,12 +88,31 @@ class Check:
     empty: bool = False
     hint: str = "evaluate more scenarios, or gate on another rate"
     unfounded: bool = False
-    evidence: tuple[str, ...] = ()
+    failing: tuple[Finding, ...] = ()
+    waived: bool = False
+
+    @property
+    def outcome(self) -> str:
+        """Return passed, warning (if it is waived), failure, or error if nothing could be decided."""
+        if self.empty or self.unfounded:
+            return "error"
+        return "passed" if self.passed else "warning" if self.waived else "failure"
+
+    @property
+    def word(self) -> str:
+        """Return the outcome for people."""
+        return {"passed": "passed", "warning": "FAILED, exit 0"}.get(self.outcome, "FAILED")
+
+    @property
+    def evidence(self) -> tuple[str, ...]:
+        """Return what made it fail, in a sentence each."""
+        return tuple(finding.text for finding in self.failing)
 
     def some_evidence(self, most: int) -> tuple[str, ...]:
         """Return what made it fail, in at most so many sentences and one more that says how many others there are."""
-        left = len(self.evidence) - most
-        return self.evidence[:most] + ((f"And {count(left)} more.",) if left > 0 else ())
+        left = len(self.failing) - most
+        told = [finding.text for finding in self.failing[:most]]
+        return (*told, *([f"And {count(left)} more."] if left > 0 else []))
 
 
 @dataclass(frozen=True)
@@ -140,11 +210,13 @@ class Case:
     group, name : str
         Unique together within a document.
     outcome : str
-        passed, failure, error (nothing is known) or skipped.
+        passed, warning (something in it is not safe) or skipped; that it fails only the gate says.
     message, figures : str
         Why, in short and at length.
     evidence : tuple of str
         What is not safe in it, in a sentence each, where it has more to tell of that.
+    subjects : collection of Key
+        Of what it is: it fails if the gate fails because of one of them.
     """
 
     group: str
@@ -153,57 +225,21 @@ class Case:
     message: str = ""
     figures: str = ""
     evidence: tuple[str, ...] = ()
+    subjects: Collection[Key] = ()
 
 
 @dataclass(frozen=True)
 class Annotation:
-    """A remark for a log, of level error, warning or notice."""
+    """A remark for a log, of level warning or notice; an error is one of whose `subjects` fails the gate."""
 
     level: str
     title: str
     message: str
+    subjects: Collection[Key] = ()
 
 
 Rules: TypeAlias = Mapping[str, tuple[str, str]]
 """Level and description by the name of the rule."""
-
-
-@dataclass(frozen=True)
-class Finding:
-    """A place that is not safe.
-
-    Parameters
-    ----------
-    rule : str
-        Which rule it is of.
-    text : str
-        What is said.
-    place : str
-        Where, in words.
-    identity : str
-        What makes it the same finding in the next run.
-    verdict : str
-        unsafe or unknown; what is refuted is unsafe.
-    scenario : str
-        Of which scenario it is.
-    state : int, optional
-        The number of the state that it is.
-    takes : mapping
-        How much is taken from the part of each rate, and counted by each limit, because of it, by the names that a gate
-        has for them; a finding without is none that a gate counts.
-    size : int
-        How many states, missions or cells it is.
-    """
-
-    rule: str
-    text: str
-    place: str
-    identity: str
-    verdict: str = ""
-    scenario: str = ""
-    state: int | None = None
-    takes: Mapping[str, int] = field(default_factory=dict)
-    size: int = 1
 
 
 @dataclass(frozen=True)
@@ -216,10 +252,11 @@ class Count:
 
 @dataclass(frozen=True)
 class Survivor:
-    """A subject of a run, in words, and the error that it survives; None if not even 0."""
+    """A subject of a run, in words, the error that it survives (None if not even 0), and what it is if that is low."""
 
     name: str
     error: float | None
+    finding: Finding
 
 
 @dataclass(frozen=True)

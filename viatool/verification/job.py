@@ -222,7 +222,7 @@ def verify(
         engine["bounded"] = (
             f"contested states, and of all one in {examination.bounded_every:,} for the widths"
         )
-    elif not (examination.bounded_every or only_contested):
+    elif not examination.bounded_every:
         engine["bounded"] = "contested states alone"
     campaign = Campaign(scheduler, checkpoint, resume, chunk)
     with clock.timed("examine"):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import fields
 
 from viatool.report.document import Document
 from viatool.report.sections import Check
@@ -19,6 +19,11 @@ def render(document: Document, checks: Sequence[Check], suffix: str) -> str:
     content = {
         "headline": str(document.headline),
         "figures": document.headline.figures,
-        "conditions": [asdict(check) for check in checks],
+        "conditions": [_condition(check) for check in checks],
     }
     return json.dumps(content, indent=2) + "\n"
+
+
+def _condition(check: Check) -> dict[str, object]:
+    told = {field.name: getattr(check, field.name) for field in fields(check) if field.name != "failing"}
+    return {**told, "evidence": list(check.evidence)}

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from viatool.report.document import Annotated
 from viatool.report.foreign import one_line
 from viatool.report.formats.markdown import markdown
+from viatool.report.ruling import Ruling
 from viatool.report.sections import Annotation, Check
 
 SUFFIXES = ()
@@ -24,23 +26,26 @@ def render(document: Annotated, checks: Sequence[Check], suffix: str) -> str:
 
     Notes
     -----
-    What was at stake is a notice. At most `MOST_OF_A_KIND` errors and as many warnings; the last one counts what is
-    left out.
+    What was at stake is a notice. There are errors exactly if the gate fails or could not be decided. At most
+    `MOST_OF_A_KIND` errors and as many warnings; the last one counts what is left out.
     """
     summary = os.environ.get(SUMMARY_VARIABLE)
     if summary:
         with Path(summary).open("a", encoding="utf-8") as stream:
             stream.write(markdown(document, checks) + "\n")
+    ruling = Ruling(checks)
     failed = [
         Annotation(
-            "error", f"gate failed: {c.condition}", " ".join([c.figures, *c.some_evidence(MOST_EVIDENCE)])
+            ruling.of_check(c),
+            f"gate failed: {c.condition}",
+            " ".join([c.figures, *c.some_evidence(MOST_EVIDENCE)]),
         )
         for c in checks
         if not c.passed
     ]
     stake = document.headline.stake
     told = [Annotation("notice", "at stake", stake)] if stake else []
-    found = [*told, *failed, *document.annotations()]
+    found = [*told, *failed, *(replace(a, level=ruling.of_annotation(a)) for a in document.annotations())]
     file = document.record.map.path
     return "".join(
         f"{command(annotation, file)}\n"

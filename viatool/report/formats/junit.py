@@ -7,6 +7,7 @@ from xml.etree import ElementTree as Xml
 
 from viatool.report.document import Cased
 from viatool.report.foreign import one_line
+from viatool.report.ruling import Ruling
 from viatool.report.sections import Case, Check
 
 SUFFIXES = (".xml",)
@@ -20,9 +21,15 @@ def render(document: Cased, checks: Sequence[Check], suffix: str) -> bytes:
 
     Notes
     -----
-    Names are unique within the suite, for GitLab drops cases of the same class name and name.
+    Names are unique within the suite, for GitLab drops cases of the same class name and name. There are failures
+    exactly if the gate fails, and errors exactly if a condition could not be decided.
     """
-    cases = [_element(case) for case in [*document.cases(), *map(_condition, checks)]]
+    ruling = Ruling(checks)
+    cases = [_element(case, ruling.of_case(case), ruling) for case in document.cases()]
+    cases += [
+        _element(_condition(check, name), check.outcome, ruling)
+        for check, name in zip(checks, ruling.names, strict=True)
+    ]
     totals = {
         "tests": str(len(cases)),
         "failures": str(sum(case.find("failure") is not None for case in cases)),
@@ -53,30 +60,33 @@ def _facts(document: Cased) -> list[tuple[str, str]]:
     ]
 
 
-def _condition(check: Check) -> Case:
-    outcome = "error" if check.empty or check.unfounded else "passed" if check.passed else "failure"
+def _condition(check: Check, name: str) -> Case:
     evidence = check.some_evidence(MOST_EVIDENCE)
-    return Case("viatool.gate", check.condition, outcome, check.figures, check.condition, evidence)
+    return Case("viatool.gate", name, check.outcome, check.figures, check.condition, evidence)
 
 
-def _element(case: Case) -> Xml.Element:
+def _element(case: Case, outcome: str, ruling: Ruling) -> Xml.Element:
     element = Xml.Element(
         "testcase", {"classname": _clean(case.group), "name": _clean(case.name), "time": "0"}
     )
-    match case.outcome:
+    broken = [f"counted by: {condition}" for condition in ruling.conditions(case.subjects)]
+    match outcome:
         case "passed":
-            if case.evidence:
-                Xml.SubElement(element, "system-out").text = _lines(case)
+            pass
+        case "warning":
+            told = Xml.SubElement(element, "system-out")
+            told.text = "\n".join([f"warning: {_clean(case.message)}", _lines(case, broken)])
         case "skipped":
             Xml.SubElement(element, "skipped", {"message": _clean(case.message)})
         case kind:
-            part = Xml.SubElement(element, kind, {"message": _clean(case.message), "type": f"viatool.{kind}"})
-            part.text = _lines(case)
+            message = case.message if case.outcome != "passed" else broken[0]
+            part = Xml.SubElement(element, kind, {"message": _clean(message), "type": f"viatool.{kind}"})
+            part.text = _lines(case, broken)
     return element
 
 
-def _lines(case: Case) -> str:
-    return "\n".join(map(_clean, (case.figures, *case.evidence)))
+def _lines(case: Case, more: Sequence[str]) -> str:
+    return "\n".join(map(_clean, (case.figures, *case.evidence, *more)))
 
 
 def _clean(text: str) -> str:

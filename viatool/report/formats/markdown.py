@@ -39,7 +39,7 @@ def markdown(document: Document, checks: Sequence[Check] = ()) -> str:
         "",
     ]
     if checks:
-        rows = [("passed" if c.passed else "**FAILED**", *cells((c.condition, c.figures))) for c in checks]
+        rows = [("passed" if c.passed else f"**{c.word}**", *cells((c.condition, c.figures))) for c in checks]
         lines += table(("gate", "condition", "found"), rows)
         for check in checks:
             lines += _evidence(check)

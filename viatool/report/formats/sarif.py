@@ -11,6 +11,7 @@ from typing import Any
 from urllib.parse import quote
 
 from viatool.report.document import Located
+from viatool.report.ruling import Ruling
 from viatool.report.sections import Check, Finding, Rules
 
 SUFFIXES = (".sarif", ".json")
@@ -23,11 +24,20 @@ GATE = {"gate": ("error", "A condition of the gate does not hold.")}
 
 
 def render(document: Located, checks: Sequence[Check], suffix: str) -> str:
-    """Return the log: failed conditions of the gate first, then as many findings as code scanning takes."""
+    """Return the log: failed conditions of the gate first, then as many findings as code scanning takes.
+
+    Notes
+    -----
+    There are results of level error exactly if the gate fails or could not be decided.
+    """
     rules: Rules = {**document.FINDING_RULES, **GATE}
-    findings, found = document.findings()
-    failed = [_failed(check) for check in checks if not check.passed]
-    kept = list(islice([*failed, *islice(findings, MOST_RESULTS)], MOST_RESULTS))
+    ruling, (findings, found) = Ruling(checks), document.findings()
+    named = zip(checks, ruling.names, strict=True)
+    failed = [(_failed(check, name), ruling.of_check(check)) for check, name in named if not check.passed]
+    every = [*islice(findings, MOST_RESULTS)]
+    besides = ruling.found_besides(every) if found <= MOST_RESULTS else []
+    levels = [(one, ruling.of_finding(one, rules[one.rule][0])) for one in [*every, *besides]]
+    kept = [*failed, *sorted(levels, key=lambda one: one[1] != "error")][:MOST_RESULTS]
     record, stake = document.record, document.headline.stake
     run = {
         "tool": {
@@ -37,10 +47,10 @@ def render(document: Located, checks: Sequence[Check], suffix: str) -> str:
                 "rules": [_rule(name, level, text) for name, (level, text) in rules.items()],
             }
         },
-        "results": [_result(finding, rules, record.map.path) for finding in kept],
+        "results": [_result(finding, level, list(rules), record.map.path) for finding, level in kept],
         "properties": {
             **({"stake": stake} if stake else {}),
-            "resultsFound": len(failed) + found,
+            "resultsFound": len(failed) + found + len(besides),
             **document.terms,
             "policySha256": record.policy.sha256,
             "mapSha256": record.map.sha256,
@@ -50,22 +60,22 @@ def render(document: Located, checks: Sequence[Check], suffix: str) -> str:
     return json.dumps({"$schema": SCHEMA, "version": "2.1.0", "runs": [run]}, indent=1) + "\n"
 
 
-def _failed(check: Check) -> Finding:
+def _failed(check: Check, name: str) -> Finding:
     told = " ".join([f"{check.condition}: {check.figures}", *check.some_evidence(MOST_EVIDENCE)])
-    return Finding("gate", told, check.condition, check.condition)
+    return Finding("gate", told, check.condition, name)
 
 
 def _rule(name: str, level: str, text: str) -> dict[str, Any]:
     return {"id": name, "shortDescription": {"text": text}, "defaultConfiguration": {"level": level}}
 
 
-def _result(finding: Finding, rules: Rules, map_path: str) -> dict[str, Any]:
+def _result(finding: Finding, level: str, rules: list[str], map_path: str) -> dict[str, Any]:
     """Return one result; its fingerprint stays the same while its rule and its identity do."""
     marked = f"{finding.rule}\0{finding.identity}".encode("utf-8", errors="surrogatepass")
     return {
         "ruleId": finding.rule,
-        "ruleIndex": list(rules).index(finding.rule),
-        "level": rules[finding.rule][0],
+        "ruleIndex": rules.index(finding.rule),
+        "level": level,
         "message": {"text": finding.text},
         "locations": [
             {

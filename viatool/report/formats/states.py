@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
 from zipfile import ZIP_DEFLATED, ZipFile
 
 import numpy as np
 from numpy.lib import format as npy
+from numpy.typing import NDArray
 
 from viatool.report.document import StateTable, StateTabled
 from viatool.report.sections import Check
@@ -19,13 +22,31 @@ _FAST = 1  # level of compression: nearly as small as the usual 6, and several t
 
 
 def render(document: StateTabled, checks: Sequence[Check], suffix: str) -> Iterator[bytes]:
-    """Yield the tables of states as one npz archive, some rows at a time."""
+    """Yield the tables of states as one npz archive, some rows at a time.
+
+    With a gate, ``conditions`` (C,) are those that do not hold, and ``fails`` (N, C) tells which states each counts.
+    """
     outlet = _Outlet()
     with ZipFile(outlet, "w", ZIP_DEFLATED, compresslevel=_FAST) as archive:
         for prefix, table in document.state_tables().items():
-            for _ in _written(archive, prefix, table):
+            for _ in _written(archive, prefix, _judged(table, checks) if checks else table):
                 yield outlet.take()
     yield outlet.take()
+
+
+def _judged(table: StateTable, checks: Sequence[Check]) -> StateTable:
+    """Add which states make which conditions fail."""
+    failed = [check for check in checks if not check.passed]
+    conditions = np.array([check.condition for check in failed], dtype=np.str_)
+    keys = [frozenset(finding.key for finding in check.failing) for check in failed]
+
+    def rows(chosen: slice) -> Mapping[str, NDArray[Any]]:
+        there = range(table.size)[chosen]
+        fails = np.array([[table.keys(row) in failing for failing in keys] for row in there], dtype=np.bool_)
+        added = {"fails": fails.reshape(len(there), len(failed)), "conditions": conditions}
+        return {**table.rows(chosen), **added}
+
+    return replace(table, rows=rows, episode_columns=(*table.episode_columns, "conditions"))
 
 
 def _written(archive: ZipFile, prefix: str, table: StateTable) -> Iterator[None]:

@@ -12,7 +12,7 @@ from viatool.report.foreign import one_line
 from viatool.report.html.canvas import situation_figure
 from viatool.report.html.figures import commands_figure, histograms, map_figure, width_figure
 from viatool.report.html.shell import assemble
-from viatool.report.html.states import keep_states, page_data
+from viatool.report.html.states import MOST_STATES, failing_rows, keep_states, page_data
 from viatool.report.numbers import count, percentage
 from viatool.report.palette import MEANING, VERDICTS
 from viatool.report.sections import Check, Share, Table
@@ -54,23 +54,25 @@ def render_page(document: StatesRun, checks: Sequence[Check], most: int | None =
         How many states the page holds at most; the rates always speak of all.
     """
     result = document.result
-    kept = keep_states(result) if most is None else keep_states(result, most)
-    every, shown = together(result), kept
+    every, driven = together(result), len(result.trajectory)
+    failing = np.asarray(failing_rows(checks, every, driven).any(axis=1))
+    shown = kept = keep_states(result, MOST_STATES if most is None else most, failing[:driven])
     if result.close is not None:
-        beside = keep_states(result.close, MOST_CLOSE)
-        shown = np.concatenate([kept, len(result.trajectory) + beside])
+        beside = keep_states(result.close, MOST_CLOSE, failing[driven:])
+        shown = np.concatenate([kept, driven + beside])
     return assemble(
         document,
         __package__,
         "page.html",
         SCRIPTS,
         title="viatool",
-        data={**page_data(every, shown, driven=result), "reasons": _reasons(every, shown)},
+        data={**page_data(every, shown, driven=result, checks=checks), "reasons": _reasons(every, shown)},
         figures=_figures(result),
         checks=checks,
         connected=result.trajectory.connected,
         thinned=_thinned(result, kept),
         close=result.close is not None,
+        failed=[check for check in checks if not check.passed],
         shown_outcomes=[name for name in (*OUTCOMES[1:], "unknown") if name in result.outcomes],
         **_tables(document),
         **_episodes(every, shown, result.trajectory.episodes),
@@ -132,6 +134,7 @@ def _tables(document: StatesDocument) -> dict[str, Any]:
         "error_costs": document.error_costs,
         "task": document.task,
         "widths": document.widths.rows,
+        "bounded": document.bounded,
     }
 
 

@@ -12,11 +12,13 @@
     const [verdicts, outcomes, episode] = [ticked("verdict"), ticked("outcome"), element("episode").value];
     const places = ticked("place");
     const placePasses = (row) => !document.querySelector("[data-filter=place]") || places.has(String(States.close[row]));
+    const condition = element("condition")?.value ?? "";
+    const gatePasses = (row) => condition === "" || States.fails(row, Number(condition));
     const verdictPasses = data.verdicts.map((name) => verdicts.has(name));
     const episodePasses = data.episodes.map(({ outcome }, i) => outcomes.has(outcome) && (episode === "" || Number(episode) === i));
     const rows = [];
     for (let row = 0; row < States.count; row += 1) {
-      if (verdictPasses[States.verdict[row]] && episodePasses[States.episode[row]] && placePasses(row)) rows.push(row);
+      if (verdictPasses[States.verdict[row]] && episodePasses[States.episode[row]] && placePasses(row) && gatePasses(row)) rows.push(row);
     }
     return rows;
   }
@@ -49,12 +51,12 @@
   function toNextDoubtful() {
     for (let ahead = 1; ahead <= shown.length; ahead += 1) {
       const next = (place() + ahead) % shown.length;
-      if (States.verdict[shown[next]] > 0) {
+      if (States.verdict[shown[next]] > 0 || States.fails(shown[next])) {
         select(next);
         return;
       }
     }
-    element("where").textContent = "every shown state is safe";
+    element("where").textContent = "every shown state is safe, and fails nothing";
   }
 
   function selectNearest({ x, y }) {
@@ -81,7 +83,7 @@
   function wire() {
     const episodes = element("episode");
     episodes.append(...data.episodes.map(({ number, name, outcome }, i) => new Option(`${number}: ${name} (${outcome})`, i)));
-    for (const control of [episodes, ...document.querySelectorAll("[data-filter]")]) control.addEventListener("change", applyFilters);
+    for (const control of [episodes, ...document.querySelectorAll("#condition, [data-filter]")]) control.addEventListener("change", applyFilters);
     element("slider").addEventListener("input", () => select(place()));
     const clicks = { back: () => step(-1), forward: () => step(1), doubtful: toNextDoubtful, play };
     for (const [id, action] of Object.entries(clicks)) element(id).addEventListener("click", action);

@@ -43,6 +43,13 @@ const States = (() => {
     return Geometry.waiting(rowOf(arrays.pose, 3, row), heldOf(row), rules);
   }
 
+  // Whether a condition of the gate, or without one any, counts a row as failing.
+  const failing = Arrays.unpack(data.fails);
+  function fails(row, condition = null) {
+    const some = failing.subarray(data.conditions * row, data.conditions * (row + 1));
+    return condition === null ? some.includes(1) : some[condition] === 1;
+  }
+
   function rowsOfEpisode(episode) {
     const rows = [];
     for (let row = 0; row < arrays.verdict.length; row += 1) if (arrays.episode[row] === episode) rows.push(row);
@@ -59,6 +66,7 @@ const States = (() => {
     observationOf,
     waiting,
     rowsOfEpisode,
+    fails,
     poseOf: (row) => rowOf(arrays.pose, 3, row),
     verdictOf: (row) => data.verdicts[arrays.verdict[row]],
     episodeOf: (row) => data.episodes[arrays.episode[row]],

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from base64 import b64encode
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from viatool.arrays import Floats, Indices
+from viatool.arrays import Booleans, Floats, Indices
 from viatool.channels import Quantities
 from viatool.motion.manoeuvre import Manoeuvre
 from viatool.policy import PolicySpecification
 from viatool.report.foreign import one_line
 from viatool.report.palette import VERDICTS
+from viatool.report.sections import Check
 from viatool.report.states.closest_call import closest_state
 
 if TYPE_CHECKING:
@@ -28,7 +30,7 @@ LONGEST_NAME = 120
 _FIXED_BYTES = 60  # of a state, besides its observation
 
 
-def keep_states(result: Result, most: int = MOST_STATES) -> Indices:
+def keep_states(result: Result, most: int = MOST_STATES, failing: Booleans | None = None) -> Indices:
     """Choose the states that the page holds, in their order.
 
     Parameters
@@ -37,18 +39,21 @@ def keep_states(result: Result, most: int = MOST_STATES) -> Indices:
         N states.
     most : int
         How many, at most; fewer if the observations are long.
+    failing : ndarray, optional
+        (N,) bool: those that a failed condition of the gate counts.
 
     Returns
     -------
     ndarray
-        Indices. All states if they fit; else first the unsafe ones, then the unknown ones, then those without the
-        danger distance proved, then the others. Of the kind that no longer fits, evenly spread ones are taken.
+        Indices. All states if they fit; else first the unsafe ones, then the unknown ones, then those that fail the
+        gate or without the danger distance proved, then the others. Of the kind that no longer fits, evenly spread
+        ones are taken.
     """
     total = len(result.trajectory)
     room = min(most, MOST_BYTES // (_FIXED_BYTES + 2 * result.observations.shape[1]))
     if total <= room:
         return np.arange(total)
-    near = ~result.judgement.danger
+    near = ~result.judgement.danger if failing is None else ~result.judgement.danger | failing
     rank = np.select([result.verdict == "unsafe", result.verdict == "unknown", near], [0, 1, 2], 3)
     kept: list[Indices] = []
     for level in range(4):
@@ -76,7 +81,18 @@ def pack_coarsely(array: Floats) -> dict[str, Any]:
     return {**pack(whole, "uint16"), "lower": lower.tolist(), "step": step.tolist()}
 
 
-def page_data(result: Result, kept: Indices, *, driven: Result | None = None) -> dict[str, Any]:
+def failing_rows(checks: Sequence[Check], result: Result, driven: int) -> Booleans:
+    """Return which states each of C conditions that do not hold counts, (N, C); behind the driven ones close places."""
+    keys = [("", row) for row in range(driven)]
+    keys += [("close_", row) for row in range(len(result.trajectory) - driven)]
+    failed = [{finding.key for finding in check.failing} for check in checks if not check.passed]
+    fails = np.array([[key in failing for failing in failed] for key in keys], dtype=np.bool_)
+    return fails.reshape(len(keys), len(failed))
+
+
+def page_data(
+    result: Result, kept: Indices, *, driven: Result | None = None, checks: Sequence[Check] = ()
+) -> dict[str, Any]:
     """Return all that the page's script needs to draw the kept states; behind the driven ones stand close places."""
     trajectory = result.trajectory
     count = len(trajectory if driven is None else driven.trajectory)
@@ -93,6 +109,8 @@ def page_data(result: Result, kept: Indices, *, driven: Result | None = None) ->
             {"name": one_line(action.name), "unit": one_line(action.unit)} for action in result.actions
         ],
         "verdicts": list(VERDICTS),
+        "conditions": sum(not check.passed for check in checks),
+        "fails": pack(failing_rows(checks, result, count)[kept], "uint8"),
         "connected": trajectory.connected,
         "first": 0 if first is None else int(np.searchsorted(kept, first)) % max(len(kept), 1),
     }

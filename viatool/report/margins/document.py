@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import PurePath
 from typing import TYPE_CHECKING, ClassVar
 
@@ -26,6 +26,7 @@ from viatool.report.sections import (
     Count,
     Finding,
     Headline,
+    Key,
     Rules,
     Section,
     Share,
@@ -52,7 +53,7 @@ COLUMNS = (
     "refuted",
     "decides",
 )
-_UNPROVED = "unproved-state"
+_UNPROVED, _WEAK = "unproved-state", "weak-state"
 
 
 class MarginsDocument(Verified, Cased, Annotated, Located, Tabled, Drawn, Explorable):
@@ -68,6 +69,7 @@ class MarginsDocument(Verified, Cased, Annotated, Located, Tabled, Drawn, Explor
     RADII: ClassVar[Mapping[str, str]] = {"margin": "error that every contested state is proved to survive"}
     FINDING_RULES: ClassVar[Rules] = {
         _UNPROVED: ("warning", "The state is not proved safe even at an error of 0."),
+        _WEAK: ("note", "The state is not proved safe at the error that the gate asks for."),
     }
 
     record: MarginsRecord
@@ -173,7 +175,10 @@ class MarginsDocument(Verified, Cased, Annotated, Located, Tabled, Drawn, Explor
         """Return which error every contested state survives, the weakest first; nothing if a policy has none."""
         if not all(part.tested for part in self.record.margins):
             return {}
-        found = [Survivor(self._name(name, one), one.certified) for name, one in self._states()]
+        found = [
+            Survivor(self._name(name, one), one.certified, self._finding(name, one))
+            for name, one in self._states()
+        ]
         return {"margin": sorted(found, key=lambda one: -1.0 if one.error is None else one.error)}
 
     @property
@@ -224,33 +229,48 @@ class MarginsDocument(Verified, Cased, Annotated, Located, Tabled, Drawn, Explor
             return ()
         before, now = (-1.0 if found[0].error is None else found[0].error for found in (old, new))
         figures = f"{certified(new[0].error)} ({new[0].name}), was {certified(old[0].error)}"
-        return [Check("least margin not below the baseline", now >= before, figures)]
+        failing = tuple(one.finding for one in new if (-1.0 if one.error is None else one.error) < before)
+        return [Check("least margin not below the baseline", now >= before, figures, failing=failing)]
 
     def cases(self) -> Sequence[Case]:
         """Return every contested state; whether its margin is enough only a gate says."""
-        return [Case("viatool.margin", self._name(name, state)) for name, state in self._states()]
+        return [
+            Case(
+                "viatool.margin",
+                self._name(name, state),
+                figures=self._tell(state),
+                subjects=(_key(name, state),),
+            )
+            for name, state in self._states()
+        ]
 
     def annotations(self) -> Sequence[Annotation]:
         """Return a warning for each state that is not proved even at an error of 0."""
         return [
             Annotation(
-                "warning", f"{self._name(name, state)} is not proved even at an error of 0", self._tell(state)
+                "warning",
+                f"{self._name(name, state)} is not proved even at an error of 0",
+                self._tell(state),
+                (_key(name, state),),
             )
             for name, state in self._unproved()
         ]
 
     def findings(self) -> tuple[Iterable[Finding], int]:
         """Return the states that are not proved even at an error of 0."""
-        found = [
-            Finding(
-                _UNPROVED,
-                f"{self._name(name, state)[0].upper()}{self._name(name, state)[1:]}: {self._tell(state)}.",
-                f"{state.scenario}/{state.time:.3f}",
-                f"{name}/{state.scenario}/{state.time:.3f}/{state.pose}",
-            )
-            for name, state in self._unproved()
-        ]
+        found = [self._finding(name, state) for name, state in self._unproved()]
         return found, len(found)
+
+    def _finding(self, name: str, state: ContestedStateRecord) -> Finding:
+        """Return a state as what it is if it survives too little."""
+        called = self._name(name, state)
+        return Finding(
+            _UNPROVED if state.certified is None else _WEAK,
+            f"{called[0].upper()}{called[1:]}: {self._tell(state)}.",
+            f"{state.scenario}/{state.time:.3f}",
+            f"{name}/{state.scenario}/{state.time:.3f}/{state.pose}",
+            subject=_key(name, state),
+        )
 
     def _unproved(self) -> list[tuple[str, ContestedStateRecord]]:
         return [(name, state) for name, state in self._states() if state.certified is None]
@@ -275,6 +295,10 @@ class MarginsDocument(Verified, Cased, Annotated, Located, Tabled, Drawn, Explor
             where = (state.scenario, state.time, *state.pose, state.distance)
             yield [name, _kind(state), state.state, *where, *errors, told]
 
+    def row_keys(self) -> Iterator[Collection[Key]]:
+        """Yield which contested state each row is of."""
+        return ((_key(name, state),) for name, state in self._states())
+
     def draw(self) -> Figure:
         """Return the proved and the refuted share of the contested states against the error."""
         from viatool.report.margins.figure import draw_margins
@@ -286,6 +310,15 @@ class MarginsDocument(Verified, Cased, Annotated, Located, Tabled, Drawn, Explor
         from viatool.report.margins.html.page import render_page
 
         return render_page(self, checks)
+
+
+def state_key(policy: str, number: int, *, close: bool) -> Key:
+    """Return which contested state of which policy is meant."""
+    return f"{policy}/{'close' if close else 'driven'}", number
+
+
+def _key(policy: str, state: ContestedStateRecord) -> Key:
+    return state_key(policy, state.state, close=state.close)
 
 
 def _kind(state: ContestedStateRecord) -> str:

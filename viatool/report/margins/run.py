@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 from viatool.errors import ConfigurationError
 from viatool.margins.result import document_of
 from viatool.report.document import Replayable, StateTable, StateTabled
-from viatool.report.margins.document import MarginsDocument
+from viatool.report.margins.document import MarginsDocument, state_key
+from viatool.report.sections import Key
 
 if TYPE_CHECKING:
     from viatool.margins.result import Margins
@@ -33,7 +34,14 @@ class MarginsRun(MarginsDocument, Replayable, StateTabled):
 
     def state_tables(self) -> Mapping[str, StateTable]:
         """Return the arrays of the contested states."""
-        return {"": StateTable(self.size, self.only.EPISODE_COLUMNS, self.only.state_table)}
+        only = self.only
+        table = only.state_table(slice(None))
+        numbers, close = table["state"].tolist(), table["close"].tolist()
+
+        def key(row: int) -> Key:
+            return state_key(self.names[0], numbers[row], close=close[row])
+
+        return {"": StateTable(self.size, only.EPISODE_COLUMNS, only.state_table, key)}
 
     def witness_file(self) -> Mapping[str, Any]:
         """Return the counterexamples, each within the smallest error that has one."""

@@ -54,10 +54,10 @@ class MissionsDocument(Verified, Explained, Cased, Annotated, Located, Tabled):
     }
     FINDING_RULES: ClassVar[Rules] = {
         "refuted-mission": (
-            "error",
+            "warning",
             "A run within the errors collides, or is still on its way at the time limit.",
         ),
-        "unknown-mission": ("warning", "The mission could be neither proved nor refuted."),
+        "unknown-mission": ("note", "The mission could be neither proved nor refuted."),
     }
 
     ASKED = ("scenario",)
@@ -205,17 +205,17 @@ class MissionsDocument(Verified, Explained, Cased, Annotated, Located, Tabled):
             return ()
         proved = {one.scenario for one in baseline.record.missions if one.verdict == "proved"}
         lost = [
-            one.scenario for one in self.record.missions if one.scenario in proved and one.verdict != "proved"
+            _finding(row, one)
+            for row, one in enumerate(self.record.missions)
+            if one.scenario in proved and one.verdict != "proved"
         ]
-        figures = f"no longer: {', '.join(lost)}" if lost else "all are"
-        return (Check("missions that were proved still are", not lost, figures),)
+        figures = f"no longer: {', '.join(one.scenario for one in lost)}" if lost else "all are"
+        return (Check("missions that were proved still are", not lost, figures, failing=tuple(lost)),)
 
     @property
     def failing(self) -> Table:
         """Return the missions that are not proved, refuted ones first."""
-        rows = tuple(
-            (mission.scenario, mission.verdict, mission.reason) for mission, _, _ in self._failures()
-        )
+        rows = tuple((mission.scenario, mission.verdict, mission.reason) for _, mission in self._failures())
         return Table(("mission", "verdict", "why"), rows, texts=2)
 
     def explain(self, option: str, subject: str) -> str:
@@ -229,43 +229,38 @@ class MissionsDocument(Verified, Explained, Cased, Annotated, Located, Tabled):
         return explain_mission(missions[subject], self.record)
 
     def cases(self) -> Sequence[Case]:
-        """Return every mission: a refuted one is a failure, an unknown one an error."""
-        outcome = {"proved": "passed", "refuted": "failure", "unknown": "error"}
+        """Return every mission."""
         return [
             Case(
-                "viatool.mission", mission.scenario, outcome[mission.verdict], mission.reason, mission.reason
+                "viatool.mission",
+                mission.scenario,
+                "passed" if mission.verdict == "proved" else "warning",
+                f"{mission.verdict}: {mission.reason}",
+                mission.reason,
+                subjects=(("", row),),
             )
-            for mission in self.record.missions
+            for row, mission in enumerate(self.record.missions)
         ]
 
     def annotations(self) -> Sequence[Annotation]:
-        """Return an error for each refuted mission and a warning for each unknown one."""
+        """Return a remark on each mission that is not proved, the refuted ones first."""
         return [
-            Annotation(level, f"mission {mission.scenario} is {mission.verdict}", mission.reason)
-            for mission, level, _ in self._failures()
+            Annotation(
+                "warning", f"mission {mission.scenario} is {mission.verdict}", mission.reason, (("", row),)
+            )
+            for row, mission in self._failures()
         ]
 
     def findings(self) -> tuple[Iterable[Finding], int]:
         """Return the refuted missions, then the unknown ones."""
-        found = [
-            Finding(
-                rule,
-                f"Mission {mission.scenario} is {mission.verdict}: {mission.reason}.",
-                mission.scenario,
-                mission.scenario,
-                TONES[mission.verdict],
-                mission.scenario,
-                takes=dict.fromkeys(("overall", "mission", TONES[mission.verdict]), 1),
-            )
-            for mission, _, rule in self._failures()
-        ]
+        found = [_finding(row, mission) for row, mission in self._failures()]
         return found, len(found)
 
-    def _failures(self) -> Iterator[tuple[MissionRecord, str, str]]:
-        for verdict, level in (("refuted", "error"), ("unknown", "warning")):
-            for mission in self.record.missions:
+    def _failures(self) -> Iterator[tuple[int, MissionRecord]]:
+        for verdict in ("refuted", "unknown"):
+            for row, mission in enumerate(self.record.missions):
                 if mission.verdict == verdict:
-                    yield mission, level, f"{verdict}-mission"
+                    yield row, mission
 
     def columns(self) -> Sequence[str]:
         """Return what a row tells of its mission, in seconds and metres."""
@@ -275,3 +270,18 @@ class MissionsDocument(Verified, Explained, Cased, Annotated, Located, Tabled):
         """Yield a row for each mission."""
         for mission in self.record.missions:
             yield [getattr(mission, name) for name in COLUMNS]
+
+
+def _finding(row: int, mission: MissionRecord) -> Finding:
+    """Return a mission that is not proved."""
+    verdict = TONES[mission.verdict]
+    return Finding(
+        f"{mission.verdict}-mission",
+        f"Mission {mission.scenario} is {mission.verdict}: {mission.reason}.",
+        mission.scenario,
+        mission.scenario,
+        verdict,
+        mission.scenario,
+        takes=dict.fromkeys(("overall", "mission", verdict), 1),
+        subject=("", row),
+    )

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import ClassVar
+
+import numpy as np
 
 from viatool.report.document import Annotated, Explained
 from viatool.report.error_costs import cells_table
@@ -14,7 +16,9 @@ from viatool.report.sections import (
     Annotation,
     Breakdown,
     Count,
+    Finding,
     Headline,
+    Key,
     Part,
     Section,
     Share,
@@ -301,6 +305,25 @@ class PlacesDocument(Verified, Annotated, Explained):
     def annotations(self) -> Sequence[Annotation]:
         """Return a warning for each of the worst places."""
         return [
-            Annotation("warning", f"refuted place {pose}", f"after {previous}: {action} comes within {near}")
-            for pose, previous, action, near in self.worst.rows
+            Annotation(
+                "warning",
+                f"refuted place {pose}",
+                f"after {previous}: {action} comes within {near}",
+                (_square(place),),
+            )
+            for (pose, previous, action, near), place in zip(self.worst.rows, self.record.worst, strict=True)
         ]
+
+    def counted(self, name: str) -> Iterator[Finding]:
+        """Return the worst places, as far as the JSON knows them."""
+        if name in ("contested", "overall", "unsafe"):
+            for (pose, previous, action, near), place in zip(self.worst.rows, self.record.worst, strict=True):
+                text = f"At {pose} after {previous}: {action} comes within {near}."
+                yield Finding("refuted-place", text, pose, pose, "unsafe", subject=_square(place))
+
+
+def _square(place: WorstPlace) -> Key:
+    """Return in which half metre square a counterexample is."""
+    from viatool.report.places.tiles import tile_of
+
+    return "refuted-place", tuple(tile_of(np.array(place.pose[:2])).tolist())

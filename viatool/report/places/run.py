@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -14,17 +14,24 @@ from viatool.report.document import Cased, CellTabled, Drawn, Explorable, Locate
 from viatool.report.numbers import counted, significant
 from viatool.report.places.document import PlacesDocument
 from viatool.report.places.tiles import TILE, tile_of
-from viatool.report.sections import Case, Check, Finding, Rules
+from viatool.report.sections import Case, Check, Finding, Key, Rules
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from viatool.arrays import Floats
     from viatool.motion.law import Axis
-    from viatool.places import Certificate
+    from viatool.places import Certificate, Raster
+    from viatool.places.lasting import LastingCells
 
 COLUMNS = ("x", "y", *STATUSES[1:], "safe", *(f"safe_{name}" for name in SECTOR_NAMES))
 _MOST_WITNESSES = 1000
+_COUNTED = {
+    "unsafe": ("refuted-place",),
+    "unknown": ("unknown-place",),
+    **dict.fromkeys(("contested", "overall"), ("refuted-place", "unknown-place")),
+}
+"""The rules of the findings that each rate misses, and each limit counts."""
 
 
 class PlacesRun(PlacesDocument, Cased, Located, Tabled, Drawn, Explorable, Replayable, CellTabled):
@@ -33,13 +40,14 @@ class PlacesRun(PlacesDocument, Cased, Located, Tabled, Drawn, Explorable, Repla
     STYLE: ClassVar[Mapping[Any, Any]] = {"svg.fonttype": "none", "font.size": 8}
     FINDING_RULES: ClassVar[Rules] = {
         "refuted-place": (
-            "error",
+            "warning",
             "From a pose there, a sensor error within eps makes the policy violate the criterion.",
         ),
         "unknown-place": (
-            "warning",
+            "note",
             "For some poses there the criterion could be neither proved nor refuted.",
         ),
+        "lost-place": ("note", "From some poses there it is not proved what the gate asks for."),
     }
 
     def __init__(self, certificate: Certificate) -> None:
@@ -47,9 +55,13 @@ class PlacesRun(PlacesDocument, Cased, Located, Tabled, Drawn, Explorable, Repla
         self.certificate = certificate
 
     def cases(self) -> Sequence[Case]:
-        """Return every slice by heading: one with refuted volume is a failure, one with unknown volume an error."""
-        volumes = self.certificate.sectors.volumes.sum(axis=(2, 3)).T  # (sectors, statuses)
-        return [_slice(name, row.tolist()) for name, row in zip(SECTOR_NAMES, volumes, strict=True)]
+        """Return every slice by heading, with the half metre squares in which it is not safe."""
+        raster = self.certificate.sectors
+        volumes = np.moveaxis(raster.volumes, 0, 1)  # (sectors, statuses, X, Y)
+        return [
+            _slice(name, part.sum(axis=(1, 2)).tolist(), [*_squares(raster, part)])
+            for name, part in zip(SECTOR_NAMES, volumes, strict=True)
+        ]
 
     def findings(self) -> tuple[Iterable[Finding], int]:
         """Return each half metre square with a counterexample, the worst first, then those with unknown volume."""
@@ -86,12 +98,30 @@ class PlacesRun(PlacesDocument, Cased, Located, Tabled, Drawn, Explorable, Repla
                 text = f"{_name(tiles[place])}: {volume} m² rad are neither proved nor refuted."
                 yield self._finding("unknown-place", text, tiles[place])
 
+    def counted(self, name: str) -> Iterator[Finding]:
+        """Return the half metre squares that a rate misses some of, or a limit counts."""
+        if name in _COUNTED:
+            yield from (found for found in self.findings()[0] if found.rule in _COUNTED[name])
+        elif self.certificate.lasting is not None:
+            yield from self._lost(self.certificate.lasting, name)
+
+    def _lost(self, cells: LastingCells, name: str) -> Iterator[Finding]:
+        """Return each half metre square with free cells that do not last, or arrive; the largest part first."""
+        lasts = cells.arriving if name == "arrive" else cells.for_ever
+        lower, upper = cells.mesh.bounds(np.flatnonzero(cells.free & ~lasts))
+        lost, number = np.unique(tile_of(0.5 * (lower + upper)[:, :2]), axis=0, return_counts=True)
+        for place in np.argsort(-number, kind="stable"):
+            text = f"{_name(lost[place])}: {counted(int(number[place]), 'cell')} without it."
+            yield self._finding("lost-place", text, lost[place])
+
     def _finding(self, rule: str, text: str, tile: NDArray[np.int64], cells: int = 0) -> Finding:
         """Return a finding of so many refuted cells; of unknown volume, that no limit counts cell by cell."""
         scenario = self.certificate.scenario.name
         place = f"{scenario}/{_name(tile)}"
         verdict, takes = ("unsafe", {"unsafe": cells}) if cells else ("unknown", {})
-        return Finding(rule, text, place, place, verdict, scenario, None, takes, cells or 1)
+        return Finding(
+            rule, text, place, place, verdict, scenario, None, takes, cells or 1, (rule, tuple(tile.tolist()))
+        )
 
     def columns(self) -> Sequence[str]:
         """Return the middle of a place in m, volumes in m^2 rad, and safe shares."""
@@ -111,6 +141,13 @@ class PlacesRun(PlacesDocument, Cased, Located, Tabled, Drawn, Explorable, Repla
                 *(f"{number:.9g}" for number in (*middle, *volumes)),
                 *("" if np.isnan(share) else f"{share:.6g}" for share in shares),
             ]
+
+    def row_keys(self) -> Iterator[Collection[Key]]:
+        """Yield the findings that are in the half metre square of each row."""
+        raster = self.certificate.sectors
+        there = np.argwhere(raster.volumes[1:].sum(axis=(0, 1)) > 0.0)
+        for tile in tile_of(raster.origin + raster.size * (there + 0.5)).tolist():
+            yield [(rule, tuple(tile)) for rule in self.FINDING_RULES]
 
     def draw(self) -> Figure:
         """Return how much of each place is proved, slices by heading, and the worst places."""
@@ -173,13 +210,21 @@ def _told(axes: Sequence[Axis], numbers: Floats, digits: int) -> str:
     return " and ".join(told)
 
 
-def _slice(name: str, volumes: Sequence[float]) -> Case:
+def _squares(raster: Raster, volumes: Floats) -> Iterator[Key]:
+    """Yield the half metre squares with volume (statuses, X, Y) that is refuted or unknown."""
+    for status in ("refuted", "unknown"):
+        there = np.argwhere(volumes[STATUSES.index(status)] > 0.0)
+        for tile in np.unique(tile_of(raster.origin + raster.size * (there + 0.5)), axis=0).tolist():
+            yield f"{status}-place", tuple(tile)
+
+
+def _slice(name: str, volumes: Sequence[float], squares: Sequence[Key]) -> Case:
     by_status = dict(zip(STATUSES, volumes, strict=True))
     figures = ", ".join(f"{significant(volume)} m^2 rad {status}" for status, volume in by_status.items())
-    for status, outcome in (("refuted", "failure"), ("unknown", "error")):
+    for status in ("refuted", "unknown"):
         if by_status[status] > 0.0:
             message = f"{significant(by_status[status])} m^2 rad {status}"
-            return Case("viatool.heading", name, outcome, message, figures)
+            return Case("viatool.heading", name, "warning", message, figures, subjects=squares)
     return Case("viatool.heading", name)
 
 

@@ -41,6 +41,8 @@ MEANING = {
 }
 COLUMNS = ("episode", "scenario", "outcome", "cost", "seconds", "least_clearance", "path_length_ratio")
 _BAR = 40
+_COUNTED_BY = {"collision": ("overall", "clear", "unsafe"), "timeout": ("overall",)}
+"""What counts an episode with that outcome as failing."""
 
 
 class SimulationDocument(Cased, Annotated, Located, Tabled):
@@ -58,8 +60,8 @@ class SimulationDocument(Cased, Annotated, Located, Tabled):
         "clear": "share of episodes without a collision",
     }
     FINDING_RULES: ClassVar[Rules] = {
-        "collision-episode": ("error", "The robot came nearer to something than the collision distance."),
-        "timeout-episode": ("warning", "The robot did not reach its goal in time."),
+        "collision-episode": ("warning", "The robot came nearer to something than the collision distance."),
+        "timeout-episode": ("note", "The robot did not reach its goal in time."),
     }
 
     record: SimulationRecord
@@ -247,25 +249,24 @@ class SimulationDocument(Cased, Annotated, Located, Tabled):
         return {name: mean for name, mean in means.items() if mean is not None}
 
     def cases(self) -> Sequence[Case]:
-        """Return every episode; one that collides or runs out of time is a failure."""
+        """Return every episode."""
         return [
-            Case("viatool.episode", f"{index}: {episode.scenario}")
-            if episode.outcome == "success"
-            else Case(
+            Case(
                 "viatool.episode",
                 f"{index}: {episode.scenario}",
-                "failure",
+                "passed" if episode.outcome == "success" else "warning",
                 f"{episode.outcome} after {episode.seconds:.2f} s",
                 _tell(episode),
+                subjects=(("", index),),
             )
             for index, episode in enumerate(self.record.episodes)
         ]
 
     def annotations(self) -> Sequence[Annotation]:
-        """Return an error for each collision and a warning for each timeout."""
+        """Return a remark on each collision, and on each timeout."""
         return [
-            Annotation(level, f"{episode.outcome} in {episode.scenario}", _tell(episode))
-            for _, episode, level in self._failures()
+            Annotation("warning", f"{episode.outcome} in {episode.scenario}", _tell(episode), (("", index),))
+            for index, episode in self._failures()
         ]
 
     def findings(self) -> tuple[Iterable[Finding], int]:
@@ -276,16 +277,17 @@ class SimulationDocument(Cased, Annotated, Located, Tabled):
                 f"Episode {index}, scenario {episode.scenario}: {_tell(episode)}.",
                 f"{episode.scenario}/{episode.seconds:.3f}",
                 f"{index}/{episode.scenario}",
+                takes=dict.fromkeys(_COUNTED_BY[episode.outcome], 1),
+                subject=("", index),
             )
-            for index, episode, _ in self._failures()
+            for index, episode in self._failures()
         ]
         return found, len(found)
 
-    def _failures(self) -> Iterator[tuple[int, EpisodeRecord, str]]:
-        for outcome, level in (("collision", "error"), ("timeout", "warning")):
+    def _failures(self) -> Iterator[tuple[int, EpisodeRecord]]:
+        for outcome in _COUNTED_BY:
             there = [(i, e) for i, e in enumerate(self.record.episodes) if e.outcome == outcome]
-            for index, episode in sorted(there, key=lambda one: one[1].least_clearance):
-                yield index, episode, level
+            yield from sorted(there, key=lambda one: one[1].least_clearance)
 
     def columns(self) -> Sequence[str]:
         """Return what a row tells of its episode, in seconds and metres."""

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
 from pathlib import PurePath
 from typing import ClassVar
-
-import numpy as np
 
 from viatool.report.document import Explained
 from viatool.report.error_costs import states_table
@@ -22,6 +19,7 @@ from viatool.report.sections import (
     Check,
     Count,
     Facts,
+    Finding,
     Headline,
     Part,
     Rates,
@@ -30,9 +28,10 @@ from viatool.report.sections import (
     Table,
     Tally,
 )
+from viatool.report.states.horizon_table import horizon_table
+from viatool.report.states.known import new_states
 from viatool.report.states.record import (
     ClosePlacesRecord,
-    HorizonRecord,
     RateByOutcomeRecord,
     RecordingRecord,
     StatesRecord,
@@ -44,17 +43,9 @@ from viatool.report.wording import describe_eps, describe_value
 from viatool.setting.criteria import SAMPLED
 
 OUTCOMES = ("overall", "success", "collision", "timeout")
-HORIZON_COLUMNS = (
-    "interval",
-    "proved safe up to it",
-    "position [m], median",
-    "90th percentile",
-    "heading [rad], median",
-    "90th percentile",
-    "least clearance [m]",
-)
+TABLES = {"state": "", "close place": "close_"}
+"""What stands before the names of the arrays of each."""
 NAMED = 3  # new unsafe states that a message names
-SAME = 1e-3  # metres and radians within which a pose counts as the same
 
 
 class StatesDocument(Verified, Explained):
@@ -179,7 +170,7 @@ class StatesDocument(Verified, Explained):
     @property
     def horizon(self) -> Table | None:
         """Return what was found of the intervals after each state, if that was asked."""
-        return None if self.record.horizon is None else _horizon_table(self.record.horizon)
+        return None if self.record.horizon is None else horizon_table(self.record.horizon)
 
     @property
     def error_costs(self) -> Table | None:
@@ -214,7 +205,14 @@ class StatesDocument(Verified, Explained):
             (name, *map(significant, (w.mean, w.std, w.max)), str((w.model_extra or {}).get("unit", "")))
             for name, w in self.record.reachable_width.items()
         )
-        return Table(("width of the reachable actions", "mean", "std", "max", "unit"), rows, texts=1)
+        head = ("width of the reachable actions", "mean", "std", "max", "unit")
+        return Table(head, rows, "Widths" if self.bounded else "", self.bounded, texts=1)
+
+    @property
+    def bounded(self) -> str:
+        """Return in words of which states the actions were bounded, if not of all: widths are those of these."""
+        engine = self.record.engine
+        return str(engine.get("bounded", "")) if isinstance(engine, dict) else ""
 
     @property
     def assumptions(self) -> Mapping[str, str]:
@@ -267,16 +265,13 @@ class StatesDocument(Verified, Explained):
             f": {record.reason}" if record is not None and record.reason else " were examined"
         )
 
-    def evidence(self, rate: str) -> Iterator[str]:
-        """Name the states, or close places, that are known to be unsafe."""
+    def counted(self, name: str) -> Iterator[Finding]:
+        """Return the states, or close places, that the JSON knows to be unsafe."""
         record = self.record
-        if rate == "close":
-            close = record.close
-            yield from (
-                [] if close is None else [_named("close place", state) for state in close.unsafe_states]
-            )
-        elif rate in ("overall", "contested"):
-            yield from (_named("state", state) for state in record.unsafe_states or ())
+        if name == "close" and record.close is not None:
+            yield from (_known("close place", state) for state in record.close.unsafe_states)
+        elif name in ("overall", "contested", "danger", "unsafe"):
+            yield from (_known("state", state) for state in record.unsafe_states or ())
 
     @property
     def limited(self) -> Mapping[str, Count]:
@@ -300,7 +295,10 @@ class StatesDocument(Verified, Explained):
     @property
     def costs(self) -> Mapping[str, float]:
         """Return the mean widths."""
-        return {f"mean width of {name}": width.mean for name, width in self.record.reachable_width.items()}
+        of = f", of {self.bounded}" if self.bounded else ""
+        return {
+            f"mean width of {name}{of}": width.mean for name, width in self.record.reachable_width.items()
+        }
 
     def new_failures(self, baseline: StatesDocument) -> Sequence[Check]:
         """Decide on the unsafe states themselves if both reports list them, and on their number otherwise."""
@@ -308,15 +306,20 @@ class StatesDocument(Verified, Explained):
         if old.unsafe_states is None or found.unsafe_states is None:
             before, now = old.verdicts.unsafe, found.verdicts.unsafe
             figures = f"{count(now)}, was {count(before)}"
-            return [Check("no more unsafe states than the baseline", now <= before, figures)]
-        new = list(_new_states(old.unsafe_states, found.unsafe_states))
+            failing = () if now <= before else tuple(self.counted("unsafe"))
+            return [Check("no more unsafe states than the baseline", now <= before, figures, failing=failing)]
+        new = list(new_states(old.unsafe_states, found.unsafe_states))
         named = "; ".join(f"{state.scenario} at {state.time:.2f} s" for state in new[:NAMED])
         more = f": {named}{', ...' if len(new) > NAMED else ''}" if new else ""
-        return [Check("no unsafe state that the baseline lacks", not new, f"{count(len(new))} new{more}")]
+        failing = tuple(_known("state", state) for state in new)
+        figures = f"{count(len(new))} new{more}"
+        return [Check("no unsafe state that the baseline lacks", not new, figures, failing=failing)]
 
 
-def _named(what: str, found: UnsafeState) -> str:
-    return describe_state(what, found.state, "unsafe", found.scenario, found.time, found.pose)
+def _known(what: str, found: UnsafeState) -> Finding:
+    text = describe_state(what, found.state, "unsafe", found.scenario, found.time, found.pose)
+    place, rule = f"{found.scenario}/{found.time:.3f}", f"unsafe-{what.replace(' ', '-')}"
+    return Finding(rule, text, place, place, "unsafe", found.scenario, subject=(TABLES[what], found.state))
 
 
 def describe_state(
@@ -359,49 +362,3 @@ def _agreement(found: RecordingRecord) -> str:
     return (
         f"{off} of {counted(found.readings, 'reading')} are farther than eps from what the map shows{cause}"
     )
-
-
-def _horizon_table(horizon: HorizonRecord) -> Table:
-    """Return the closed loop over several intervals: share proved safe up to each, widths, clearance."""
-    position, heading = horizon.width["position"], horizon.width["heading"]
-    rows = []
-    for k in _shown_steps(horizon.steps):
-        figures = (
-            position.median[k], position.p90[k], heading.median[k], heading.p90[k], horizon.least_clearance[k]
-        )  # fmt: skip
-        texts = (MISSING if figure is None else significant(figure) for figure in figures)
-        rows.append((str(k + 1), horizon.safety_rate[k].share.percentage(), *texts))
-    verdicts = ", ".join(f"{count(int(getattr(horizon.verdicts, name)))} {name}" for name in VERDICTS)
-    return Table(HORIZON_COLUMNS, tuple(rows), "Horizon", f"{verdicts} over {_describe_horizon(horizon)}")
-
-
-def _describe_horizon(horizon: HorizonRecord) -> str:
-    """Write in words over which intervals, and from which poses, the closed loop was followed."""
-    error = horizon.pose_error
-    within = ""
-    if error.position or error.heading:
-        within = (
-            f", from any pose within {significant(error.position)} m and {significant(error.heading)} rad"
-        )
-    return f"{counted(horizon.steps, 'interval')}, LiDAR in the loop{within}"
-
-
-def _shown_steps(steps: int) -> list[int]:
-    """Return the intervals of which a table tells: all, or a dozen of many."""
-    return sorted({round(k) for k in np.linspace(0, steps - 1, min(steps, 12)).tolist()})
-
-
-def _new_states(before: Sequence[UnsafeState], now: Sequence[UnsafeState]) -> Iterator[UnsafeState]:
-    known: dict[tuple[str, float], list[UnsafeState]] = {}
-    for state in before:
-        known.setdefault((state.scenario, round(state.time, 3)), []).append(state)
-    for state in now:
-        there = known.get((state.scenario, round(state.time, 3)), [])
-        if not any(_same_pose(state, old) for old in there):
-            yield state
-
-
-def _same_pose(state: UnsafeState, other: UnsafeState) -> bool:
-    """Tell whether two states of one scenario and time are one: runs on other machines differ by rounding."""
-    x, y, turn = (a - b for a, b in zip(state.pose, other.pose, strict=True))
-    return math.hypot(x, y) < SAME and abs(math.remainder(turn, math.tau)) < SAME

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -24,8 +24,8 @@ from viatool.report.document import (
     Tabled,
 )
 from viatool.report.numbers import counted
-from viatool.report.sections import Annotation, Case, Check, Finding, Rules
-from viatool.report.states.document import StatesDocument, describe_state
+from viatool.report.sections import Annotation, Case, Check, Finding, Key, Rules
+from viatool.report.states.document import TABLES, StatesDocument, describe_state
 from viatool.report.states.episodes import Episode, summarise_episodes
 
 if TYPE_CHECKING:
@@ -38,6 +38,12 @@ if TYPE_CHECKING:
     from viatool.verification.result import Result
 
 NOT_SAFE = ("unsafe", "unknown")
+_BESIDES = {
+    "danger": "safe, and not proved to keep the danger distance",
+    "sampled": "safe, and fails one of the nine sampled actions",
+    "horizon": "safe, and not proved so over the horizon",
+}
+"""What a rate misses of states that are safe."""
 COLUMNS = ("state", "episode", "scenario", "outcome", "time", "x", "y", "theta", "verdict")
 
 
@@ -66,9 +72,9 @@ class StatesRun(
         What was read besides policy and map, by its role: ``specification``, ``errors``, ``recording``.
     """
 
-    FINDING_RULES: ClassVar[Rules] = {  # of what was not driven, no finding is an error
+    FINDING_RULES: ClassVar[Rules] = {
         "unsafe-state": (
-            "error",
+            "warning",
             "A sensor error within eps makes the deployed policy violate the criterion.",
         ),
         "unknown-state": ("warning", "The criterion could be neither proved nor refuted."),
@@ -80,6 +86,7 @@ class StatesRun(
             "note",
             "Beside the driven path, the criterion could be neither proved nor refuted.",
         ),
+        "counted-state": ("note", "The state is safe by the criterion, and not by what the gate asks for."),
     }
 
     def __init__(
@@ -90,16 +97,28 @@ class StatesRun(
         self.result, self.files = result, files or {}
 
     def cases(self) -> Sequence[Case]:
-        """Return every episode: an unsafe one is a failure, one with unknown states an error; and close places.
-
-        Close places were not driven: they fail nothing but the gate that asks for them.
-        """
-        close = self.result.close
-        beside = [] if close is None else summarise_episodes(close)
+        """Return every episode, and the close places beside each."""
+        driven = zip(summarise_episodes(self.result), _keys_by_episode(self.result, "state"), strict=True)
         return [
-            *(_case(episode, self._worst.get(episode.index)) for episode in summarise_episodes(self.result)),
-            *(self._beside(episode) for episode in beside if episode.states),
+            *(_case(episode, keys, self._worst.get(episode.index)) for episode, keys in driven),
+            *self._beside(),
         ]
+
+    def _beside(self) -> Iterator[Case]:
+        close = self.result.close
+        if close is None:
+            return
+        told: dict[int, list[str]] = {}
+        for state in _not_safe(close):
+            told.setdefault(int(close.episode[state]), []).append(_describe(close, state, "close place"))
+        every = zip(summarise_episodes(close), _keys_by_episode(close, "close place"), strict=True)
+        for episode, keys in every:
+            if episode.states:
+                name, evidence = f"beside {episode.index}: {episode.name}", tuple(told.get(episode.index, ()))
+                outcome, message = (
+                    ("warning", _not_safe_words(episode, "close place")) if evidence else ("passed", "")
+                )
+                yield Case("viatool.close_places", name, outcome, message, _figures(episode), evidence, keys)
 
     @cached_property
     def _worst(self) -> Mapping[int, str]:
@@ -109,33 +128,35 @@ class StatesRun(
             worst.setdefault(int(self.result.episode[one.state]), f"state {one.state}: {one.brief}")
         return worst
 
-    def _beside(self, episode: Episode) -> Case:
-        evidence = tuple(self._told(self.result.close, "close place", episode.index))
-        name = f"beside {episode.index}: {episode.name}"
-        return Case("viatool.close_places", name, figures=_figures(episode), evidence=evidence)
-
     def annotations(self) -> Sequence[Annotation]:
-        """Return an error for each unsafe episode, and a warning for each with unknown states alone."""
-        episodes = summarise_episodes(self.result)
-        unsafe = [(e, "error", "unsafe", e.unsafe) for e in episodes if e.unsafe]
-        unknown = [(e, "warning", "unknown", e.unknown) for e in episodes if e.unknown and not e.unsafe]
+        """Return a remark on each episode with states that are not safe, those with unsafe ones first."""
+        episodes, keys = summarise_episodes(self.result), _keys_by_episode(self.result, "state")
+        unsafe = [(e, "unsafe", e.unsafe) for e in episodes if e.unsafe]
+        unknown = [(e, "unknown", e.unknown) for e in episodes if e.unknown and not e.unsafe]
         driven = [
             Annotation(
-                level,
+                "warning",
                 f"{counted(number, f'{verdict} state')} in {e.name}",
                 f"{e.safe} of {e.states} states safe, the episode ended in {e.outcome}"
                 + (f"; {self._worst[e.index]}" if e.index in self._worst else ""),
+                keys[e.index],
             )
-            for e, level, verdict, number in [*unsafe, *unknown]
+            for e, verdict, number in [*unsafe, *unknown]
         ]
-        close = [] if self.result.close is None else summarise_episodes(self.result.close)
+        close = self.result.close
+        every = (
+            []
+            if close is None
+            else zip(summarise_episodes(close), _keys_by_episode(close, "close place"), strict=True)
+        )
         beside = [
             Annotation(
                 "warning",
                 f"{counted(e.unsafe + e.unknown, 'close place')} not safe beside {e.name}",
                 f"{e.safe} of {counted(e.states, 'close place')} safe, {e.unsafe} unsafe, {e.unknown} unknown",
+                subjects,
             )
-            for e in close
+            for e, subjects in every
             if e.unsafe + e.unknown
         ]
         return [*driven, *beside]
@@ -148,18 +169,34 @@ class StatesRun(
         return self._findings(), number
 
     def _findings(self) -> Iterator[Finding]:
-        lacking = self._lacking
-        for found in _findings(self.result, "state"):
-            takes = [rate for rate, rows in lacking.items() if rows[found.state]] + [found.verdict]
-            yield replace(found, takes=dict.fromkeys(takes, 1))
+        yield from map(self._driven, _not_safe(self.result))
         if self.result.close is not None:
-            for found in _findings(self.result.close, "close place"):
-                beside = f"beside {found.scenario}"  # nobody who accepts a driven state means this one
-                yield replace(found, scenario=beside, state=None, takes={"close": 1})
+            yield from map(self._close, _not_safe(self.result.close))
 
-    @property
+    @cached_property
+    def _reasons(self) -> Mapping[int, str]:
+        """Return why states are not safe, as the end of a sentence about each."""
+        return _reasons_of(self.result)
+
+    @cached_property
+    def _close_reasons(self) -> Mapping[int, str]:
+        return {} if self.result.close is None else _reasons_of(self.result.close)
+
+    def _driven(self, state: int) -> Finding:
+        """Return a driven state with all that counts it."""
+        found = _finding(self.result, state, "state", self._reasons.get(state, ""))
+        takes = [name for name, rows in self._lacking.items() if rows[state]]
+        return replace(found, takes=dict.fromkeys(takes, 1))
+
+    def _close(self, place: int) -> Finding:
+        assert self.result.close is not None
+        found = _finding(self.result.close, place, "close place", self._close_reasons.get(place, ""))
+        beside = f"beside {found.scenario}"  # nobody who accepts a driven state means this one
+        return replace(found, scenario=beside, state=None, takes={"close": 1})
+
+    @cached_property
     def _lacking(self) -> Mapping[str, NDArray[np.bool_]]:
-        """Return the states that each rate counts and that are not among its safe ones, (N,) each."""
+        """Return which states each rate misses of those that it counts, or each limit counts, (N,) each."""
         result, judgement = self.result, self.result.judgement
         outcome = result.outcomes[result.episode]
         lasting = {} if result.horizon is None else {"horizon": ~result.horizon.tubes.safe}
@@ -170,22 +207,30 @@ class StatesRun(
             "sampled": ~judgement.sampled,
             **{name: ~judgement.safe & (outcome == name) for name in ("success", "collision", "timeout")},
             **lasting,
+            **{verdict: result.verdict == verdict for verdict in NOT_SAFE},
         }
 
-    def evidence(self, rate: str) -> Iterator[str]:
-        """Name every state, or close place, that is not safe."""
-        if rate == "close":
-            yield from self._told(self.result.close, "close place")
-        elif rate in ("overall", "contested"):
-            yield from self._told(self.result, "state")
-
-    @staticmethod
-    def _told(result: Result | None, what: str, episode: int | None = None) -> Iterator[str]:
-        """Name what is not safe of a result, in one of its episodes or in all."""
-        if result is not None:
-            for verdict in NOT_SAFE:
-                for state in _where(result, verdict, episode):
-                    yield _describe(result, state, what)
+    def counted(self, name: str) -> Iterator[Finding]:
+        """Return every state, or close place, that a rate misses or a limit counts; the unsafe ones first."""
+        if name == "close":
+            yield from map(self._close, [] if self.result.close is None else _not_safe(self.result.close))
+        elif name in self._lacking:
+            found = np.flatnonzero(self._lacking[name])
+            verdicts = self.result.verdict[found]
+            order = np.argsort(
+                np.select([verdicts == verdict for verdict in NOT_SAFE], [0, 1], 2), kind="stable"
+            )
+            for state in found[order].tolist():
+                finding = self._driven(state)
+                yield (
+                    finding
+                    if finding.verdict != "safe"
+                    else replace(
+                        finding,
+                        rule="counted-state",
+                        text=_describe(self.result, state, "state", _BESIDES[name]),
+                    )
+                )
 
     def columns(self) -> Sequence[str]:
         """Return what a row tells of its state, with the ends of every action."""
@@ -194,21 +239,20 @@ class StatesRun(
 
     def rows(self) -> Iterator[Sequence[object]]:
         """Yield a row for each state."""
-        trajectory, reachable = self.result.trajectory, self.result.reachable
+        trajectory = self.result.trajectory
         names = [trajectory.name_of(index) for index in range(trajectory.episodes)]
         words = {one.state: one.words for one in self.result.reasons.each}
         for state, episode in enumerate(trajectory.episode.tolist()):
-            ends = (*reachable.lower[state], *reachable.upper[state])
-            yield [
-                state,
-                episode,
-                names[episode],
-                trajectory.outcomes[episode],
-                *(f"{number:.9g}" for number in (trajectory.time[state], *trajectory.poses[state])),
-                self.result.verdict[state],
-                *(f"{number:.17g}" for number in ends),
-                words.get(state, ""),
-            ]
+            yield _row(self.result, state, names[episode], words.get(state, ""))
+
+    def row_of(self, finding: Finding) -> Sequence[object] | None:
+        """Return a row for a close place."""
+        table, place = finding.key
+        if table != TABLES["close place"] or self.result.close is None or not isinstance(place, int):
+            return None
+        close = self.result.close
+        words = next((one.words for one in close.reasons.each if one.state == place), "")
+        return _row(close, place, f"beside {close.trajectory.name_of(close.episode[place])}", words)
 
     def draw(self) -> Figure:
         """Return the overview with its episodes, or the map of poses."""
@@ -244,38 +288,64 @@ class StatesRun(
         """Return the arrays of the states, and those of close places."""
         every = {"": self.result, **({} if self.result.close is None else {"close_": self.result.close})}
         return {
-            prefix: StateTable(len(one.trajectory), one.EPISODE_COLUMNS, one.state_table)
+            prefix: StateTable(
+                len(one.trajectory), one.EPISODE_COLUMNS, one.state_table, partial(_key, prefix)
+            )
             for prefix, one in every.items()
         }
 
 
-def _where(result: Result, verdict: str, episode: int | None = None) -> list[int]:
-    """Return which states have a verdict, in one of the episodes or in all."""
-    there = result.verdict == verdict
-    if episode is not None:
-        there &= result.episode == episode
-    found: list[int] = np.flatnonzero(there).tolist()
-    return found
+def _not_safe(result: Result) -> list[int]:
+    """Return which states are not safe, the unsafe ones first."""
+    return [state for verdict in NOT_SAFE for state in np.flatnonzero(result.verdict == verdict).tolist()]
 
 
-def _describe(result: Result, state: int, what: str) -> str:
-    trajectory, verdict = result.trajectory, str(result.verdict[state])
+def _key(table: str, row: int) -> Key:
+    return table, row
+
+
+def _keys_by_episode(result: Result, what: str) -> list[list[Key]]:
+    """Return which parts of the run the states of each episode are."""
+    keys: list[list[Key]] = [[] for _ in range(result.trajectory.episodes)]
+    for state, episode in enumerate(result.episode.tolist()):
+        keys[episode].append((TABLES[what], state))
+    return keys
+
+
+def _row(result: Result, state: int, name: str, reason: str) -> list[object]:
+    trajectory, reachable = result.trajectory, result.reachable
+    episode, ends = int(trajectory.episode[state]), (*reachable.lower[state], *reachable.upper[state])
+    return [
+        state,
+        episode,
+        name,
+        trajectory.outcomes[episode],
+        *(f"{number:.9g}" for number in (trajectory.time[state], *trajectory.poses[state])),
+        result.verdict[state],
+        *(f"{number:.17g}" for number in ends),
+        reason,
+    ]
+
+
+def _describe(result: Result, state: int, what: str, verdict: str = "") -> str:
+    """Name a state and its verdict, or what else is to be said of it."""
+    trajectory, verdict = result.trajectory, verdict or str(result.verdict[state])
     name, time = trajectory.name_of(trajectory.episode[state]), float(trajectory.time[state])
     return describe_state(what, state, verdict, name, time, trajectory.poses[state].tolist())
 
 
-def _findings(result: Result, what: str) -> Iterator[Finding]:
-    trajectory = result.trajectory
-    reasons = {one.state: f" Reason: {one.brief}." for one in result.reasons.each}
-    for verdict in NOT_SAFE:
-        for state in _where(result, verdict):
-            name, time = trajectory.name_of(trajectory.episode[state]), float(trajectory.time[state])
-            x, y, heading = trajectory.poses[state].tolist()
-            # Poses that were picked have no time that tells them apart.
-            place = f"{name}/{time:.3f}" if trajectory.connected else f"{name}/{x:.3f},{y:.3f},{heading:.3f}"
-            rule = f"{verdict}-{what.replace(' ', '-')}"
-            text = f"{_describe(result, state, what)}{reasons.get(state, '')}"
-            yield Finding(rule, text, place, place, verdict, name, state)
+def _reasons_of(result: Result) -> dict[int, str]:
+    return {one.state: f" Reason: {one.brief}." for one in result.reasons.each}
+
+
+def _finding(result: Result, state: int, what: str, reason: str) -> Finding:
+    trajectory, verdict = result.trajectory, str(result.verdict[state])
+    name, time = trajectory.name_of(trajectory.episode[state]), float(trajectory.time[state])
+    x, y, heading = trajectory.poses[state].tolist()
+    # Poses that were picked have no time that tells them apart.
+    place = f"{name}/{time:.3f}" if trajectory.connected else f"{name}/{x:.3f},{y:.3f},{heading:.3f}"
+    rule, text = f"{verdict}-{what.replace(' ', '-')}", _describe(result, state, what)
+    return Finding(rule, f"{text}{reason}", place, place, verdict, name, state, subject=(TABLES[what], state))
 
 
 def _figures(episode: Episode) -> str:
@@ -284,15 +354,18 @@ def _figures(episode: Episode) -> str:
     )
 
 
-def _case(episode: Episode, worst: str | None) -> Case:
+def _case(episode: Episode, keys: Sequence[Key], worst: str | None) -> Case:
     """Return an episode as a case, with why its worst state is not safe."""
     group, name = "viatool.trajectory", f"{episode.index}: {episode.name}"
-    figures, because = _figures(episode), f"; {worst}" if worst else ""
-    if episode.unsafe:
-        first = f"{counted(episode.unsafe, 'unsafe state')}, the first is state {episode.first_unsafe}"
-        return Case(group, name, "failure", f"{first}{because}", figures)
-    if episode.unknown:
-        return Case(group, name, "error", f"{counted(episode.unknown, 'unknown state')}{because}", figures)
     if not episode.states:
         return Case(group, name, "skipped", "no states")
-    return Case(group, name)
+    if not episode.unsafe + episode.unknown:
+        return Case(group, name, figures=_figures(episode), subjects=keys)
+    message = _not_safe_words(episode, "state") + (f"; {worst}" if worst else "")
+    return Case(group, name, "warning", message, _figures(episode), subjects=keys)
+
+
+def _not_safe_words(episode: Episode, what: str) -> str:
+    if not episode.unsafe:
+        return counted(episode.unknown, f"unknown {what}")
+    return f"{counted(episode.unsafe, f'unsafe {what}')}, the first is {what} {episode.first_unsafe}"
