@@ -21,7 +21,8 @@ def test_an_untouched_folder_is_confirmed_state_by_state(whole: Path) -> None:
     decided = np.isin(table["verdict"], ["safe", "unsafe"])
     assert found.verdicts == decided.sum() > (table["verdict"] == "unsafe").sum() > 0
     assert found.digest == hashlib.sha256((whole / "manifest.json").read_bytes()).hexdigest()
-    assert any("every command of the network" in line for line in found.not_rechecked)
+    for open_question in ("every command of the network", "what sensors read at their poses", "in words"):
+        assert any(open_question in line for line in found.not_rechecked)
 
 
 def _table(folder: Path, change: Callable[[dict[str, np.ndarray]], None]) -> None:
@@ -54,6 +55,30 @@ def _call_contested_settled(table: dict[str, np.ndarray]) -> None:
 
 def _call_dangerous_fine(table: dict[str, np.ndarray]) -> None:
     table["danger"] |= table["verdict"] == "safe"
+
+
+def _narrow_boxes(table: dict[str, np.ndarray]) -> None:
+    for end in ("observation_lower", "observation_upper"):
+        table[end] = table["observation"].copy()
+
+
+def _narrow_all(table: dict[str, np.ndarray]) -> None:
+    _narrow_boxes(table)
+    table["eps"] = np.zeros_like(table["eps"])
+
+
+def _state_more_eps(folder: Path) -> None:
+    edited(folder / "report.json", lambda content: content.__setitem__("eps", 0.05))
+
+
+def _state_more_eps_everywhere(folder: Path) -> None:
+    def change(report: dict) -> None:
+        report["eps"] = 0.05
+        for one in report["premises"]:
+            if one["name"].startswith("eps of "):
+                one["value"] = one["value"].replace("0.01", "0.05")
+
+    edited(folder / "report.json", change)
 
 
 def _byte(name: str) -> Callable[[Path], None]:
@@ -104,6 +129,11 @@ TAMPERED = {
     ),
     "the commands of a safe state": (lambda f: _table(f, _widen_commands), "that are safe at 0.4 m"),
     "narrower commands": (lambda f: _table(f, _narrow_commands), "outside its commands"),
+    "boxes of observations": (lambda f: _table(f, _narrow_boxes), "boxes of observations narrower than eps"),
+    "boxes and eps": (lambda f: _table(f, _narrow_all), "is 0, report.json says 0.01"),
+    "the eps": (_state_more_eps, "is 0.05, and took effect as 0.01"),
+    "the eps, wherever it stands": (_state_more_eps_everywhere, "is 0.01, report.json says 0.05"),
+    "the channels": (_set("setting.json", "channels", to=[]), "its channels are not the entries"),
     "what is contested": (lambda f: _table(f, _call_contested_settled), "contested_rate is"),
     "what is dangerous": (lambda f: _table(f, _call_dangerous_fine), "danger_rate is"),
     "a column": (lambda f: _table(f, lambda t: t.pop("contested")), "sums: could not be rechecked"),

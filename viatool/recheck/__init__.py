@@ -12,6 +12,7 @@ from pathlib import Path
 from viatool.recheck.evidence import REQUIRED, StoredEvidence
 from viatool.recheck.files import check_claims, check_files, check_inputs
 from viatool.recheck.geometry import check_geometry
+from viatool.recheck.observations import check_observations
 from viatool.recheck.outcome import Outcome, UnreadableFolder
 from viatool.recheck.runs import check_network, check_witnesses
 from viatool.recheck.sums import check_sums
@@ -22,6 +23,7 @@ _STEPS: tuple[Callable[[StoredEvidence, Outcome], None], ...] = (
     check_inputs,
     check_claims,
     check_sums,
+    check_observations,
     check_witnesses,
     check_network,
     check_geometry,

@@ -117,6 +117,9 @@ def check_claims(evidence: StoredEvidence, found: Outcome) -> None:
     same = rules["criterion"] == evidence.report["criterion"]
     found.expect(same, "setting.json: its criterion is not that of report.json")
     _check_premises(evidence, found)
+    found.not_rechecked.append(
+        "that index.html, and claims and assumptions in words, say what the figures do"
+    )
     if len(found.contradicted) == before:
         found.confirmed.append(f"{len(claims)} claims have the figures of the report")
 

@@ -37,6 +37,14 @@ def describe_setting(
         "pose_radii": setting.pose_radii.tolist(),
         "moving": setting.moves,
         "is_box": is_box(setting),
+        "channels": [
+            {
+                "name": channel.name,
+                "columns": setting.inputs.columns(channel.name).tolist(),
+                "encoded": bool(channel.encoding),
+            }
+            for channel in setting.inputs.channels
+        ],
         "model": model,
         "commands": commands,
         "commands_are": reason,
