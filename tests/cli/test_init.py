@@ -207,6 +207,25 @@ def test_nothing_is_overwritten_without_force(folder: Path) -> None:
     assert "policies" in (folder / "viatool.toml").read_text(encoding="utf-8")
 
 
+def test_a_map_that_is_called_as_the_new_one_stays(folder: Path) -> None:
+    mine = "{image: floor.png, resolution: 0.05, origin: [0, 0, 0], negate: 0, occupied_thresh: 0.65, free_thresh: 0.1}"
+    (folder / "site.yaml").write_text(mine, encoding="utf-8")
+    made = run(
+        "init", "--policy", "model.zip", "--scan", "scan.yaml", "--map", "site.yaml", "--yes", "--force"
+    )
+    assert made.exit_code == 0
+    assert (folder / "site.yaml").read_text(encoding="utf-8") == mine
+    assert load_map(folder / "robot-site.yaml").obstacles.grid is not None
+    assert run("run", "--list").output == "drive/model/robot-site\n"
+
+
+def test_where_nobody_answers_it_says_what_to_give(folder: Path) -> None:
+    silent = run("init", "--policy", "model.zip", "--map", "floor.png", "--resolution", 0.05)
+    assert silent.exit_code == 2
+    assert "nobody answers 'LaserScan message or bag (empty: none)'" in silent.output
+    assert "--yes" in silent.output
+
+
 def test_commands_beyond_the_robot_are_clipped_and_said(folder: Path) -> None:
     slow = NAV2.replace("max_vel_x: 0.5", "max_vel_x: 0.3")
     (folder / "nav2_params.yaml").write_text(slow, encoding="utf-8")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -86,3 +87,15 @@ def test_an_environment_tells_limits_and_pace() -> None:
     assert (found.commands, found.interval) == (((0.0, 0.25), (-0.5, 0.5)), 0.2)
     with pytest.raises(ConfigurationError, match="cannot be made"):
         load_environment("Nobody-v0")
+
+
+def test_an_environment_of_a_module_that_stands_here_is_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lines = "import gymnasium\n", "from tests.projects.test_robot_files import Paced\n"
+    (tmp_path / "module_here.py").write_text(
+        "".join(lines) + "gymnasium.register('Here-v0', entry_point=Paced)\n", encoding="utf-8"
+    )
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.path", [path for path in sys.path if path])
+    assert load_environment("module_here:Here-v0").interval == 0.2

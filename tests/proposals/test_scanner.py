@@ -65,6 +65,18 @@ def test_a_size_that_nobody_knows_is_told_by_the_scan() -> None:
     assert any("60 = 57 readings + 3" in guess.what for guess in found.guesses)
 
 
+def test_a_scan_leaves_no_guess_about_another_layout_of_the_same_size() -> None:
+    found = with_scanner(
+        proposed(26), Scanner(-math.pi, math.tau / 24, 24, 0.1, 3.5)
+    )  # VIA's has 26 numbers, too
+    assert [channel["kind"] for channel in found.observation] == ["lidar", "goal_distance", "goal_bearing"]
+    told = found.to_yaml().split("schema_version")[0]
+    assert "26 = 24 readings + 2" in told
+    assert not any(word in told for word in ("20 bins", "budget", "VIA"))
+    said = with_kinds(proposed(26), ["lidar", "goal_x", "goal_y"], [])
+    assert not any("budget" in guess.what or "20 bins" in guess.what for guess in said.guesses)
+
+
 def test_limits_of_the_observation_tell_shares_from_metres() -> None:
     scanner = Scanner(-1.5, 0.08, 36, 0.1, 4.0)
     shares = with_scanner(proposed(38, ranges=((0.0, 1.0),) * 38), scanner)

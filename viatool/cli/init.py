@@ -164,11 +164,11 @@ class _Asker:
         """Return a path that has to be there."""
         if given is None and self.quiet:
             raise click.UsageError(f"Missing option '{option}', which --yes cannot guess.")
-        return given or Path(click.prompt(text))
+        return given or Path(_answer(text))
 
     def optional(self, given: Path | None, text: str) -> Path | None:
         """Return a path, or none."""
-        found = given or ("" if self.quiet else click.prompt(text, default="", show_default=False))
+        found = given or ("" if self.quiet else _answer(text, default="", show_default=False))
         return Path(found) if found else None
 
     def number(self, given: float | None, text: str, default: float) -> float | None:
@@ -176,16 +176,28 @@ class _Asker:
         if given is not None or self.quiet:
             return given
         unit = options.QuantityType("number")
-        answer: float = click.prompt(text, default=default, type=unit)
+        answer: float = _answer(text, default=default, type=unit)
         return answer
 
     def words(self, given: str | None, text: str, proposed: list[str]) -> tuple[str, ...]:
         """Return words; none where those that are proposed are right."""
         if given is None and not self.quiet:
-            given = click.prompt(text, default=",".join(proposed))
+            given = _answer(text, default=",".join(proposed))
         found = tuple(word.strip() for word in (given or "").split(",") if word.strip())
         return () if found == tuple(proposed) else found
 
     def text(self, text: str, default: str) -> str:
         """Return a text."""
-        return default if self.quiet else str(click.prompt(text, default=default))
+        return default if self.quiet else str(_answer(text, default=default))
+
+
+def _answer(text: str, **more: Any) -> Any:
+    """Return what is answered; nobody may be there to do so."""
+    try:
+        return click.prompt(text, **more)
+    except click.Abort as error:
+        if isinstance(error.__context__, EOFError):
+            raise click.UsageError(
+                f"nobody answers '{text}': give it as an option, or --yes to take what is proposed."
+            ) from error
+        raise

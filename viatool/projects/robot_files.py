@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -212,6 +213,8 @@ def load_environment(name: str) -> RobotFacts:
     """
     import gymnasium
 
+    if "" not in sys.path:
+        sys.path.append("")  # a module beside the user's files is found, as python -m finds it
     try:
         environment = gymnasium.make(name)
     except Exception as error:  # whatever the user's own code raises

@@ -122,10 +122,17 @@ def site_of(
     else:
         start, goal = answers.course
         content["scenarios"] = [{"name": "first", "start": list(start), "goal": list(goal)}]
-    files[SITE] = _yaml(content, "The map with the robot that drives there; see docs/own-map.md.")
+    name = _name(path, folder)
+    files[name] = _yaml(content, "The map with the robot that drives there; see docs/own-map.md.")
     told = outline or answers.clearance is not None
-    guess = f"the robot is a point that keeps {clearance:g} m (its footprint: --nav2, or 'robot' in {SITE})"
-    return Site(SITE, files, bool(body), () if told else (guess,))
+    guess = f"the robot is a point that keeps {clearance:g} m (its footprint: --nav2, or 'robot' in {name})"
+    return Site(name, files, bool(body), () if told else (guess,))
+
+
+def _name(given: Path, folder: Path) -> str:
+    """Return what the new map is called: not as the one that it is made of, in whose place it would be written."""
+    taken = given.resolve() == (folder / SITE).resolve()
+    return f"robot-{SITE}" if taken else SITE
 
 
 def _map_server(image: Path, folder: Path, answers: Preferences, files: dict[str, bytes]) -> str:

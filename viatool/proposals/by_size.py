@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from viatool.proposals.layout import Channel, command, size_of
+from viatool.proposals.layout import Channel, Layout, command, size_of
 from viatool.proposals.projects import known_layout
 from viatool.proposals.proposal import FILL_IN, Guess, PolicyFacts, Proposal
 from viatool.proposals.rays import rays_and_tail
@@ -75,8 +75,14 @@ def _of_a_project(facts: PolicyFacts) -> Proposal | None:
         layout.observation,
         action,
         f"its sizes, {facts.inputs} numbers in and {facts.outputs} out, which are those of {layout.project}",
-        (Guess(f"it is a policy of {layout.project}", "where it was trained"), *layout.guesses, *guesses),
+        (*_of_its_meaning(layout), *guesses),
     )
+
+
+def _of_its_meaning(layout: Layout) -> tuple[Guess, ...]:
+    """Return what has to be true for an observation to be that of a project."""
+    told = (Guess(f"it is a policy of {layout.project}", "where it was trained"), *layout.guesses)
+    return tuple(replace(guess, meaning=True) for guess in told)
 
 
 def _within(action: Channel, limits: tuple[float, float]) -> Channel:
@@ -103,6 +109,7 @@ def _stacked(proposal: Proposal, count: int, facts: PolicyFacts) -> Proposal:
     stack = Guess(
         f"{facts.inputs} = {count} x {facts.inputs // count}: {count} whole observations, oldest first, one step apart",
         "the frame stack: `frames`, its `stride` and `order`",
+        meaning=True,
     )
     more = {**facts.names, "frames": {"count": count, "order": "oldest_first"}}
     return replace(
@@ -124,6 +131,7 @@ def _nothing_known(size: int) -> Guess:
     return Guess(
         f"no observation that is known has {size} numbers: channels of kind other stand for them",
         "split them into channels whose sizes add up to it, each of a kind: " + ", ".join(kinds()),
+        meaning=True,
     )
 
 

@@ -76,10 +76,13 @@ class Guess:
         Was assumed.
     check : str
         Where to look.
+    meaning : bool
+        Whether it is about what the numbers of the observation are; then it goes with them, where somebody says better.
     """
 
     what: str
     check: str
+    meaning: bool = False
 
     def __str__(self) -> str:
         """Return it as one line."""

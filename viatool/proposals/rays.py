@@ -69,6 +69,7 @@ def rays_and_tail(inputs: int) -> tuple[list[Channel], tuple[Guess, ...]] | None
                 Guess(
                     f"{inputs} = {times}{rays} rays + {len(rest)}: first the LiDAR, then {names}",
                     "where the observation is put together; the order and each channel's `scale`, `offset`, `clip`",
+                    meaning=True,
                 ),
                 Guess(f"the {rays} rays are {words}", "angle_min, angle_increment, range_max of the scan"),
             )

@@ -137,18 +137,17 @@ def _laid_out(proposal: Proposal, scanner: Scanner, *, exact: bool) -> Proposal:
             guess = Guess(
                 f"{inputs} = {bins} readings + {count}: first the LiDAR, then {names}",
                 "where the observation is put together",
+                meaning=True,
             )
             lidar = {"name": "lidar", "kind": "lidar", "size": bins, "unit": "m", "lidar": {"rays": bins}}
-            kept = tuple(g for g in proposal.guesses if not _is_about_observations(g))
-            return replace(proposal, observation=[lidar, *rest], guesses=(guess, *kept), more=more)
+            return replace(
+                proposal,
+                observation=[lidar, *rest],
+                source=f"its sizes, {inputs} numbers in",
+                guesses=(guess, *(other for other in proposal.guesses if not other.meaning)),
+                more=more,
+            )
     return proposal
-
-
-def _is_about_observations(guess: Guess) -> bool:
-    """Tell whether a guess is of what the observation is made of, which somebody says better."""
-    return guess.what.startswith(("no observation", "it is a policy")) or guess.check.startswith(
-        ("where the observation is put together", "the frame stack")
-    )
 
 
 def with_kinds(proposal: Proposal, names: Sequence[str], outputs: Sequence[str]) -> Proposal:
@@ -186,7 +185,7 @@ def with_kinds(proposal: Proposal, names: Sequence[str], outputs: Sequence[str])
     kept = tuple(
         guess
         for guess in proposal.guesses
-        if not (names and _is_about_observations(guess))
+        if not (names and guess.meaning)
         and not (outputs and guess.what.startswith(("the outputs command", "each action")))
     )
     return replace(proposal, observation=channels, action=actions, guesses=kept)
