@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import io
 import json
 
 import pytest
 from click.testing import CliRunner
+from rich.console import Console
 
 import viatool
 from tests.report.conftest import content, rates
 from viatool.cli import main
 from viatool.errors import ConfigurationError
+from viatool.report import print_report
 from viatool.report.outputs import FORMATS, format_named
 from viatool.report.states.document import StatesDocument
 from viatool.report.states.run import StatesRun
@@ -80,6 +83,16 @@ def test_every_format_for_people_and_dashboards_begins_with_it(result, name) -> 
     assert document.stake in text
     if name in ("markdown", "github"):
         assert document.stake in text.splitlines()[0]
+
+
+def test_a_pipe_gets_each_line_of_the_headline_whole() -> None:
+    stream = io.StringIO()
+    changes = {"contested_rate": rates(5, 8), "policy": {"path": "a/long/path/" * 12, "sha256": "0" * 64}}
+    report = StatesDocument({**content(97, 1, 2), **changes})
+    print_report(report, Console(file=stream, width=60))
+    first, second, *_ = stream.getvalue().splitlines()
+    assert first == report.stake
+    assert second.startswith("a/long/path/" * 12)
 
 
 def test_the_console_begins_with_it_and_the_gate_counts_it(tmp_path) -> None:

@@ -39,8 +39,11 @@ def print_report(document: Document, console: Console, checks: Sequence[Check] =
     checks : sequence of Check
         The decided conditions of a gate, shown last.
     """
+    console.print(
+        _headline(document), soft_wrap=not console.is_terminal
+    )  # each line whole, for grep and head -1
+    console.print()
     parts = [
-        _headline(document),
         *map(_section, document.sections),
         _titled("Time", Text(describe_seconds(document, " · "))),
         *_premises(document),

@@ -262,7 +262,9 @@ class StatesDocument(Verified, Explained):
             return super().nothing(rate)
         record = self.record.close
         return "no close places" + (
-            f": {record.reason}" if record is not None and record.reason else " were examined"
+            f": {record.reason}"
+            if record is not None and record.reason
+            else " were examined (--close N asks for them)"
         )
 
     def counted(self, name: str) -> Iterator[Finding]:
