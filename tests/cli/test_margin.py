@@ -206,6 +206,19 @@ def test_stored_margins_are_shown_in_other_formats_and_compared(folder: Path, tm
     assert (done.exit_code, "run viatool margin again with --output states:PATH" in done.output) == (2, True)
 
 
+def test_a_baseline_counts_the_states_that_fail_without_an_error(folder: Path, tmp_path: Path) -> None:
+    paths = []
+    for bare in (1, 3):
+        content = json.loads((folder / "report.json").read_text())
+        for state in content["margins"][0]["contested_states"][:bare]:
+            state["certified"] = None
+        paths.append(tmp_path / f"{bare}.json")
+        paths[-1].write_text(json.dumps(content))
+    done = command("gate", paths[1], "--baseline", paths[0])
+    assert (done.exit_code, "share proved at an error of 0" in done.output) == (1, True)
+    assert command("gate", paths[0], "--baseline", paths[1], "-q").exit_code == 0
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [

@@ -182,6 +182,7 @@ def test_options_of_the_command_line_win(folder: Path, write: Callable[..., None
     write(GATED)
     assert run("--max-unsafe", "1", "--eps=0.005").exit_code == 0
     (cell,) = summary(folder)["cells"]
+    assert "the policy" in cell["stake"]
     assert "--max-unsafe=1" in cell["command"]
     assert "--eps=0.005" in cell["command"]
     result = run("--max-unsaf", "1")

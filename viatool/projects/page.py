@@ -76,7 +76,7 @@ def _entry(record: CellRecord) -> str:
     notes = [*([f"{accepted} accepted"] if accepted else []), *(["kept"] if record.reused else [])]
     notes += [] if record.run or record.code is None else ["from an earlier run"]
     text = f"{inert(label_of(record))}: <b>{inert(record.outcome)}</b>"
-    small = "; ".join([*([inert(record.headline)] if record.headline else []), *notes])
+    small = "; ".join([*map(inert, filter(None, (record.stake, record.headline))), *notes])
     small = f"<small>{small}</small>" if small else ""
     return f'<a class="cell {tone_of(record)}" href="#{inert(_anchor(record))}">{text}{small}</a>'
 
@@ -107,6 +107,7 @@ def _cell(record: CellRecord) -> str:
     )
     parts: Iterable[str] = (
         f'<h3 id="{inert(_anchor(record))}">{inert(record.name)}: {inert(record.outcome)}</h3>',
+        f"<p>{inert(record.stake)}</p>" if record.stake else "",
         f"<p>{inert(record.headline)} {f'({inert(record.figures)})' if record.figures else ''}</p>",
         f'<table class="plain"><tbody>{conditions}</tbody></table>' if conditions else "",
         f"<pre>{escape(record.message)}</pre>" if record.message else "",

@@ -57,6 +57,7 @@ class CellRecord(_Record):
     command: list[str] = Field(default=[], description="the words that run the cell by itself")
     code: int | None = Field(default=None, description="its exit code; null if it was not run yet")
     outcome: str = NOT_RUN
+    stake: str = Field(default="", description="in how many states the policy was put to the test")
     headline: str = ""
     figures: str = ""
     conditions: list[ConditionRecord] = []

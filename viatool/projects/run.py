@@ -158,7 +158,10 @@ def run_cells(
         for number, record in enumerate(done, len(kept) + 1):
             records[record.name] = record
             progress(
-                "cells", number, len(asked), f"{record.name}: {record.outcome}  {record.headline}".rstrip()
+                "cells",
+                number,
+                len(asked),
+                f"{record.name}: {record.outcome}  {record.stake or record.headline}".rstrip(),
             )
         results.close()
         summary = ProjectSummary(
@@ -260,6 +263,7 @@ class _Run:
             update={
                 "code": code,
                 "outcome": outcome_of(code, conditions),
+                "stake": verdict.get("stake", ""),
                 "headline": verdict.get("headline", ""),
                 "figures": verdict.get("figures", ""),
                 "conditions": conditions,

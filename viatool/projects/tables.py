@@ -69,7 +69,8 @@ def print_summary(summary: ProjectSummary, page: Path, console: Console) -> None
 def _entry(record: CellRecord) -> Text:
     text = Text(f"{label_of(record)}: ")
     text.append(record.outcome, style=STYLE.get(tone_of(record), "dim"))
-    figure = record.headline.split("%")[0] + "%" if "%" in record.headline else ""
+    told = "%" in record.headline and record.code in (0, 1)  # else it is not what the outcome is about
+    figure = record.headline.split("%")[0] + "%" if told else ""
     text.append(f" {figure}" if figure else "")
     accepted = sum(one.passed for one in record.accepted)
     text.append(f", {accepted} accepted" if accepted else "")

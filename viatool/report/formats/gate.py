@@ -17,6 +17,7 @@ LIBRARIES = ()
 def render(document: Document, checks: Sequence[Check], suffix: str) -> str:
     """Return what was found in a line, and the conditions with what decided them."""
     content = {
+        "stake": document.headline.stake,
         "headline": str(document.headline),
         "figures": document.headline.figures,
         "conditions": [_condition(check) for check in checks],

@@ -221,7 +221,7 @@ class MarginsDocument(Verified, Cased, Annotated, Located, Tabled, Drawn, Explor
         ]
 
     def new_failures(self, baseline: Document) -> Sequence[Check]:
-        """Decide whether the weakest state still survives what the weakest one did."""
+        """Decide whether the weakest state survives what the weakest one did, and no more fail without an error."""
         if not isinstance(baseline, MarginsDocument):
             return ()
         old, new = (document.survived.get("margin", ()) for document in (baseline, self))
@@ -230,7 +230,9 @@ class MarginsDocument(Verified, Cased, Annotated, Located, Tabled, Drawn, Explor
         before, now = (-1.0 if found[0].error is None else found[0].error for found in (old, new))
         figures = f"{certified(new[0].error)} ({new[0].name}), was {certified(old[0].error)}"
         failing = tuple(one.finding for one in new if (-1.0 if one.error is None else one.error) < before)
-        return [Check("least margin not below the baseline", now >= before, figures, failing=failing)]
+        least = Check("least margin not below the baseline", now >= before, figures, failing=failing)
+        was, held = (Share(sum(one.error is not None for one in found), len(found)) for found in (old, new))
+        return [least, _not_below(was, held, tuple(one.finding for one in new if one.error is None))]
 
     def cases(self) -> Sequence[Case]:
         """Return every contested state; whether its margin is enough only a gate says."""
@@ -334,3 +336,11 @@ def _errors(what: str, errors: Sequence[float | None]) -> list[Tally]:
         for name, found in some.items()
         if found
     ] or [Tally(f"{name} error {what}", 0, MISSING) for name in some]
+
+
+def _not_below(was: Share, held: Share, bare: tuple[Finding, ...]) -> Check:
+    """Decide whether as large a share of the contested states is proved at an error of 0 as before."""
+    passed = held.part * was.total >= was.part * held.total
+    figures = f"{held.percentage(4)} ({held.of()}), was {was.percentage(4)}"
+    failing = () if passed else bare
+    return Check("share proved at an error of 0 not below the baseline", passed, figures, failing=failing)
