@@ -146,7 +146,7 @@ def test_a_state_that_fails_with_perfect_sensors_says_so(driven: Result) -> None
     worst = reasons(driven)[0]
     assert (worst.cause, worst.without_errors, worst.needs) == ("policy", "unsafe", ())
     assert "fails even with perfect sensors" in worst.brief
-    assert "the policy has to act otherwise" in worst.words
+    assert "The policy has to act otherwise" in worst.words
     session = onnxruntime.InferenceSession(POLICY, providers=["CPUExecutionProvider"])
     seen = driven.observations[worst.state].astype(np.float32)[None]
     command = session.run(None, {session.get_inputs()[0].name: seen})[0][0].astype(np.float64)

@@ -165,7 +165,7 @@ class Reason:
         each = zip(self.actions, self.gap.tolist(), strict=True)
         beyond = _listed([f"{_short(gap)} {unit}".rstrip() for (_, unit), gap in each])
         return (
-            f"{bounds}; found attained was {_ends(self.actions, self.attained)}, so that the bounds reach "
+            f"{bounds}; what was attained is {_ends(self.actions, self.attained)}, so that the bounds reach "
             f"{beyond} beyond that"
         )
 
@@ -198,9 +198,9 @@ class Reason:
                 stands = f"It stands {_metres(self.standing)} from something"
                 return [f"{stands}, so that no command helps: what led there has to change"]
             case "policy":
-                return [
-                    "What was observed, taken as exact, makes it fail: the policy has to act otherwise here"
-                ]
+                change, known = "the policy has to act otherwise here", self.without_errors == "unsafe"
+                exact = f"What was observed, taken as exact, makes it fail: {change}"
+                return [change.capitalize() if known else exact]
             case "unobserved":
                 return ["Record the commands before the state: without them nothing is proved"]
             case "bounds" if self.refined:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from viatool.report.numbers import count
+from viatool.report.numbers import count, counted
 from viatool.setting.rules import Rules
 
 
@@ -79,8 +79,8 @@ _TEXTS: dict[str, Any] = {
         f"The verdict depended on the policy in {count(v['contested'])} of {count(v['states'])} states."
     ),
     "verdicts.unsafe": lambda v, r: (
-        f"{count(v)} states have a counterexample: a sensor error within the bounds after which the deployed program "
-        "comes too near."
+        f"{counted(v, 'state has', 'states have')} a counterexample: "
+        "a sensor error within the bounds after which the deployed program comes too near."
     ),
     "verdicts.unknown": lambda v, r: (
         f"Of {count(v)} states nothing is claimed." if v else "Every state is safe or has a counterexample."
