@@ -80,8 +80,10 @@ def fan_of(shapes: Shapes, lidar: Lidar) -> PackedFan | None:
 
 
 @lru_cache(maxsize=32)
-def _packed_once(shapes: Shapes, lidar: Lidar) -> PackedFan:
-    return PackedFan.of(shapes, lidar)
+def _packed_once(shapes: Shapes, lidar: Lidar) -> PackedFan | None:
+    """Pack them once; what is nowhere is left to numpy, whose bounds are then NaN, as C's comparisons pass it by."""
+    fan = PackedFan.of(shapes, lidar)
+    return fan if all(np.isfinite(part).all() for part in fan.kept) else None
 
 
 def scan(fan: PackedFan, boxes: PoseBoxes, slack: float, windows: Windows | None) -> tuple[Forms, Booleans]:
