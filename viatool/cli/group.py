@@ -13,6 +13,7 @@ from typing import Any, NoReturn
 import click
 
 from viatool.cli.failures import compose, explain
+from viatool.cli.started import begin
 from viatool.errors import PolicyWarning
 
 COMMANDS = (
@@ -86,6 +87,7 @@ class CommandGroup(click.Group):
         *rest, **extra
             As for `click.Group.main`; ``standalone_mode`` is always off.
         """
+        begin()
         extra["standalone_mode"] = False
         extra.setdefault("prog_name", "viatool")
         _accept_any_text()

@@ -1,21 +1,18 @@
-"""How long this process has been running, what Python itself needs to start included where that is known."""
+"""How long a command has been running, the loading of viatool included where it was loaded for this command."""
 
 from __future__ import annotations
 
-import os
 import time
-from pathlib import Path
 
-_IMPORTED = time.perf_counter()
-_STAT = Path("/proc/self/stat")
+_begun: list[float] = [time.perf_counter()]
+"""When viatool was loaded, then when each command began that the same process ran."""
+
+
+def begin() -> None:
+    """Say that a command begins; the first one began when viatool was loaded."""
+    _begun.append(_begun[0] if len(_begun) == 1 else time.perf_counter())
 
 
 def seconds_since_start() -> float:
-    """Return the seconds since the process was started, by Linux's clock; elsewhere since viatool was."""
-    since_import = time.perf_counter() - _IMPORTED
-    try:
-        ticks = int(_STAT.read_text().rpartition(")")[2].split()[19])
-        running = time.clock_gettime(time.CLOCK_BOOTTIME) - ticks / os.sysconf("SC_CLK_TCK")
-    except (OSError, ValueError, IndexError, AttributeError):
-        return since_import
-    return max(running, since_import)
+    """Return the seconds since the command began."""
+    return time.perf_counter() - _begun[-1]
