@@ -388,6 +388,12 @@ def stated_errors(given: Mapping[str, Any]) -> ErrorModel:
     return model if given["pose_error"] is None else model.with_pose_error(*given["pose_error"])
 
 
+BOUNDS = ("order", "approximation", "refine", "arithmetic")
+"""What `bounds_options` give."""
+CLEARANCES = ("clearance", "danger", "interval", "footprint", "delay", "robot", "prefer")
+"""What `clearance_options` give."""
+
+
 def bounds_options(command: Command) -> Command:
     """Add the options of the reachable set."""
     for option in reversed(

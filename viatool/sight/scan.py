@@ -134,9 +134,10 @@ def has_gaps(shapes: Shapes, lidar: Lidar) -> bool:
 def gaps_of(boxes: PoseBoxes, shapes: Shapes, lidar: Lidar) -> Gaps:
     """Return what bins (C, bins) never read between what they read at some poses and at others."""
     slack, fan = _slack(boxes, shapes, lidar), fan_of(shapes, lidar)
-    found, done = (Gaps.none(0, 0), np.zeros(len(boxes), bool)) if fan is None else gaps(fan, boxes, slack)
-    if done.all():
-        return found
+    if fan is not None:
+        found, done = gaps(fan, boxes, slack)
+        if done.all():
+            return found
     parts = _glimpses(boxes, shapes, lidar, slack)
     return Gaps.between(Glimpses.concatenate(parts), len(boxes), lidar.bins, lidar.maximum_range)
 
