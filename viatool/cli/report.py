@@ -14,21 +14,31 @@ from viatool.cli.reporting import read_outputs, tell
 @click.command(cls=Command)
 @click.argument("report", type=options.READABLE)
 @click.option(
+    "--map",
+    "map_path",
+    type=options.MAP,
+    metavar="FILE",
+    help="The map of a state table, if it is elsewhere now.",
+)
+@click.option(
     "--output",
     "-o",
     multiple=True,
     metavar="FORMAT:PATH",
-    help="Write the report in another format: json or markdown; of a certificate also github; of a simulation and "
-    "of margins also csv, junit, sarif and github; of margins also figure and html. PATH - is stdout. Repeatable.",
+    help="Write the report in another format. Of a state table every format of verify but evidence; of a report in "
+    "JSON json, markdown, html and gate, of missions and margins also csv, junit, sarif and github, of margins also "
+    "figure. PATH - is stdout. Repeatable.",
 )
 @options.quiet_option
-def command(report: Path, output: tuple[str, ...], quiet: bool) -> None:
-    """Show REPORT, a report in JSON that verify, certify, mission, margin or simulate wrote.
+def command(report: Path, map_path: Path | None, output: tuple[str, ...], quiet: bool) -> None:
+    """Show REPORT, a stored report, or write it in other formats.
 
-    Formats that need more than the JSON holds are written by the command that wrote the report.
+    REPORT is one in JSON that verify, certify, mission, margin, simulate or doctor wrote, or a state table (npz) of
+    verify, from which pages, pictures and everything else that verify writes can be made. Arrays of cells, tubes and
+    margins (npz) hold their report as well.
     """
-    from viatool.report import load_document
+    from viatool.report import load_shown
 
-    document = load_document(report)
+    document = load_shown(report, map_path)
     outputs = read_outputs(output, type(document))
     tell(document, outputs, (), quiet=quiet)

@@ -60,8 +60,8 @@ if TYPE_CHECKING:
     multiple=True,
     metavar="FORMAT:PATH",
     help="Write a report: json, figure (png, svg, pdf), trajectory (npz, csv; for verify --trajectory), csv (a row for "
-    "each episode), markdown, junit, sarif or github; PATH - is stdout, and a path alone that ends in .npz or .csv is "
-    "a trajectory. Repeatable.",
+    "each episode), html, markdown, junit, sarif or github; PATH - is stdout, and a path alone that ends in .npz or "
+    ".csv is a trajectory. Repeatable.",
 )
 @click.option(
     "--record",

@@ -8,7 +8,7 @@ from viatool.report.comparison import print_comparison
 from viatool.report.console import print_checks, print_explanation, print_failing, print_report
 from viatool.report.document import Document
 from viatool.report.gate import Gate, Threshold, evaluate, parse_threshold
-from viatool.report.kinds import KINDS, load_document
+from viatool.report.kinds import KINDS, load_document, load_shown
 from viatool.report.outputs import (
     FORMATS,
     STDOUT,
@@ -40,6 +40,7 @@ __all__ = [
     "formats_of",
     "load_accepted",
     "load_document",
+    "load_shown",
     "parse_bounds_output",
     "parse_output",
     "parse_threshold",

@@ -62,6 +62,8 @@ class Document(ABC):
     RATES: ClassVar[Mapping[str, str]]
     """What a gate may ask of it: names of rates and what they are the rates of; ``overall`` needs no name."""
 
+    PLAIN: ClassVar[str] = ""
+    """What a page of the stored JSON says that it lacks."""
     INDEPENDENT: ClassVar[bool] = False
     """Whether subjects are drawn independently of each other, so that chance makes intervals of their rates."""
     RADII: ClassVar[Mapping[str, str]] = {}
@@ -310,6 +312,10 @@ class StateTabled(Document):
     @abstractmethod
     def state_tables(self) -> Mapping[str, StateTable]:
         """Return the tables by what stands before the names of their arrays."""
+
+    def kept_beside(self) -> Mapping[str, NDArray[Any]]:
+        """Return what else an archive has to hold so that every format can be made of it; {} if there is no way."""
+        return {}
 
 
 class CellTabled(Document):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from viatool.errors import ConfigurationError
 from viatool.report.files import as_bytes, check_folder, check_writable, write_folder, write_whole
-from viatool.report.kinds import KINDS, live_of
+from viatool.report.kinds import KINDS, STORED, live_of
 
 if TYPE_CHECKING:
     from viatool.report.document import Document
@@ -114,9 +114,13 @@ def _unsupported(name: str, kind: type[Document]) -> ConfigurationError:
     supported = ", ".join(formats_of(kind))
     live = live_of(kind)
     if live is not kind and issubclass(live, format_named(name).NEEDS):
+        table = ""
+        if kind in STORED and name not in FOLDERS:
+            table = ", or give viatool report the states.npz that --output states wrote"
         return ConfigurationError(
             f"the format '{name}' needs more than the JSON of {kind.WHAT} holds",
-            f"run viatool {kind.COMMAND} again with --output {name}:PATH; of the JSON alone formats are {supported}",
+            f"run viatool {kind.COMMAND} again with --output {name}:PATH{table}; of the JSON alone formats are "
+            f"{supported}",
         )
     writers = [other.COMMAND for other in KINDS if issubclass(live_of(other), format_named(name).NEEDS)]
     by = f": it is written by viatool {' and '.join(writers)}" if writers else ""

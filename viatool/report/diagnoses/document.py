@@ -26,6 +26,7 @@ class DiagnosisDocument(Annotated, Tabled):
     SUBJECTS = "readings"
     EMPTY = "no readings to decide on"
     COMMAND = "doctor"
+    PLAIN = "A report in JSON holds words and figures alone: --output html of viatool doctor shows what was driven."
     RATES: ClassVar[Mapping[str, str]] = {
         "overall": "share of scenarios in which the policy as specified reaches the goal, or of recorded commands that "
         "it gives",

@@ -79,7 +79,7 @@ def evidence_folder(document: StatesRun, checks: Sequence[Check]) -> Mapping[str
         "questions.json": _json([asdict(one) for one in QUESTIONS]),
         "setting.json": _json(setting),
         "report.json": report_json.render(document, checks, ".json"),
-        "states.npz": states.render(document, checks, ".npz"),
+        "states.npz": states.tables(document, checks),
         "witnesses.json": witnesses.render(document, checks, ".json"),
         "scenarios.json": scenarios,
         **_grid(world_map),

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from io import BytesIO
 
-import numpy as np
-
+from viatool.report.archives import npz_of
 from viatool.report.document import CellTabled
 from viatool.report.sections import Check
 
@@ -17,6 +15,4 @@ LIBRARIES = ()
 
 def render(document: CellTabled, checks: Sequence[Check], suffix: str) -> bytes:
     """Return the table of cells: their bounds, their status, and the counterexamples."""
-    buffer = BytesIO()
-    np.savez_compressed(buffer, **document.cell_table())  # type: ignore[arg-type]  # names of arrays, no options
-    return buffer.getvalue()
+    return npz_of(document, document.cell_table())

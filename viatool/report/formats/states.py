@@ -11,6 +11,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
+from viatool.report.archives import BESIDE, report_beside
 from viatool.report.document import StateTable, StateTabled
 from viatool.report.sections import Check
 
@@ -22,15 +23,27 @@ _FAST = 1  # level of compression: nearly as small as the usual 6, and several t
 
 
 def render(document: StateTabled, checks: Sequence[Check], suffix: str) -> Iterator[bytes]:
-    """Yield the tables of states as one npz archive, some rows at a time.
+    """Yield the tables of states as one npz archive, some rows at a time, with the report that they belong to.
 
     With a gate, ``conditions`` (C,) are those that do not hold, and ``fails`` (N, C) tells which states each counts.
     """
+    kept = {f"{BESIDE}{name}": array for name, array in document.kept_beside().items()}
+    return tables(document, checks, {**report_beside(document), **kept})
+
+
+def tables(
+    document: StateTabled, checks: Sequence[Check], beside: Mapping[str, NDArray[Any]] | None = None
+) -> Iterator[bytes]:
+    """Yield the tables of states as one npz archive, some rows at a time, with other arrays beside them."""
     outlet = _Outlet()
     with ZipFile(outlet, "w", ZIP_DEFLATED, compresslevel=_FAST) as archive:
         for prefix, table in document.state_tables().items():
             for _ in _written(archive, prefix, _judged(table, checks) if checks else table):
                 yield outlet.take()
+        for name, array in (beside or {}).items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                npy.write_array(member, np.ascontiguousarray(array), allow_pickle=False)
+            yield outlet.take()
     yield outlet.take()
 
 

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from io import BytesIO
 
-import numpy as np
-
+from viatool.report.archives import npz_of
 from viatool.report.document import TubeTabled
 from viatool.report.sections import Check
 
@@ -17,6 +15,4 @@ LIBRARIES = ()
 
 def render(document: TubeTabled, checks: Sequence[Check], suffix: str) -> bytes:
     """Return the parts of all tubes: scenario, interval, and ends of x, y, theta and the command."""
-    buffer = BytesIO()
-    np.savez_compressed(buffer, **document.tube_table())  # type: ignore[arg-type]  # names of arrays, no options
-    return buffer.getvalue()
+    return npz_of(document, document.tube_table())

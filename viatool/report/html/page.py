@@ -23,7 +23,7 @@ from viatool.verification.beside import together
 
 if TYPE_CHECKING:
     from viatool.arrays import Indices
-    from viatool.report.states.run import StatesRun
+    from viatool.report.states.run import StatesShown
     from viatool.verification.result import Result
 
 SCRIPTS = (
@@ -41,12 +41,12 @@ MOST_EPISODES = 500  # rows of the table of episodes
 MOST_CLOSE = 2_000  # close places that a page holds
 
 
-def render_page(document: StatesRun, checks: Sequence[Check], most: int | None = None) -> str:
+def render_page(document: StatesShown, checks: Sequence[Check], most: int | None = None) -> str:
     """Return the page of a result.
 
     Parameters
     ----------
-    document : StatesRun
+    document : StatesShown
         What was found.
     checks : sequence of Check
         The decided conditions of the gate.

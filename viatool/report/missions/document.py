@@ -48,6 +48,7 @@ class MissionsDocument(Verified, Explained, Cased, Annotated, Located, Tabled):
     SUBJECTS = "missions"
     EMPTY = "no missions to decide on"
     COMMAND = "mission"
+    PLAIN = "A report in JSON holds words and figures alone: --output html of viatool mission plays tubes on the map."
     RATES: ClassVar[Mapping[str, str]] = {
         "overall": "share of missions that are proved",
         "mission": "share of missions that are proved",

@@ -55,6 +55,9 @@ class PlacesDocument(Verified, Annotated, Explained):
     SUBJECTS = "roots"
     EMPTY = "no volume to decide on"
     COMMAND = "certify"
+    PLAIN = (
+        "A report in JSON holds words and figures alone: --output html of viatool certify shows every place."
+    )
     RATES: ClassVar[Mapping[str, str]] = {
         "contested": "certified share of the contested volume",
         "overall": "safe share of the free volume",

@@ -57,6 +57,10 @@ class StatesDocument(Verified, Explained):
     SUBJECTS = "states"
     EMPTY = "no states to decide on"
     COMMAND = "verify"
+    PLAIN = (
+        "A report in JSON holds words and figures alone; of a state table (--output states:FILE.npz) viatool report "
+        "makes the page with the map and every state."
+    )
     RATES: ClassVar[Mapping[str, str]] = {
         "overall": "safety rate",
         "danger": "danger rate",

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from viatool.report.archives import as_array
 from viatool.report.document import (
     Annotated,
     Cased,
@@ -47,7 +48,7 @@ _BESIDES = {
 COLUMNS = ("state", "episode", "scenario", "outcome", "time", "x", "y", "theta", "verdict")
 
 
-class StatesRun(
+class StatesShown(
     StatesDocument,
     Cased,
     Annotated,
@@ -58,19 +59,16 @@ class StatesRun(
     Replayable,
     Playable,
     StateTabled,
-    Evidenced,
 ):
-    """The report of a result.
+    """The report of states that are at hand, one by one: of a live result, or of a stored one.
 
-    Parameters
+    Attributes
     ----------
     result : Result
         What was found.
-    margins : Margins, optional
-        Those of its contested states, if they were asked for.
-    files : mapping, optional
-        What was read besides policy and map, by its role: ``specification``, ``errors``, ``recording``.
     """
+
+    result: Result
 
     FINDING_RULES: ClassVar[Rules] = {
         "unsafe-state": (
@@ -88,13 +86,6 @@ class StatesRun(
         ),
         "counted-state": ("note", "The state is safe by the criterion, and not by what the gate asks for."),
     }
-
-    def __init__(
-        self, result: Result, margins: Margins | None = None, files: Mapping[str, Path] | None = None
-    ) -> None:
-        told = {} if margins is None else {"margins": {**margins.part(), "varied": margins.varied.to_json()}}
-        super().__init__({**result.to_json(), **told})
-        self.result, self.files = result, files or {}
 
     def cases(self) -> Sequence[Case]:
         """Return every episode, and the close places beside each."""
@@ -278,12 +269,6 @@ class StatesRun(
 
         return StatesPlayback(self.result).messages()
 
-    def evidence_files(self, checks: Sequence[Check]) -> Mapping[str, Content]:
-        """Return claims, assumptions, inputs, verdicts and counterexamples, and a page about them."""
-        from viatool.report.evidence.folder import evidence_folder
-
-        return evidence_folder(self, checks)
-
     def state_tables(self) -> Mapping[str, StateTable]:
         """Return the arrays of the states, and those of close places."""
         every = {"": self.result, **({} if self.result.close is None else {"close_": self.result.close})}
@@ -293,6 +278,39 @@ class StatesRun(
             )
             for prefix, one in every.items()
         }
+
+
+class StatesRun(StatesShown, Evidenced):
+    """The report of a result.
+
+    Parameters
+    ----------
+    result : Result
+        What was found.
+    margins : Margins, optional
+        Those of its contested states, if they were asked for.
+    files : mapping, optional
+        What was read besides policy and map, by its role: ``specification``, ``errors``, ``recording``.
+    """
+
+    def __init__(
+        self, result: Result, margins: Margins | None = None, files: Mapping[str, Path] | None = None
+    ) -> None:
+        told = {} if margins is None else {"margins": {**margins.part(), "varied": margins.varied.to_json()}}
+        super().__init__({**result.to_json(), **told})
+        self.result, self.files = result, files or {}
+
+    def evidence_files(self, checks: Sequence[Check]) -> Mapping[str, Content]:
+        """Return claims, assumptions, inputs, verdicts and counterexamples, and a page about them."""
+        from viatool.report.evidence.folder import evidence_folder
+
+        return evidence_folder(self, checks)
+
+    def kept_beside(self) -> Mapping[str, NDArray[Any]]:
+        """Return what was asked, and what the tables lack of the result."""
+        from viatool.verification.stored import asked_of, stored_arrays
+
+        return {"asked": as_array(asked_of(self.result)), **stored_arrays(self.result)}
 
 
 def _not_safe(result: Result) -> list[int]:
