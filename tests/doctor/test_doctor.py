@@ -72,6 +72,7 @@ def test_a_wrong_reading_is_found_and_named(policies: dict[str, Policy], layout:
     assert diagnosis.verdict == "another"
     assert means(diagnosis, layout)
     assert diagnosis.edits
+    assert ("docs/lidar.md" in DiagnosisRun(diagnosis).advice) is what.startswith("ray ")
 
 
 def each_once() -> list[tuple[str, str]]:

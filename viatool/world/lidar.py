@@ -105,7 +105,7 @@ class Lidar:
             first, second = sorted((int(ray[close[0]]), int(ray[(close[0] + 1) % self.rays])))
             raise ConfigurationError(
                 f"rays {first} and {second} overlap: both point at {float(angles[first]):g} rad",
-                "leave out the ray that is there twice; a full turn of N rays has a step of 2 pi / N",
+                "leave out the ray that is there twice; a full turn of N rays has a step of 2 pi / N: docs/lidar.md",
             )
         return self
 

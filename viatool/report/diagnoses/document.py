@@ -76,7 +76,7 @@ class DiagnosisDocument(Annotated, Tabled):
         """Return what to do, as one imperative."""
         match self.record.verdict:
             case "another":
-                return "change the specification: " + "; ".join(map(edit_in_words, self.best.edits))
+                return f"change the specification: {'; '.join(map(edit_in_words, self.best.edits))}{self._about_rays}"
             case "undecided":
                 return "try more scenarios (--scenarios) before you change the specification"
             case "specified":
@@ -151,8 +151,13 @@ class DiagnosisDocument(Annotated, Tabled):
     @property
     def _short_advice(self) -> str:
         if self.record.verdict == "another":
-            return f"change {counted(len(self.best.edits), 'key')} of the specification"
+            return f"change {counted(len(self.best.edits), 'key')} of the specification{self._about_rays}"
         return self.advice
+
+    @property
+    def _about_rays(self) -> str:
+        rays = any(".lidar." in edit.key.partition(".")[2] for edit in self.best.edits)
+        return " (docs/lidar.md draws what they mean)" if rays else ""
 
     def _readings(self) -> Table:
         """Return the readings, the best first; the specification is always among them."""
