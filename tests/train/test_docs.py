@@ -12,12 +12,13 @@ from viatool.train.methods import METHODS
 
 def option_table() -> str:
     """Return the table of docs/training.md; run this file to print it."""
-    changed = [preset for preset in PRESETS if preset != "quick"]
-    lines = [f"| option | quick | {' | '.join(changed)} | what |", "|---" * (len(changed) + 3) + "|"]
+    lines = ["| option | default | meaning |", "|---|---|---|"]
     for name, option in TrainingConfiguration.model_fields.items():
-        values = [option.default] + [PRESETS[preset].get(name, "") for preset in changed]
-        cells = [f"`{name}`", *("" if value == "" else plain(value) for value in values)]
-        lines.append(f"| {' | '.join(cells)} | {option.description} |")
+        changed = [
+            f"{preset}: {plain(PRESETS[preset][name])}" for preset in PRESETS if name in PRESETS[preset]
+        ]
+        default = f"{plain(option.default)} ({', '.join(changed)})" if changed else plain(option.default)
+        lines.append(f"| `{name}` | {default} | {option.description} |")
     return "\n".join(lines) + "\n"
 
 

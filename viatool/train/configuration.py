@@ -48,14 +48,14 @@ class TrainingConfiguration(BaseModel):
 
     # What is trained, and where
     method: MethodName = _option("via", "how costs enter the training, see docs/methods.md")
-    map: str = _option("lab", "map file or name; its generator draws the training and held-out scenarios")
+    map: str = _option("lab", "map file or name; its generator draws the scenarios")
     engine: Engine = _option(
         "kinematic",
-        "simulator: exact arcs, or 'bullet', a robot on wheels in a physics world (use few robots)",
+        "exact arcs, or 'bullet', wheels in a physics world (use few robots)",
     )
-    engine_workers: Count = _option(1, "processes of the physics engine; they do not change what comes out")
+    engine_workers: Count = _option(1, "processes of the physics engine; results do not depend on it")
     seed: Whole = _option(0, "seed of every random number of the run")
-    seeds: Count = _option(3, "S, policies trained side by side in one batch; the best one is exported")
+    seeds: Count = _option(3, "S, policies trained side by side; the best one is exported")
 
     # How long
     epochs: Count = _option(40, "K, epochs; after each one u and lambda are updated")
@@ -74,13 +74,12 @@ class TrainingConfiguration(BaseModel):
     actor_activation: HiddenActivation = _option("relu", "of the actor's hidden layers; its output is tanh")
     lidar_range: Positive | None = _option(
         None,
-        "metres up to which the actor sees: min(reading, lidar_range) stands inside the exported program, whose "
-        "specification keeps the robot's LiDAR; null is all that the LiDAR gives",
+        "metres up to which the actor sees: min(reading, lidar_range) inside the exported program; null is no limit",
     )
     lidar_saturation: SaturationForm = _option(
         "clip",
-        "how readings saturate at lidar_range: 'clip' leaves nearer ones as they are, 'soft' bends them, so that the "
-        "actor answers the less the farther they are: lidar_range / 2 * tanh(2 * reading / lidar_range)",
+        "at lidar_range: 'clip' leaves nearer readings as they are, 'soft' is "
+        "lidar_range / 2 * tanh(2 * min(reading, lidar_range) / lidar_range)",
     )
     observe_previous: bool = _option(
         True, "whether the actor observes the command of the step before; critics always do"
@@ -123,8 +122,7 @@ class TrainingConfiguration(BaseModel):
     )
     budget_rule: BudgetRule = _option(
         "fixed",
-        "within an episode the budget is 'recursive' (the paper: e <- (e - c) / gamma), or 'fixed' at u, as it is "
-        "for the exported policy",
+        "within an episode 'recursive' (the paper: e <- (e - c) / gamma), or 'fixed' at u, as in the exported policy",
     )
     var_step: NonNegative = _option(2.0, "beta_u")
     var_rule: VarRule = _option("adaptive", "'adaptive' (the paper) or 'empirical' (quantile of the epoch)")
@@ -152,7 +150,7 @@ class TrainingConfiguration(BaseModel):
     steering_penalty: NonNegative = _option(0.2, "per rad/s of change from one command to the next")
     standing_penalty: NonNegative = _option(
         0.5,
-        "per step at a standstill, falling to 0 at 0.1 m/s: a robot that waits in a pocket never gets out",
+        "per step at a standstill, falling to 0 at 0.1 m/s",
     )
     shaping: NonNegative = _option(15.0, "potential-based shaping, per metre towards the goal; 0 is off")
     shaping_form: ShapingForm = _option(
@@ -163,21 +161,19 @@ class TrainingConfiguration(BaseModel):
         "around", "metres to the goal are 'straight', or go 'around' the obstacles"
     )
     shaping_lookahead: NonNegative = _option(
-        0.5, "metres; with 'around', the distance to go is measured from a point this far ahead of the robot"
+        0.5, "metres; with 'around', the distance to go is measured from this far ahead of the robot"
     )
     shaping_narrow: NonNegative = _option(
         4.0,
-        "with 'around', so many times longer is a metre where obstacles are nearer than the danger clearance: "
-        "narrow gaps are gone around",
+        "with 'around', so many times longer is a metre within the danger clearance of an obstacle",
     )
     shaping_capped: bool = _option(
         True,
-        "'progress' never pays more for a step than a step in the open earns, so that long metres are not a bait",
+        "'progress' never pays more for a step than one in the open earns",
     )
     clearance_margin: NonNegative = _option(
         0.0,
-        "metres that are added to the collision and the danger clearance while robots learn; evaluations have the "
-        "map's",
+        "metres added to both clearances while robots learn; evaluations have the map's",
     )
     curriculum_start: Positive = _option(
         20.0, "metres, largest distance of the goal at the start of the training"
@@ -192,32 +188,30 @@ class TrainingConfiguration(BaseModel):
     )
     reachability_form: WidthForm = _option(
         "mean",
-        "what of these widths counts: their 'mean', or their mean 'square', which is about the wide ones: a command "
-        "that switches and one that changes smoothly have the same mean",
+        "what of these widths counts: their 'mean', or mean 'square', which is about the wide ones",
     )
     reachability_start: Fraction = _option(0.0, "fraction of the run after which that weight begins to grow")
     reachability_full: Fraction = _option(
-        0.0, "fraction of the run at which it is reached; linear, and at once where it is not above the start"
+        0.0, "fraction of the run at which it is reached, linearly; at once where not above the start"
     )
     reachability_eps: NonNegative = _option(0.01, "sensor error of these sets, in every channel's unit")
     reachability_states: Count = _option(32, "states of each batch and seed whose sets are bounded")
     jump_penalty: NonNegative = _option(
         0.0,
-        "weight of the actions' change where one LiDAR bin reads what its neighbour does, in the actor's loss; 0 is "
-        "off",
+        "weight in the actor's loss of the actions' change where one LiDAR bin reads what its neighbour does; 0 is off",
     )
     gain_limit: Positive | None = _option(
         None,
-        "most by which an action, in [-1, 1], may change for an error of 1 in every channel's unit at once; kept by "
-        "making the last layer smaller after each update, null is no limit",
+        "most by which an action, in [-1, 1], may change for an error of 1 in every channel's unit at once; "
+        "null is no limit",
     )
     select_by: Selection = _option(
         "success",
-        "the exported policy has the best 'success', or among those about as good the best 'safety', or of the "
-        "finalists about as good the most proved 'missions'",
+        "best 'success', or among those about as good the best 'safety', or of the finalists about as good the most "
+        "proved 'missions'",
     )
     selection_tolerance: Fraction = _option(
-        0.01, "how much success (minus collisions) a candidate may lack to be about as good as the best"
+        0.01, "how much success (minus collisions) may lack for about as good"
     )
     verification_scenarios: Whole = _option(
         0, "validation scenarios whose states are verified at every evaluation; 0 is off"
@@ -225,13 +219,12 @@ class TrainingConfiguration(BaseModel):
     verification_eps: NonNegative = _option(0.01, "sensor error of that verification")
 
     mission_scenarios: Whole = _option(
-        0, "further random scenarios whose missions are tried to be proved for each finalist; 0 is off"
+        0, "further random scenarios whose missions are tried for each finalist; 0 is off"
     )
     mission_parts: Count = _option(1500, "most parts of the set of such a mission, which bounds its time")
     mission_feedback: Fraction = _option(
         0.0,
-        "share of the episodes that begin where missions were not proved: at their starts, or where their proofs "
-        "ended; mission_scenarios fresh ones are tried for each seed, 0 is off",
+        "share of the episodes that begin where missions were not proved; 0 is off",
     )
     mission_interval: Count = _option(10, "epochs between two such trials")
 
