@@ -13,8 +13,8 @@ FILES = {
     "viatool/policy/activations.py": {
         '@_declare("Log")\n': """\
 @_declare("Cosh")
-def _cosh() -> Expression:
-    return (sympy.exp(X) + sympy.exp(-X)) / 2
+def _cosh(x: Expression) -> Expression:
+    return (exp(x) + exp(-x)) / 2
 
 
 @_declare("Log")

@@ -1,25 +1,25 @@
 """The shape of an activation: smooth pieces, kinks, and where each derivative rises and falls, all proved.
 
-Everything follows from the sympy expression. The real line is cut at the kinks and, for the derivative of each order,
-into cells on which that derivative provably rises, provably falls, or (in the tiny cells around an extremum, and in
-saturated tails) is enclosed as a whole. The range of a derivative over any interval is then the hull of its values at
-the two ends and of one precomputed table entry.
+Everything follows from the declared expression. The real line is cut at the kinks and, for the derivative of each
+order, into cells on which that derivative provably rises, provably falls, or (in the tiny cells around an extremum, and
+in saturated tails) is enclosed as a whole. The range of a derivative over any interval is then the hull of its values
+at the two ends and of one precomputed table entry.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise
 
 import numpy as np
-import sympy
 
 from viatool.arrays import Booleans, Floats, Indices
-from viatool.policy.activations import FLOAT_MODULES, ActivationFunction, X
-from viatool.taylor.interval import ENCLOSED_FUNCTIONS, Interval, interval_of
+from viatool.policy.activation_function import FLOAT_FUNCTIONS, ActivationFunction
+from viatool.policy.formulas import Formulas
+from viatool.taylor.interval import ENCLOSED_FUNCTIONS, Interval, interval_of, point
 from viatool.taylor.straight_lines import EVERYWHERE, StraightLines
 
 REACH = 1e100
@@ -83,9 +83,9 @@ class Curve:
 
     def __init__(self, function: ActivationFunction) -> None:
         self.function = function
-        self.breaks, expressions = _smooth_pieces(function)
-        self.reach = EVERYWHERE if _are_straight(expressions) else REACH
-        self._derivatives: list[list[sympy.Expr]] = [expressions]
+        self.breaks, self._branches = _smooth_pieces(function.formulas)
+        straight = all(function.formulas.branches[index].is_straight for index in self._branches)
+        self.reach = EVERYWHERE if straight else REACH
         self._enclosed: dict[int, list[Callable[[Interval], Interval]]] = {}
         self._floats: dict[int, list[Callable[[Floats], Floats]]] = {}
         self._cells: dict[int, CurveCells] = {}
@@ -100,9 +100,10 @@ class Curve:
     def value(self, x: Floats, derivative: int = 0) -> Floats:
         """Evaluate a derivative in float64; not a bound."""
         if derivative not in self._floats:
+            formulas = self.function.formulas
             self._floats[derivative] = [
-                _broadcasting(sympy.lambdify(X, expression, modules=FLOAT_MODULES))
-                for expression in self._derived(derivative)
+                _broadcasting(formulas.derivative(index, derivative, FLOAT_FUNCTIONS))
+                for index in self._branches
             ]
         pieces = self._floats[derivative]
         with np.errstate(all="ignore"):
@@ -138,7 +139,8 @@ class Curve:
 
     def operations(self, derivative: int) -> int:
         """Return how many operations the longest expression of a derivative has."""
-        return max(int(sympy.count_ops(expression)) for expression in self._derived(derivative))
+        branches = self.function.formulas.branches
+        return max(branches[index].operations[derivative] for index in self._branches)
 
     def range(self, lower: Floats, upper: Floats, derivative: int = 0) -> Interval:
         """Enclose a derivative over intervals ``[lower, upper]``.
@@ -218,17 +220,11 @@ class Curve:
 
     def _pieces(self, derivative: int) -> list[Callable[[Interval], Interval]]:
         if derivative not in self._enclosed:
+            formulas = self.function.formulas
             self._enclosed[derivative] = [
-                sympy.lambdify(X, expression, modules=[ENCLOSED_FUNCTIONS], cse=True)
-                for expression in self._derived(derivative)
+                formulas.derivative(index, derivative, ENCLOSED_FUNCTIONS, point) for index in self._branches
             ]
         return self._enclosed[derivative]
-
-    def _derived(self, derivative: int) -> list[sympy.Expr]:
-        """Return a derivative of every piece, each from the one before: simplification takes seconds."""
-        while len(self._derivatives) <= derivative:
-            self._derivatives.append([e.diff(X, simplify=False) for e in self._derivatives[-1]])
-        return self._derivatives[derivative]
 
     def _find_cells(self, derivative: int) -> CurveCells:
         borders = [-self.reach, *self.breaks.tolist(), self.reach]
@@ -265,35 +261,16 @@ def curve_of(function: ActivationFunction) -> Curve:
     return Curve(function)
 
 
-def _smooth_pieces(function: ActivationFunction) -> tuple[Floats, list[sympy.Expr]]:
-    """Cut a (possibly nested) Piecewise into breakpoints ``(P-1,)`` and P smooth expressions, left to right.
+def _smooth_pieces(formulas: Formulas) -> tuple[Floats, list[int]]:
+    """Cut the real line into breakpoints ``(P-1,)`` and the branches of P smooth pieces, left to right.
 
     Kinks of a function that is curved somewhere are left out where they are farther away than it is enclosed.
     """
-    expression = sympy.piecewise_fold(sympy.sympify(function.expression))
-    if not expression.is_Piecewise:
-        return np.empty(0), [expression]
-    straight = _are_straight([branch for branch, _ in expression.args])
+    straight = all(branch.is_straight for branch in formulas.branches)
     reach = EVERYWHERE if straight else REACH
-    bounds = {float(bound) for _, condition in expression.args for bound in _thresholds(condition)}
-    breaks = sorted(bound for bound in bounds if abs(bound) < reach)
+    breaks = sorted(bound for bound in formulas.thresholds() if abs(bound) < reach)
     probes = [a / 2 + b / 2 for a, b in pairwise([-reach, *breaks, reach])]
-    return np.array(breaks), [_branch(expression, probe) for probe in probes]
-
-
-def _are_straight(expressions: Iterable[sympy.Expr]) -> bool:
-    """Whether all are linear functions."""
-    return all(expression.diff(X, 2) == 0 for expression in expressions)
-
-
-def _thresholds(condition: sympy.Basic) -> list[sympy.Expr]:
-    return [
-        atom.rhs if atom.lhs == X else atom.lhs for atom in condition.atoms(sympy.core.relational.Relational)
-    ]
-
-
-def _branch(expression: sympy.Piecewise, probe: float) -> sympy.Expr:
-    return next(branch for branch, condition in expression.args if condition.subs(X, probe) == sympy.true)
+    return np.array(breaks), [formulas.branch_at(probe) for probe in probes]
 
 
 def _broadcasting(function: Callable[[Floats], Floats]) -> Callable[[Floats], Floats]:

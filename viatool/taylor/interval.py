@@ -1,6 +1,6 @@
-"""Arrays of intervals with outward rounding, used to evaluate sympy expressions rigorously.
+"""Arrays of intervals with outward rounding, used to evaluate formulas rigorously.
 
-An `Interval` overloads the arithmetic operators, so a sympy expression that is compiled with
+An `Interval` overloads the arithmetic operators, so a formula that is compiled with
 `ENCLOSED_FUNCTIONS` as its namespace evaluates to a guaranteed enclosure of its range.
 """
 
@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import special
 
 from viatool.arrays import Floats
 from viatool.rounding import LAST_PLACE
@@ -97,6 +96,11 @@ def interval_of(value: Interval | float) -> Interval:
     return Interval(step_down(point), step_up(point))  # 1/3, pi, ...: the nearest float
 
 
+def point(value: float) -> Interval:
+    """Return the interval of one float64, exactly."""
+    return Interval(np.asarray(value, dtype=np.float64), np.asarray(value, dtype=np.float64))
+
+
 def _outward(lower: Floats, upper: Floats, ulps: int = 1) -> Interval:
     lower, upper = step_down(lower, ulps), step_up(upper, ulps)
     return Interval(np.where(np.isnan(lower), -np.inf, lower), np.where(np.isnan(upper), np.inf, upper))
@@ -138,6 +142,8 @@ _sqrt = _increasing(np.sqrt, least=0.0)
 
 def _normal_cdf(x: Interval | float) -> Interval:
     """Enclose the normal distribution function; scipy loses x^2 ulps in its left tail, then underflows."""
+    from scipy import special
+
     x = interval_of(x)
     ulps_lower, ulps_upper = (
         _FUNCTION_ULPS + 2 * np.clip(end, -40.0, 0.0) ** 2 for end in (x.lower, x.upper)
@@ -155,14 +161,20 @@ def _tan(x: Interval | float) -> Interval:
     return Interval(np.where(held, result.lower, -np.inf), np.where(held, result.upper, np.inf))
 
 
+def _erf(x: Floats) -> Floats:
+    from scipy import special
+
+    return np.asarray(special.erf(x), dtype=np.float64)
+
+
 ENCLOSED_FUNCTIONS: dict[str, Any] = {
     "exp": _increasing(np.exp, least=0.0),
     "log": _increasing(np.log),
     "tan": _tan,
     "tanh": _increasing(np.tanh, -1.0, 1.0),
-    "erf": _increasing(special.erf, -1.0, 1.0),
+    "erf": _increasing(_erf, -1.0, 1.0),
     "NormalCdf": _normal_cdf,
     "sqrt": _sqrt,
-    "pi": np.pi,
+    "pi": interval_of(np.pi),
 }
 """The functions that may stand in a declared activation, each with its enclosure."""

@@ -13,6 +13,7 @@ from math import factorial
 import numpy as np
 
 from viatool.arrays import Floats, Indices
+from viatool.policy.formulas import LONG
 from viatool.rounding import ENGINE_ROUNDOFF
 from viatool.taylor.approximation import residual_range
 from viatool.taylor.curve import Curve
@@ -25,8 +26,6 @@ FAR = 1e6
 """Up to where the lines behind the grid hold."""
 
 _DEGREE, _LOW_DEGREE = 5, 3
-_LONG = 400
-"""Operations of a third derivative beyond which those after it are not derived: that would take seconds."""
 
 _WORST = 1e-6
 """A table that errs by more is none."""
@@ -58,7 +57,7 @@ def tabulated(curve: Curve) -> Tabulated | None:
     """
     if (curve.breaks * STEPS != np.round(curve.breaks * STEPS)).any() or (np.abs(curve.breaks) >= HALF).any():
         return None
-    degree = _DEGREE if curve.operations(3) <= _LONG else _LOW_DEGREE
+    degree = _DEGREE if curve.operations(3) <= LONG else _LOW_DEGREE
     middles = (np.arange(2 * HALF * STEPS) + 0.5) / STEPS - HALF
     piece = np.searchsorted(curve.breaks, middles)
     value, missed = _interpolated(curve, 0, degree, middles, piece)
