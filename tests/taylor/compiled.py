@@ -95,6 +95,28 @@ def escape(
     return worst
 
 
+def escape_of_bounds(
+    network: Network,
+    lower: Floats,
+    upper: Floats,
+    bounds: tuple[Floats, Floats],
+    seed: int = 0,
+    samples: int = 4,
+) -> float:
+    """Return how far exact actions at points of boxes (B, n) leave bounds (B, A)."""
+    rng, worst = np.random.default_rng(seed), 0.0
+    for b in range(len(lower)):
+        for number in range(2 * samples):
+            share = rng.uniform(size=lower[b].size)
+            inner = (lower[b] + share * (upper[b] - lower[b])).clip(lower[b], upper[b])
+            point = inner if number % 2 else np.where(share < 0.5, lower[b], upper[b])
+            for value, low, high in zip(
+                _values_of(network, point)[-1], *(end[b] for end in bounds), strict=True
+            ):
+                worst = max(worst, _excess(value, low, high))
+    return worst
+
+
 def _values_of(network: Network, point: Floats) -> Any:
     if oracles.is_rational(network):
         return oracles.exact_values(network, point.tolist())

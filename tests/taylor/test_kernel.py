@@ -34,6 +34,7 @@ from viatool.policy.activations import ActivationFunction, activation
 from viatool.policy.network import Activation, Affine, Input, Network, Node, Product
 from viatool.taylor import duality, engine_of, reach
 from viatool.taylor.correlated import input_model, reach_linear
+from viatool.taylor.first_order import goes_backwards
 from viatool.taylor.kernel import kernel_of
 
 ROOT = Path(__file__).parents[2]
@@ -350,8 +351,9 @@ def test_both_engines_agree_on_shipped_policies(
         with compiled.engine_chosen(monkeypatch, chosen):
             sets[chosen] = reach(policy, observations, 0.01, refine=refine)
     ours, theirs = sets["compiled"], sets["numpy"]
-    if refine == "none":
+    if refine == "none" and not goes_backwards(policy.network):  # numpy leaves arguments as they are
         np.testing.assert_allclose(ours.width, theirs.width, rtol=1e-6)
+    if refine == "none":
         np.testing.assert_allclose(ours.attained_upper, theirs.attained_upper, atol=1e-9)
     assert ours.width.sum() <= theirs.width.sum() * (1 + 1e-6)
     assert (ours.width <= theirs.width * 1.01).all()  # which part is split next may differ

@@ -24,6 +24,7 @@ from tests.strategies import ACTIVATIONS
 from tests.taylor.containment import escape_of_exact_values, escape_of_gradients, escape_of_programs
 from tests.taylor.softmax_program import escape_of_softmax
 from tests.taylor.squash_program import escape_of_squash
+from tests.taylor.test_backwards import wrong_lines, wrong_shifts, wrong_sums, wrong_underflow
 from tests.taylor.test_curve import wrong_approximations, wrong_ranges
 from tests.taylor.test_interval import wrong_functions, wrong_operations
 from tests.taylor.test_wide import wrong_foldings
@@ -321,6 +322,21 @@ CARRYING = [
 ]
 
 MUTANTS = [
+    # back-substitution
+    Mutant(
+        wrong_sums,
+        "backwards._bound_from_above",
+        "2 * gamma(_roundings(network), ENGINE_ROUNDOFF) * size",
+        "0 * size",
+    ),
+    Mutant(wrong_underflow, "backwards._bound_from_above", "+ lost[:, None]", ""),
+    Mutant(wrong_shifts, "backwards._bound_from_above", "total + _weighed(part, shift)", "total"),
+    Mutant(
+        wrong_lines,
+        "backwards.lines_around",
+        "(residual.upper, -residual.lower)",
+        "(residual.upper, -residual.upper)",
+    ),
     Mutant(
         wrong_foldings,
         "forms.fold_symbols",

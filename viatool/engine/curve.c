@@ -106,7 +106,7 @@ void slopes_on(const Network *net, const Curve *curve, double lower, double uppe
                   enclose_slope(net, curve, upper), low, high);
 }
 
-static int has_kink(const Network *net, const Curve *curve, double lower, double upper) {
+int has_kink(const Network *net, const Curve *curve, double lower, double upper) {
     for (integer k = 0; k < curve->kinks; k++)
         if (net->numbers[curve->breaks + k] >= lower && net->numbers[curve->breaks + k] <= upper) return 1;
     return 0;
@@ -152,10 +152,7 @@ static void take_in(const Network *net, const Curve *curve, double x, double slo
     *low = least(*low, tilted - slack), *high = most(*high, tilted + slack);
 }
 
-Line line_on(const Network *net, const Curve *curve, double lower, double upper) {
-    if (curve->pieces) return line_on_lines(net, curve, lower, upper);
-    double slope = picked_slope(net, curve, lower, upper);
-    if (!is_finite(slope)) slope = 0.0;
+static Residual residual_on_curve(const Network *net, const Curve *curve, double lower, double upper, double slope) {
     const Cells *cells = &curve->derivative;
     const integer first = cells_below(net, cells, lower), last = cells_up_to(net, cells, upper);
     double low = INFINITY, high = -INFINITY;
@@ -176,7 +173,48 @@ Line line_on(const Network *net, const Curve *curve, double lower, double upper)
             high = most(high, to + outward(net, most(above, 0.0) * (right - left)));
         }
     }
-    const double constant = low / 2 + high / 2;
+    return (Residual){low, high};
+}
+
+Line line_on(const Network *net, const Curve *curve, double lower, double upper) {
+    if (curve->pieces) return line_on_lines(net, curve, lower, upper);
+    double slope = picked_slope(net, curve, lower, upper);
+    if (!is_finite(slope)) slope = 0.0;
+    const Residual residual = residual_on_curve(net, curve, lower, upper, slope);
+    const double low = residual.low, high = residual.high, constant = low / 2 + high / 2;
     return (Line){slope, constant, outward(net, most(high - constant, constant - low)),
                   4 * UNIT * net->allow->lines * fabs(constant), 0};
+}
+
+static void take_better(double slope, Residual residual, double middle, Strip *strip) {
+    if (slope * middle + residual.low > strip->below * middle + strip->shift_below)
+        strip->below = slope, strip->shift_below = residual.low;
+    if (slope * middle + residual.high < strip->above * middle + strip->shift_above)
+        strip->above = slope, strip->shift_above = residual.high;
+}
+
+/* Of slopes at the ends, between them and in the middle: of a convex curve the best ones are among these. */
+Strip strip_on(const Network *net, const Curve *curve, double lower, double upper) {
+    if (curve->relu && lower >= 0.0) return (Strip){1.0, 0.0, 1.0, 0.0};
+    if (curve->relu && upper <= 0.0) return (Strip){0.0, 0.0, 0.0, 0.0};
+    const double middle = lower / 2 + upper / 2, exact = net->allow->errors;
+    if (curve->relu) {
+        const double slope = upper / (upper - lower), rise = most(-slope * lower, upper - slope * upper);
+        const double rounding = 4 * UNIT * net->allow->lines * (upper + slope * (upper - lower));
+        return (Strip){middle > 0.0, 0.0, slope, (rise + rounding + LEAST * net->allow->underflow) * exact};
+    }
+    const Line line = line_on(net, curve, lower, upper);
+    if (line.exact) return (Strip){line.slope, 0.0, line.slope, 0.0};
+    const double spread = outward(net, line.error * exact + line.rounding);
+    Strip strip = {line.slope, line.constant - spread, line.slope, line.constant + spread};
+    double slopes[3] = {slope_on(net, curve, middle), 0.0, 0.0};
+    integer count = 1;
+    if (curve->pieces) slopes[0] = slope_on(net, curve, lower), slopes[count++] = slope_on(net, curve, upper);
+    for (integer k = 0; k < count; k++) {
+        if (!is_finite(slopes[k]) || slopes[k] == line.slope) continue;
+        const Residual residual = curve->pieces ? residual_on_lines(net, curve, lower, upper, slopes[k])
+                                                : residual_on_curve(net, curve, lower, upper, slopes[k]);
+        take_better(slopes[k], residual, middle, &strip);
+    }
+    return strip;
 }

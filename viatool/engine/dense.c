@@ -79,6 +79,7 @@ int conclude(Model *model, integer each, integer size, const double *restrict su
         const double span = (norm + rest) * outward;
         const double lower = most(constant - span, middle - reach), upper = least(constant + span, middle + reach);
         block[i] = constant, block[each + i] = rest, block[3 * each + i] = lower, block[4 * each + i] = upper;
+        block[5 * each + i] = (bias_size[i] + sums[OF_SIZE_OF_MIDDLE * each + i]) * outward;
         finite &= (fabs(constant) + span + fabs(middle) + reach) <= DBL_MAX;
     }
     return finite;
@@ -115,6 +116,27 @@ void add_product(double *out, integer stride, const double *matrix, const double
     }
 }
 
+/* out (padded size) += sum over active j of matrix[j] x[j]. */
+EVERY_PROCESSOR
+void add_rows(double *out, integer stride, const double *matrix, const double *x, const integer *active, integer count) {
+    integer i = 0;
+    for (; i + 32 <= stride; i += 32) {
+        eight *o = (eight *)(out + i);
+        eight a = o[0], b = o[1], c = o[2], d = o[3];
+        for (integer k = 0; k < count; k++) {
+            const integer j = active[k];
+            const eight *row = (const eight *)(matrix + j * stride + i);
+            a += row[0] * x[j], b += row[1] * x[j], c += row[2] * x[j], d += row[3] * x[j];
+        }
+        o[0] = a, o[1] = b, o[2] = c, o[3] = d;
+    }
+    for (; i < stride; i += 8) {
+        eight sum = *(const eight *)(out + i);
+        for (integer k = 0; k < count; k++) sum += *(const eight *)(matrix + active[k] * stride + i) * x[active[k]];
+        *(eight *)(out + i) = sum;
+    }
+}
+
 /* out[k] += row[neuron[k]] radius[k]: symbols that move one neuron each, behind one row of a matrix. */
 EVERY_PROCESSOR
 void add_fanned(double *out, const double *row, const integer *neuron, const double *radius, integer count) {
@@ -140,4 +162,42 @@ double absolute_sum(const double *row, integer count) {
     for (; k < count; k++) sum += fabs(row[k]);
     for (integer l = 0; l < 8; l++) sum += lanes[l];
     return sum;
+}
+
+EVERY_PROCESSOR
+Weighed weigh(const double *row, const double *values, const double *sizes, integer count) {
+    double sums[8] = {0}, all[8] = {0};
+    Weighed found = {0.0, 0.0};
+    integer k = 0;
+    for (; k + 8 <= count; k += 8)
+        for (integer l = 0; l < 8; l++)
+            sums[l] += row[k + l] * values[k + l], all[l] += fabs(row[k + l]) * sizes[k + l];
+    for (; k < count; k++) found.sum += row[k] * values[k], found.size += fabs(row[k]) * sizes[k];
+    for (integer l = 0; l < 8; l++) found.sum += sums[l], found.size += all[l];
+    return found;
+}
+
+EVERY_PROCESSOR
+Weighed weigh_by_sign(double *restrict out, const double *restrict row, const double *const above[3],
+                      const double *const below[3], integer count) {
+    const double *restrict slope_above = above[0], *restrict shift_above = above[1], *restrict size_above = above[2];
+    const double *restrict slope_below = below[0], *restrict shift_below = below[1], *restrict size_below = below[2];
+    double sums[8] = {0}, all[8] = {0};
+    Weighed found = {0.0, 0.0};
+    integer k = 0;
+    for (; k + 8 <= count; k += 8)
+        for (integer l = 0; l < 8; l++) {
+            const double up = most(row[k + l], 0.0), down = row[k + l] - up; /* no number stays none */
+            out[k + l] += up * slope_above[k + l] + down * slope_below[k + l];
+            sums[l] += up * shift_above[k + l] + down * shift_below[k + l];
+            all[l] += up * size_above[k + l] - down * size_below[k + l];
+        }
+    for (; k < count; k++) {
+        const double up = most(row[k], 0.0), down = row[k] - up;
+        out[k] += up * slope_above[k] + down * slope_below[k];
+        found.sum += up * shift_above[k] + down * shift_below[k];
+        found.size += up * size_above[k] - down * size_below[k];
+    }
+    for (integer l = 0; l < 8; l++) found.sum += sums[l], found.size += all[l];
+    return found;
 }

@@ -28,6 +28,7 @@ typedef struct {
     Search search;
     Gradient gradient;
     Dual dual;
+    Back back;
     void *memory;
 } Workspace;
 
@@ -38,7 +39,7 @@ static int begin_work(const Network *net, integer neurons_of_dual, integer known
     const integer models = (integer)sizeof(Model) / 8 * net->trunk;
     const integer search = 2 * all + 3 * inputs + each, gradient = 2 * all + 3 * each;
     const integer dual = (most_conditions + 5) * stride + 2 * most_conditions;
-    double *next = work->memory = aligned_alloc(64, (size_t)padded(2 * (size + models) + search + gradient + dual) * 8);
+    double *next = work->memory = aligned_alloc(64, (size_t)padded(2 * (size + models) + search + gradient + dual + back_size(net)) * 8);
     if (!next) return 0;
     work->arena = (Arena){(char *)next, 0, (size_t)size * 8}, next += size;
     work->shrunk_arena = (Arena){(char *)next, 0, (size_t)size * 8}, next += size;
@@ -53,6 +54,7 @@ static int begin_work(const Network *net, integer neurons_of_dual, integer known
     work->dual = (Dual){.neurons = neurons_of_dual, .stride = stride, .objective = next, .tilted = next + stride,
                         .scratch = next + 2 * stride, .breaks = next + 3 * stride, .forms = next + 5 * stride};
     work->dual.slack = next + (most_conditions + 5) * stride, work->dual.beta = work->dual.slack + most_conditions;
+    work->back = begin_back(net, next + dual);
     return fegetround() == FE_TONEAREST;
 }
 
@@ -67,7 +69,7 @@ static const Model *shrink(const Network *net, Workspace *work, integer rounds, 
     const Model *models = work->models;
     for (integer round = 0; round < rounds; round++) {
         if (!collapse(net, models, action, sign, lower, upper, &work->gradient)) break;
-        if (!pass(net, lower, upper, NULL, work->models, work->shrunk, &work->shrunk_arena)) return NULL;
+        if (!pass(net, lower, upper, NULL, work->models, work->shrunk, NULL, &work->shrunk_arena)) return NULL;
         models = work->shrunk;
         *bound = least(*bound, seeded(net, models, action, sign));
         if (!models[0].fresh) break;
@@ -76,7 +78,8 @@ static const Model *shrink(const Network *net, Workspace *work, integer rounds, 
 }
 
 EXPORTED int viatool_bound(const Network *net, integer count, const double *lower, const double *upper, integer rounds,
-                           integer sweeps, integer neurons_of_dual, integer whole, integer climbs, double *hull_lower,
+                           integer sweeps, integer neurons_of_dual, integer whole, integer backwards, integer climbs,
+                           double *hull_lower,
                            double *hull_upper, double *face_lower, double *face_upper, double *bound, double *points,
                            double *found, uint8_t *done) {
     const integer inputs = net->node[0].size, neurons = neurons_of_trunk(net);
@@ -85,7 +88,7 @@ EXPORTED int viatool_bound(const Network *net, integer count, const double *lowe
     const int ready = begin_work(net, neurons_of_dual, 0, &work);
     for (integer b = 0; ready && b < count; b++) {
         const double *low = lower + b * inputs, *high = upper + b * inputs;
-        done[b] = (uint8_t)pass(net, low, high, NULL, NULL, work.models, &work.arena);
+        done[b] = (uint8_t)pass(net, low, high, NULL, NULL, work.models, backwards ? &work.back : NULL, &work.arena);
         if (!done[b]) continue;
         for (integer k = 0; k < net->trunk; k++) {
             const integer at = b * neurons + net->node[k].offset;
@@ -105,6 +108,27 @@ EXPORTED int viatool_bound(const Network *net, integer count, const double *lowe
             found[at] = climb(net, low, high, action, sign, climbs, bound[at], point, &work.search);
             if (sweeps && models && models[0].fresh && bound[at] > found[at] + 1e-12 * fabs(found[at]))
                 bound[at] = least(bound[at], bound_by_duality(net, models, action, sign, sweeps, &work.dual));
+        }
+    }
+    free(work.memory);
+    return ready;
+}
+
+/* What back-substitution alone says of the actions, by itself so that a test can compare it with exact arithmetic. */
+EXPORTED int viatool_back(const Network *net, integer count, const double *lower, const double *upper, double *low,
+                          double *high, uint8_t *done) {
+    const integer inputs = net->node[0].size, actions = net->node[net->trunk - 1].size;
+    Workspace work;
+    const int ready = begin_work(net, 0, 0, &work);
+    for (integer b = 0; ready && b < count; b++) {
+        done[b] = (uint8_t)pass(net, lower + b * inputs, upper + b * inputs, NULL, NULL, work.models, NULL, &work.arena);
+        for (integer k = 0; done[b] && k < net->trunk; k++) {
+            if (net->node[k].kind == ACTIVATION) keep_strips(net, k, work.models, &work.back);
+            keep_size(net, k, work.models, &work.back);
+        }
+        for (integer i = 0; done[b] && i < actions; i++) {
+            high[b * actions + i] = bound_back(net, work.models, net->trunk - 1, i, 1.0, &work.back);
+            low[b * actions + i] = -bound_back(net, work.models, net->trunk - 1, i, -1.0, &work.back);
         }
     }
     free(work.memory);
@@ -205,7 +229,7 @@ EXPORTED int viatool_examine(const Network *net, integer count, integer depth, c
         const double *low = lower + k * inputs, *high = upper + k * inputs;
         const Conditions known = {node + k * depth, neuron + k * depth, side + k * depth, threshold + k * depth};
         limit(net, &known, depth, limits, limits + neurons, 0);
-        done[k] = (uint8_t)pass(net, low, high, &held, NULL, work.models, &work.arena);
+        done[k] = (uint8_t)pass(net, low, high, &held, NULL, work.models, NULL, &work.arena);
         if (done[k]) {
             begin_dual(net, work.models, action[k], sign[k], dual);
             for (integer d = 0; d < depth; d++)

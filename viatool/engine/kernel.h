@@ -55,7 +55,7 @@ typedef struct {
 } Figure;
 
 typedef struct {
-    double sums, lines, underflow, slopes, tilts, program, errors; /* 1 each; a test may leave one out */
+    double sums, lines, underflow, slopes, tilts, program, errors, back; /* 1 each; a test may leave one out */
 } Allowances;
 
 typedef struct {
@@ -66,20 +66,22 @@ typedef struct {
     const Figure *figure;
     const double *numbers;
     const Allowances *allow;
+    double gamma; /* relative error of a sum over all neurons, each with what backward counts */
 } Network;
 
 #define UNIT 0x1p-53    /* relative error of one rounding */
 #define SLIGHTLY 0x1p-40 /* covers 2^13 roundings of a sum of numbers that are not negative */
 #define LEAST 1e-280    /* covers what underflows, even where it is flushed to zero; its roundings do not underflow */
 
-/* One node over one box: constant + rows . symbols + rest [-1, 1], and the hull, which may be tighter.
+/* One node over one box: constant + rows . symbols + rest [-1, 1], and the hull, which may be tighter. Of an affine node
+ * size bounds the sum of the absolute values of all that it adds up.
  *
- * The arrays from constant to upper are one block of five padded sizes, in this order.
+ * The arrays from constant to size are one block of six padded sizes, in this order.
  *
  * A row has `width` coefficients, `stride` apart; behind them stand `fresh` symbols from `first` on that move one
  * neuron each, neuron[k] by radius[k]. */
 typedef struct {
-    double *constant, *rest, *norm, *lower, *upper;
+    double *constant, *rest, *norm, *lower, *upper, *size;
     double *rows, *radius;
     integer *neuron;
     integer width, stride, first, fresh;
@@ -118,10 +120,19 @@ void multiply(double *out, integer stride, integer rows, const double *weight, i
 void six_sums(double *out, integer stride, const double *w, const double *a, const double *m, const double *given,
               integer columns, const integer *active, integer count);
 void add_product(double *out, integer stride, const double *matrix, const double *x, integer columns);
+void add_rows(double *out, integer stride, const double *matrix, const double *x, const integer *active, integer count);
 void add_fanned(double *out, const double *row, const integer *neuron, const double *radius, integer count);
 void scaled_row(double *out, const double *in, double factor, integer count);
 void add_scaled(double *out, const double *in, double factor, integer count);
 double absolute_sum(const double *row, integer count);
+/* What rows of weights come to: the sum of weights times values, and that of their absolute values times sizes. */
+typedef struct {
+    double sum, size;
+} Weighed;
+Weighed weigh(const double *row, const double *values, const double *sizes, integer count);
+/* The same of weights times one of two values, by their signs; out is added up likewise, of slopes. */
+Weighed weigh_by_sign(double *out, const double *row, const double *const above[3], const double *const below[3],
+                      integer count);
 
 /* curve.c */
 typedef struct {
@@ -135,7 +146,19 @@ Line line_on(const Network *net, const Curve *curve, double lower, double upper)
 void range_on(const Network *net, const Curve *curve, double lower, double upper, double *low, double *high);
 void slopes_on(const Network *net, const Curve *curve, double lower, double upper, double *low, double *high);
 
+/* f(x) - slope x lies in [low, high] where it is looked at, roundings counted. */
+typedef struct {
+    double low, high;
+} Residual;
+/* The straight lines that f lies between, each the best of a few in the middle; slope and shift of both. */
+typedef struct {
+    double below, shift_below, above, shift_above;
+} Strip;
+Strip strip_on(const Network *net, const Curve *curve, double lower, double upper);
+int has_kink(const Network *net, const Curve *curve, double lower, double upper);
+
 /* lines.c */
+Residual residual_on_lines(const Network *net, const Curve *curve, double lower, double upper, double slope);
 integer piece_at(const Network *net, const Curve *curve, double x);
 double value_on_lines(const Network *net, const Curve *curve, double x);
 Line line_on_lines(const Network *net, const Curve *curve, double lower, double upper);
@@ -156,10 +179,29 @@ typedef struct {
     const double *constant, *rows, *own, *rest, *norm, *lower, *upper;
 } Inputs;
 
+/* back.c */
+/* Of each neuron of an activation the lines that it lies between, and how large what they add up is; (neurons,) each. */
+typedef struct {
+    double *above, *shift_above, *size_above, *below, *shift_below, *size_below;
+} Strips;
+typedef struct {
+    Strips strips;
+    double *row;     /* (neurons,): weights of what is not yet followed to the inputs */
+    double *sums;    /* one padded node */
+    integer *active; /* likewise */
+    double *sizes;   /* (nodes,): the sum of the absolute values that the neurons of this node and those before may have */
+} Back;
+integer back_size(const Network *net); /* in numbers */
+Back begin_back(const Network *net, double *memory);
+void keep_strips(const Network *net, integer index, const Model *models, Back *back);
+void keep_size(const Network *net, integer index, const Model *models, Back *back);
+double bound_back(const Network *net, const Model *models, integer index, integer neuron, double sign, Back *back);
+void meet_back(const Network *net, Model *models, integer index, integer neuron, Back *back);
+
 /* pass.c */
 int pass_on(const Network *net, const Inputs *inputs, Model *models, Arena *arena);
 int pass(const Network *net, const double *lower, const double *upper, const Limits *limits, const Model *known,
-         Model *models, Arena *arena);
+         Model *models, Back *back, Arena *arena);
 
 /* collapse.c */
 typedef struct {

@@ -16,6 +16,8 @@ static integer piece_below(const Network *net, const Curve *curve, double x) {
     return piece;
 }
 
+static integer later(integer one, integer other) { return one > other ? one : other; }
+
 static double middle_shift(const Network *net, const Curve *curve, integer piece) {
     const double low = net->numbers[curve->lowest + piece], high = net->numbers[curve->highest + piece];
     return low / 2 + high / 2;
@@ -35,6 +37,30 @@ static double slack_at(const Network *net, const Curve *curve, integer piece, do
     return net->allow->lines * (4 * UNIT * (moved + fabs(low) + fabs(high)) + (high - low)) + LEAST * net->allow->underflow;
 }
 
+/* The least and the largest of the computed residuals at both ends and what lies between: there the residual turns. */
+static Residual turn_by_turn(const Network *net, const Curve *curve, double lower, double upper, double slope,
+                             double *rounding) {
+    const integer first = piece_at(net, curve, lower), last = later(first, piece_below(net, curve, upper));
+    Residual found = {INFINITY, -INFINITY};
+    *rounding = 0.0;
+    for (integer k = first; k <= last + 1; k++) {
+        const double x = k == first ? lower : k == last + 1 ? upper : net->numbers[curve->breaks + k - 1];
+        const integer piece = k == first ? first : k == last + 1 ? last : piece_at(net, curve, x);
+        const double value = value_on_lines(net, curve, x), residual = value - slope * x;
+        const double size = fabs(value) + fabs(slope * x);
+        found.low = least(found.low, residual), found.high = most(found.high, residual);
+        *rounding = most(*rounding, 4 * UNIT * net->allow->lines * size + slack_at(net, curve, piece, x));
+    }
+    return found;
+}
+
+Residual residual_on_lines(const Network *net, const Curve *curve, double lower, double upper, double slope) {
+    double rounding;
+    const Residual found = turn_by_turn(net, curve, lower, upper, slope, &rounding);
+    const double slack = outward(net, rounding) + 4 * UNIT * net->allow->lines * (fabs(found.low) + fabs(found.high));
+    return (Residual){found.low - slack, found.high + slack};
+}
+
 Line line_on_lines(const Network *net, const Curve *curve, double lower, double upper) {
     const integer first = piece_at(net, curve, lower), last = piece_below(net, curve, upper);
     if (first >= last) {
@@ -47,16 +73,9 @@ Line line_on_lines(const Network *net, const Curve *curve, double lower, double 
     const double span = upper - lower;
     double slope = span > 0.0 ? (at_upper - at_lower) / span : 0.0;
     if (!is_finite(slope)) slope = 0.0;
-    double low = INFINITY, high = -INFINITY, rounding = 0.0;
-    for (integer k = first; k <= last + 1; k++) { /* both ends and what lies between: there the residual turns */
-        const double x = k == first ? lower : k == last + 1 ? upper : net->numbers[curve->breaks + k - 1];
-        const double value = k == first ? at_lower : k == last + 1 ? at_upper : value_on_lines(net, curve, x);
-        const double residual = value - slope * x;
-        const double size = fabs(value) + fabs(slope * x);
-        const integer piece = k == first ? first : k == last + 1 ? last : piece_at(net, curve, x);
-        low = least(low, residual), high = most(high, residual);
-        rounding = most(rounding, 4 * UNIT * net->allow->lines * size + slack_at(net, curve, piece, x));
-    }
+    double rounding;
+    const Residual residual = turn_by_turn(net, curve, lower, upper, slope, &rounding);
+    const double low = residual.low, high = residual.high;
     const double constant = low / 2 + high / 2;
     const double error = outward(net, most(high - constant, constant - low));
     return (Line){slope, constant, error, outward(net, rounding + 4 * UNIT * net->allow->lines * fabs(constant)), 0};

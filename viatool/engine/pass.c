@@ -22,7 +22,7 @@ size_t arena_size(const Network *net, integer shared) {
     const size_t symbols = (size_t)padded(symbols_of(net) + shared) + 8;
     size_t count = 4096;
     for (integer k = 0; k < net->trunk; k++) {
-        count += (size_t)net->node[k].size * (symbols + 32) + 512;
+        count += (size_t)net->node[k].size * (symbols + 40) + 512;
         for (integer s = 0; s < net->node[k].sources; s++)
             count += 8 * (size_t)net->node[net->source[net->node[k].source + s].node].size;
     }
@@ -31,10 +31,10 @@ size_t arena_size(const Network *net, integer shared) {
 
 static void begin(Model *model, integer size, Arena *arena) {
     const size_t count = (size_t)padded(size);
-    double *block = take(arena, 5 * count);
+    double *block = take(arena, 6 * count);
     model->constant = block, model->rest = block + count, model->norm = block + 2 * count;
-    model->lower = block + 3 * count, model->upper = block + 4 * count;
-    memset(block, 0, 5 * count * 8);
+    model->lower = block + 3 * count, model->upper = block + 4 * count, model->size = block + 5 * count;
+    memset(block, 0, 6 * count * 8);
     model->radius = take(arena, count), model->neuron = take(arena, count);
     model->rows = NULL;
     model->width = model->stride = model->first = model->fresh = 0;
@@ -217,14 +217,28 @@ static int enclose_activation(const Network *net, integer index, const Limits *l
     return finite;
 }
 
+/* Meet the hulls of the arguments that an activation turns at with what back-substitution says of them. */
+static void look_back(const Network *net, integer index, Model *models, Back *back) {
+    const Node *node = net->node + index;
+    const integer argument = net->source[node->source].node;
+    if (net->node[argument].kind != AFFINE) return;
+    for (integer k = 0; k < net->node[argument].sources; k++)
+        if (net->source[net->node[argument].source + k].node == 0) return; /* what reads inputs alone is exact */
+    const Model *model = models + argument;
+    for (integer i = 0; i < node->size; i++)
+        if (has_kink(net, net->curve + node->curve, model->lower[i], model->upper[i]))
+            meet_back(net, models, argument, i, back);
+}
+
 /* The nodes behind the input, of which the model is there, with so many symbols. */
 static int through(const Network *net, integer symbols, const Limits *limits, const Model *known, Model *models,
-                   Arena *arena) {
+                   Back *back, Arena *arena) {
     for (integer index = 0; index < net->trunk; index++) {
         const Node *node = net->node + index;
         Model *model = models + index;
         if (index > 0) begin(model, node->size, arena);
         int finite = 1;
+        if (back && node->kind == ACTIVATION) look_back(net, index, models, back), keep_strips(net, index, models, back);
         if (node->kind == AFFINE)
             finite = enclose_affine(net, index, models, model, arena);
         else if (node->kind == ACTIVATION)
@@ -232,21 +246,23 @@ static int through(const Network *net, integer symbols, const Limits *limits, co
         for (integer i = 0; known && i < node->size; i++) meet_hull(model, i, known[index].lower[i], known[index].upper[i]);
         for (integer i = 0; i < node->size; i++) finite &= limits || model->lower[i] <= model->upper[i];
         if (!finite) return 0;
+        if (back) keep_size(net, index, models, back);
     }
+    for (integer i = 0; back && i < net->node[net->trunk - 1].size; i++) meet_back(net, models, net->trunk - 1, i, back);
     return 1;
 }
 
 int pass(const Network *net, const double *lower, const double *upper, const Limits *limits, const Model *known,
-         Model *models, Arena *arena) {
+         Model *models, Back *back, Arena *arena) {
     arena->used = 0;
     begin(models, net->node[0].size, arena);
     enclose_input(net, models, lower, upper);
-    return through(net, models->fresh, limits, known, models, arena);
+    return through(net, models->fresh, limits, known, models, back, arena);
 }
 
 int pass_on(const Network *net, const Inputs *inputs, Model *models, Arena *arena) {
     arena->used = 0;
     begin(models, net->node[0].size, arena);
     enclose_together(net, models, inputs, arena);
-    return through(net, inputs->shared + models->fresh, NULL, NULL, models, arena);
+    return through(net, inputs->shared + models->fresh, NULL, NULL, models, NULL, arena);
 }

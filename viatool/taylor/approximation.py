@@ -98,7 +98,7 @@ def _straight_lines(
 def _bent_lines(
     curve: Curve, lower: Floats, upper: Floats, rule: Approximation, centre: Floats
 ) -> tuple[Floats, Floats]:
-    slope = _pick_slope(curve, lower, upper, rule)
+    slope = pick_slope(curve, lower, upper, rule)
     residual = residual_range(curve, lower, upper, slope)
     if not (np.isfinite(residual.lower).all() and np.isfinite(residual.upper).all()):
         worst = int(np.argmax(~np.isfinite(residual.upper - residual.lower)))
@@ -112,7 +112,8 @@ def _bent_lines(
     return np.stack([offset + slope * centre, slope]), step_up(radius) + rounding
 
 
-def _pick_slope(curve: Curve, lower: Floats, upper: Floats, rule: Approximation) -> Floats:
+def pick_slope(curve: Curve, lower: Floats, upper: Floats, rule: Approximation) -> Floats:
+    """Return slopes of lines that stay close to a curve on intervals, (K,); any finite ones would do."""
     middle, half = lower / 2 + upper / 2, upper / 2 - lower / 2
     if rule == "taylor":
         tangent = curve.value(middle, 1)

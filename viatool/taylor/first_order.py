@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from viatool.arrays import Booleans, Floats, Hull, Indices
-from viatool.policy.network import Network
+from viatool.policy.network import Activation, Network
 from viatool.taylor.approximation import Approximation
 from viatool.taylor.attained import attained_actions
+from viatool.taylor.backwards import hull_backwards
 from viatool.taylor.kernel import EFFORT, Bounded, Kernel, kernel_of
 from viatool.taylor.propagation import Box, is_curved, propagate
 from viatool.taylor.refinement import (
@@ -27,8 +28,8 @@ from viatool.taylor.refinement import (
     sees_squares,
 )
 
-_WIDE = 128
-"""Neurons of a layer from which on the dual bound costs little beside the pass itself, even without refinement."""
+_WIDE, _WIDE_BACKWARDS = 128, 64
+"""Neurons of a layer from which on the dual bound, and back-substitution, cost little beside the pass itself."""
 
 
 @dataclass(frozen=True)
@@ -123,6 +124,9 @@ def enclose_first_order(network: Network, trunk: Network, box: Box, effort: Effo
 def _by_numpy(trunk: Network, box: Box, effort: Effort) -> FirstOrder:
     passes = propagate(trunk, box, rule=effort.rule)
     hulls = [enclosure.hull for enclosure in passes]
+    if goes_backwards(trunk):
+        back = hull_backwards(trunk, hulls)
+        hulls[-1] = (np.fmax(hulls[-1][0], back[0]), np.fmin(hulls[-1][1], back[1]))
     extrema = extrema_of(box, *hulls[-1])
     if is_wide(trunk):
         extrema = refine_by_pieces(trunk, extrema, passes)
@@ -136,18 +140,24 @@ def _by_numpy(trunk: Network, box: Box, effort: Effort) -> FirstOrder:
 
 def _of_the_kernel(trunk: Network, effort: Effort) -> dict[str, Any]:
     """Return how hard the kernel tries."""
+    backwards = {"backwards": goes_backwards(trunk)}
     if effort.one_by_one:
         thorough = {"rounds": ROUNDS, "sweeps": EFFORT.sweeps, "neurons": EFFORT.neurons}
-        return {**thorough, "whole": is_wide(trunk)}
+        return {**thorough, **backwards, "whole": is_wide(trunk)}
     if is_wide(trunk):
         light = effort_in_passing(1, 2 * trunk.output_size)
-        return {"sweeps": 2 * light.sweeps, "neurons": light.neurons}
-    return {}
+        return {"sweeps": 2 * light.sweeps, "neurons": light.neurons, **backwards}
+    return backwards
 
 
 def is_wide(network: Network) -> bool:
     """Tell whether a layer is so wide that the dual bound costs little beside the pass."""
     return max(node.size for node in network.nodes) >= _WIDE
+
+
+def goes_backwards(network: Network) -> bool:
+    """Tell whether a layer of activations is so wide that back-substitution costs little beside the pass."""
+    return any(isinstance(node, Activation) and node.size >= _WIDE_BACKWARDS for node in network.nodes)
 
 
 def _read(kernel: Kernel, trunk: Network, box: Box, bounded: Bounded) -> FirstOrder:

@@ -148,6 +148,7 @@ class Kernel:
         sweeps: int = 0,
         neurons: int = 1,
         whole: bool = False,
+        backwards: bool = False,
         climbs: int = 1,
     ) -> Bounded:
         """Bound every action of the trunk over boxes (B, n).
@@ -163,6 +164,8 @@ class Kernel:
             layer have conditions in it.
         whole : bool
             Whether there is a dual bound over the whole box as well, before it is shrunk.
+        backwards : bool
+            Whether the actions, and arguments that lie around a kink, are followed back to the inputs as well.
         climbs : int
             Corners that the search for attained actions tries.
         """
@@ -173,8 +176,8 @@ class Kernel:
         result = Bounded(np.zeros(batch, dtype=bool), *map(np.empty, shapes))
         call(
             "viatool_bound", self.packed, batch, floats(lower), floats(upper), rounds, sweeps, neurons, int(whole),
-            climbs, result.lower, result.upper, result.face_lower, result.face_upper, result.bound, result.points,
-            result.found, result.done,
+            int(backwards), climbs, result.lower, result.upper, result.face_lower, result.face_upper, result.bound,
+            result.points, result.found, result.done,
         )  # fmt: skip
         return result
 

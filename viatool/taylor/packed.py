@@ -6,6 +6,7 @@ The layout is that of engine/kernel.h; what it means is derived in docs/kernel.m
 from __future__ import annotations
 
 import ctypes
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -66,7 +67,7 @@ _Figure = _struct(
 )
 Allowances = _struct(
     "Allowances",
-    ("sums", "lines", "underflow", "slopes", "tilts", "program", "errors"),
+    ("sums", "lines", "underflow", "slopes", "tilts", "program", "errors", "back"),
     ctypes.c_double,
 )
 """Factors of the terms that cover rounding, all 1; a test shows that each is needed."""
@@ -85,6 +86,7 @@ class PackedNetwork(ctypes.Structure):
         ("figure", ctypes.c_void_p),
         ("numbers", ctypes.c_void_p),
         ("allow", ctypes.c_void_p),
+        ("gamma", ctypes.c_double),
     )
 
 
@@ -92,7 +94,7 @@ def packed(network: Network, trunk: int) -> PackedNetwork | None:
     """Pack a network of which the first `trunk` nodes are enclosed by models; None if the kernel does not cover it."""
     if not is_covered(network):
         return None
-    packing = _Packing()
+    packing = _Packing(_most_readers(network))
     for node, floor in zip(network.nodes, floors_of(network), strict=True):
         packing.add(node, floor)
     return packing.network(trunk)
@@ -118,6 +120,11 @@ def _node_is_covered(node: Node) -> bool:
             return False
 
 
+def _most_readers(network: Network) -> int:
+    """Return how many nodes read the one that most of them read."""
+    return max(Counter(source for node in network.nodes for source in node.sources).values(), default=0)
+
+
 def _error_of(function: ActivationFunction) -> int | None:
     """Return what the error of a runtime's kernel is relative to; None where that is not among the kernel's own."""
     error = function.error
@@ -140,7 +147,7 @@ def _curve_is_covered(curve: Curve) -> bool:
 class _Packing:
     """What has been packed so far."""
 
-    def __init__(self) -> None:
+    def __init__(self, readers: int) -> None:
         self._nodes: list[Any] = []
         self._sources: list[Any] = []
         self._curves: list[Any] = []
@@ -150,6 +157,7 @@ class _Packing:
         self._placed: list[Any] = []
         self._length = 0
         self._offset = 0
+        self._readers, self._backwards = readers, readers + _SPARE_TERMS
 
     def add(self, node: Node, floor: Floats) -> None:
         """Add a node and what it has at least."""
@@ -170,7 +178,8 @@ class _Packing:
                 products = sum(weight.shape[1] for weight in node.weights)
                 count = products + len(node.sources) + node.roundings + _SPARE_TERMS
                 figures["gamma"] = float(gamma(count, ENGINE_ROUNDOFF))
-                backwards = node.size + node.roundings + _SPARE_TERMS
+                backwards = node.size + node.roundings + self._readers + _SPARE_TERMS
+                self._backwards = max(self._backwards, backwards)
                 figures["backward"] = float(gamma(backwards, ENGINE_ROUNDOFF))
             case Activation():
                 self._sources.append(_Source(node=node.source))
@@ -189,11 +198,15 @@ class _Packing:
         allow = Allowances(*(1.0 for _ in Allowances._fields_))
         result = PackedNetwork(
             len(self._nodes), trunk, self._offset, *(ctypes.addressof(part) for part in kept),
-            numbers.ctypes.data, ctypes.addressof(allow),
+            numbers.ctypes.data, ctypes.addressof(allow), float(gamma(self._roundings(), ENGINE_ROUNDOFF)),
         )  # fmt: skip
         result.kept = [*kept, numbers]
         result.allowances = allow
         return result
+
+    def _roundings(self) -> int:
+        """Return the roundings of a sum over all neurons that follows one of them back to the inputs."""
+        return self._offset + self._backwards
 
     def _add_source(self, source: int, weights: Sequence[Any]) -> None:
         straight = [self._place(weight) for weight in weights]
