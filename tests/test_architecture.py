@@ -85,6 +85,28 @@ def test_the_top_level_imports_nothing_heavy(program: str) -> None:
     assert run.stdout.splitlines()[-1].split() == ["LOADED"]
 
 
+def test_bounds_load_what_they_need(tmp_path: Path) -> None:
+    """Nobody waits for sympy, for geometry or for reports to learn what a policy may command."""
+    table = tmp_path / "observation.csv"
+    table.write_text(",".join(["1.0"] * viatool.load_policy("via").input_size) + "\n")
+    program = (
+        f"from viatool.cli import main\ntry:\n    main(['bounds', 'via', {str(table)!r}, '--eps', '0.01'])\n"
+    )
+    program += "except SystemExit as end:\n    assert not end.code\n"
+    needless = {
+        "sympy",
+        "scipy",
+        "shapely",
+        "matplotlib",
+        "torch",
+        "viatool.simulate",
+        "viatool.report.kinds",
+    }
+    probe = f"{program}import sys\nprint('LOADED', *sorted({needless!r} & sys.modules.keys()))"
+    run = subprocess.run([sys.executable, "-c", probe], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert run.stdout.splitlines()[-1].split() == ["LOADED"]
+
+
 def test_torch_and_pybullet_stay_in_their_rooms() -> None:
     allowed = {"torch": ("train", "importing"), "pybullet": ("simulate",)}
     for path in sorted((ROOT / "viatool").rglob("*.py")):

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from viatool.lazy_names import lazily
 
 if TYPE_CHECKING:
     from viatool.margins import margin
@@ -75,16 +76,4 @@ __all__ = [
     "verify",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    """Import a public name from its room when it is first used, so that `import viatool` stays instant."""
-    if name not in _ROOM_OF:
-        raise AttributeError(f"module 'viatool' has no attribute '{name}'")
-    value = getattr(import_module(_ROOM_OF[name]), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    """List the public names."""
-    return sorted(__all__)
+__getattr__, __dir__ = lazily(__name__, _ROOM_OF)
