@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import json
 import runpy
+from collections import Counter
+from collections.abc import Container
 from pathlib import Path
 
 import click
@@ -65,29 +67,68 @@ traceback to an internal error.
 """
 
 
+SHARED = """\
+## Shared options
+
+The same in every command that names them.
+
+| option | meaning |
+|---|---|
+"""
+_OFTEN = 2
+"""Commands that have an option for it to be shared."""
+
+
 def reference() -> str:
-    """Return the page of the command line."""
+    """Return the page of the command line; what options of many commands mean stands there once."""
     context = click.Context(main, info_name="viatool")
-    names = main.list_commands(context)
-    pages = [PREFACE]
-    for name in names:
+    commands: dict[str, list[tuple[str, str, str]]] = {}
+    pages = []
+    for name in main.list_commands(context):
         command = main.get_command(context, name)
         assert command is not None
-        pages.append(_page(command, click.Context(command, info_name=name, parent=context)))
-    return "\n".join(pages)
+        inner = click.Context(command, info_name=name, parent=context)
+        commands[name] = _options(command, inner)
+        pages.append((name, _about(command, inner)))
+    often = Counter(option for options in commands.values() for option in options)
+    shared = {option: None for options in commands.values() for option in options if often[option] >= _OFTEN}
+    texts = [PREFACE, SHARED + "".join(_row(option) for option in sorted(shared, key=_letters))]
+    return "\n".join([*texts, *(text + _table(commands[name], shared) for name, text in pages)])
 
 
-def _page(command: click.Command, context: click.Context) -> str:
+def _options(command: click.Command, context: click.Context) -> list[tuple[str, str, str]]:
+    """Return the spellings, the form and the meaning of every option of a command."""
+    found = []
+    for parameter in command.get_params(context):
+        record = parameter.get_help_record(context)
+        if record is not None and isinstance(parameter, click.Option) and "--help" not in parameter.opts:
+            spellings = ", ".join(f"`{opt}`" for opt in (*parameter.opts, *parameter.secondary_opts))
+            found.append((spellings, _cell(record[0]), _cell(record[1])))
+    return found
+
+
+def _about(command: click.Command, context: click.Context) -> str:
     usage = command.collect_usage_pieces(context)
     lines = [f"## viatool {context.info_name}", "", f"    {context.command_path} {' '.join(usage)}", ""]
     for paragraph in (command.help or "").strip().split("\n\n"):
         lines += [" ".join(line.strip() for line in paragraph.splitlines()), ""]
-    lines += ["| option | meaning |", "|---|---|"]
-    for parameter in command.get_params(context):
-        record = parameter.get_help_record(context)
-        if record is not None and isinstance(parameter, click.Option) and "--help" not in parameter.opts:
-            lines.append(f"| `{_cell(record[0])}` | {_cell(record[1])} |")
     return "\n".join(lines) + "\n"
+
+
+def _table(options: list[tuple[str, str, str]], shared: Container[tuple[str, str, str]]) -> str:
+    own = [option for option in options if option not in shared]
+    others = ", ".join(option[0] for option in options if option in shared)
+    head = "| option | meaning |\n|---|---|\n" if own else ""
+    rest = f"[Shared](#shared-options): {others}.\n" if others else ""
+    return head + "".join(map(_row, own)) + ("\n" if own and rest else "") + rest
+
+
+def _row(option: tuple[str, str, str]) -> str:
+    return f"| `{option[1]}` | {option[2]} |\n"
+
+
+def _letters(option: tuple[str, str, str]) -> str:
+    return option[0].rpartition("--")[2]
 
 
 def _cell(text: str) -> str:
