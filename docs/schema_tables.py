@@ -16,14 +16,18 @@ def schema_tables(schema: Schema, title: str) -> str:
     )
 
 
-def _table(name: str, part: Schema, level: int) -> str:
-    heading = f"{'#' * level} {name}"
-    lines = [heading, "", *_summary(part), "| field | type | default | meaning |", "|---|---|---|---|"]
-    required = part.get("required", [])
+def _table(title: str, part: Schema, level: int) -> str:
+    """Return a table; columns without an entry are left out."""
+    columns: dict[str, list[str]] = {"field": [], "type": [], "default": [], "meaning": []}
     for field, about in part["properties"].items():
-        default = "required" if field in required else _default(about)
-        lines.append(f"| `{field}` | {_type(about)} | {default} | {about.get('description', '')} |")
-    return "\n".join(lines) + "\n"
+        star = "\\*" if field in part.get("required", []) else ""
+        cells = (f"`{field}`{star}", _type(about), _default(about), about.get("description", ""))
+        for name, cell in zip(columns, cells, strict=True):
+            columns[name].append(cell)
+    told = {name: cells for name, cells in columns.items() if any(cells)}
+    rows = [[*told], ["---"] * len(told), *zip(*told.values(), strict=True)]
+    lines = [f"{'#' * level} {title}", "", *_summary(part)]
+    return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)]) + "\n"
 
 
 def _summary(part: Schema) -> list[str]:

@@ -153,7 +153,8 @@ JSON Schemas, for editors and other programs: [map](map.schema.json), [specifica
 [report](report.schema.json), [certificate](certificate.schema.json),
 [margins](margin.schema.json), [simulation](simulation.schema.json), [diagnosis](diagnosis.schema.json),
 [training](training.schema.json) (its options are explained in [training](training.md)).
-Lengths are metres, angles radians, poses x, y, theta. [File formats](files.md) has examples.
+Lengths are metres, angles radians, poses x, y, theta; a field with a \\* is required.
+[File formats](files.md) has examples.
 """
 
 
