@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from viatool.studies.study import Study
 
-STUDIES = ("table1", "table2", "binding", "figures", "transfer")
+STUDIES = ("table1", "table2", "mean-limit", "figures", "transfer")
 """Names of all studies, in the order in which ``all`` runs them."""
 
 __all__ = ["STUDIES", "study_named"]
@@ -20,5 +20,5 @@ __all__ = ["STUDIES", "study_named"]
 
 def study_named(name: str) -> Study:
     """Return the study of a name in `STUDIES`."""
-    study: Study = import_module(f"viatool.studies.{name}").STUDY
+    study: Study = import_module(f"viatool.studies.{name.replace('-', '_')}").STUDY
     return study

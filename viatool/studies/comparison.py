@@ -39,7 +39,7 @@ def collect(tasks: Sequence[Task], records: Mapping[str, Record]) -> dict[str, A
         if own:
             variants[training.folder.rpartition("/")[2]] = _variant(records[training.name], own)
     return {
-        "about": about(trainings, list(records.values())),
+        "about": about(trainings, list(records.values())) | {"episodes": _episodes(tasks)},
         "configuration": _shared_configuration(trainings),
         "variants": variants,
     }
@@ -56,6 +56,14 @@ def about(trainings: Sequence[TrainVariant], records: Sequence[Record]) -> dict[
         "versions": versions[-1] if versions else {},
         "minutes": round(sum(record.seconds for record in records) / 60, 1),
     }
+
+
+def _episodes(tasks: Sequence[Task]) -> dict[str, int]:
+    """Return in how many fixed and held-out scenarios each policy drives."""
+    for task in tasks:
+        if isinstance(task, EvaluateSeed):
+            return {"fixed": len(task.training.world_map.scenarios), "held_out": task.scenarios}
+    return {}
 
 
 def _shared_configuration(trainings: Sequence[TrainVariant]) -> dict[str, Any]:

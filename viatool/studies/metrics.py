@@ -22,6 +22,10 @@ class Metric:
     read : callable
         From the result of `EvaluateSeed` to the number; None where there is none, such as the safety of
         collision episodes without a collision.
+    margin : float
+        Two methods that differ by less are as good as each other in practice.
+    episodes : str, optional
+        Of which scenarios it is a share, "fixed" or "held_out"; None for what is no share of episodes.
     digits : int
         After the point.
     scale : float
@@ -32,6 +36,8 @@ class Metric:
     title: str
     better: int
     read: Callable[[Evaluation], float | None]
+    margin: float
+    episodes: str | None = None
     digits: int = 1
     scale: float = 100.0
 
@@ -59,38 +65,56 @@ def _number(value: Any) -> float | None:
 
 
 TASK = (
-    Metric("fixed_success", "Success", +1, _task("fixed", "success_rate")),
-    Metric("fixed_collision", "Collision", -1, _task("fixed", "collision_rate")),
-    Metric("success", "Success", +1, _task("held_out", "success_rate")),
-    Metric("collision", "Collision", -1, _task("held_out", "collision_rate"), 2),
-    Metric("timeout", "Timeout", -1, _task("held_out", "timeout_rate"), 2),
+    Metric("fixed_success", "Success", +1, _task("fixed", "success_rate"), 0.05, "fixed"),
+    Metric("fixed_collision", "Collision", -1, _task("fixed", "collision_rate"), 0.05, "fixed"),
+    Metric("success", "Success", +1, _task("held_out", "success_rate"), 0.01, "held_out"),
+    Metric("collision", "Collision", -1, _task("held_out", "collision_rate"), 0.005, "held_out", 2),
+    Metric("timeout", "Timeout", -1, _task("held_out", "timeout_rate"), 0.01, "held_out", 2),
 )
 COST = (
-    Metric("fixed_cost", "Cost", -1, _task("fixed", "average_cost"), 2, 1.0),
-    Metric("cost", "Cost", -1, _task("held_out", "average_cost"), 2, 1.0),
-    Metric("cvar_0.9", "CVaR 0.9", -1, _cvar("0.9"), 2, 1.0),
-    Metric("cvar_0.5", "CVaR 0.5", -1, _cvar("0.5"), 2, 1.0),
-    Metric("cvar_0.1", "CVaR 0.1", -1, _cvar("0.1"), 2, 1.0),
+    Metric("fixed_cost", "Cost", -1, _task("fixed", "average_cost"), 0.5, None, 2, 1.0),
+    Metric("cost", "Cost", -1, _task("held_out", "average_cost"), 0.1, None, 2, 1.0),
+    Metric("cvar_0.9", "CVaR 0.9", -1, _cvar("0.9"), 1.0, None, 2, 1.0),
+    Metric("cvar_0.5", "CVaR 0.5", -1, _cvar("0.5"), 0.2, None, 2, 1.0),
+    Metric("cvar_0.1", "CVaR 0.1", -1, _cvar("0.1"), 0.1, None, 2, 1.0),
 )
 SAFETY = (
-    Metric("safety_success", "Safety (Succ.)", +1, _rate("safety_rate", "success"), 3),
-    Metric("safety_collision", "Safety (Coll.)", +1, _rate("safety_rate", "collision"), 2),
-    Metric("safety", "Overall", +1, _rate("safety_rate"), 3),
-    Metric("sampled_success", "Sampled (Succ.)", +1, _rate("sampled_safety_rate", "success"), 3),
-    Metric("sampled_collision", "Sampled (Coll.)", +1, _rate("sampled_safety_rate", "collision"), 2),
-    Metric("sampled", "Sampled overall", +1, _rate("sampled_safety_rate"), 3),
-    Metric("danger", "At d_danger", +1, _rate("danger_rate"), 2),
-    Metric("contested", "Contested", +1, _rate("contested_rate"), 1),
-    Metric("fixed_success_safety", "Safety (Succ.)", +1, _rate("sampled_safety_rate", "success", "fixed"), 2),
+    Metric("safety_success", "Safety (Succ.)", +1, _rate("safety_rate", "success"), 1e-4, None, 3),
+    Metric("safety_collision", "Safety (Coll.)", +1, _rate("safety_rate", "collision"), 0.005, None, 2),
+    Metric("safety", "Overall", +1, _rate("safety_rate"), 1e-4, None, 3),
+    Metric("sampled_success", "Sampled (Succ.)", +1, _rate("sampled_safety_rate", "success"), 1e-4, None, 3),
     Metric(
-        "fixed_collision_safety", "Safety (Coll.)", +1, _rate("sampled_safety_rate", "collision", "fixed"), 2
+        "sampled_collision", "Sampled (Coll.)", +1, _rate("sampled_safety_rate", "collision"), 0.005, None, 2
     ),
-    Metric("fixed_safety", "Overall Safety", +1, _rate("sampled_safety_rate", "overall", "fixed"), 2),
-    Metric("fixed_proved", "Overall, proved", +1, _rate("safety_rate", "overall", "fixed"), 2),
+    Metric("sampled", "Sampled overall", +1, _rate("sampled_safety_rate"), 1e-4, None, 3),
+    Metric("danger", "At d_danger", +1, _rate("danger_rate"), 0.001, None, 2),
+    Metric("contested", "Contested", +1, _rate("contested_rate"), 0.05, None, 1),
+    Metric(
+        "fixed_success_safety",
+        "Safety (Succ.)",
+        +1,
+        _rate("sampled_safety_rate", "success", "fixed"),
+        0.001,
+        None,
+        2,
+    ),
+    Metric(
+        "fixed_collision_safety",
+        "Safety (Coll.)",
+        +1,
+        _rate("sampled_safety_rate", "collision", "fixed"),
+        0.01,
+        None,
+        2,
+    ),
+    Metric(
+        "fixed_safety", "Overall Safety", +1, _rate("sampled_safety_rate", "overall", "fixed"), 0.001, None, 2
+    ),
+    Metric("fixed_proved", "Overall, proved", +1, _rate("safety_rate", "overall", "fixed"), 0.001, None, 2),
 )
 WIDTH = (
-    Metric("width_v", "Width of v [m/s]", -1, _width("v"), 4, 1.0),
-    Metric("width_omega", "Width of omega [rad/s]", -1, _width("omega"), 3, 1.0),
+    Metric("width_v", "Width of v [m/s]", -1, _width("v"), 0.002, None, 4, 1.0),
+    Metric("width_omega", "Width of omega [rad/s]", -1, _width("omega"), 0.02, None, 3, 1.0),
 )
 METRICS = {metric.name: metric for metric in (*TASK, *COST, *SAFETY, *WIDTH)}
 

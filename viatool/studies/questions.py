@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from viatool.studies.answers import (
-    VariantComparison,
+    Answer,
+    Superiority,
     answer,
-    compare,
     compare_all,
     comparison_table,
     discordant_pairs,
@@ -20,14 +20,6 @@ from viatool.studies.tables import number
 from viatool.studies.variants import ALPHAS, METHODS, RCPO, VARIANTS, VIA, VIA_LOW, VIA_MIDDLE, Variant
 
 Data = Mapping[str, Any]
-
-RULE = (
-    "Rule: a comparison goes as claimed, or the opposite way, if the 95 % confidence interval of the difference of "
-    "the means over the seeds (Welch) lies wholly on one side of 0; otherwise it is undecided. A claim is confirmed "
-    "if every comparison goes as claimed, reversed if more go the opposite way than as claimed, else not confirmed. "
-    "The intervals are not corrected for their number: of twenty comparisons without a true difference, about one "
-    "is decided by chance."
-)
 
 _OTHERS = tuple(variant for variant in METHODS if variant.family in ("unconstrained", "expectation"))
 _CVAR = tuple(variant for variant in METHODS if variant.family == "cvar")
@@ -65,17 +57,28 @@ def in_short(sections: Sequence[Section]) -> list[str]:
 
 def question_1(data: Data, metrics: Sequence[str]) -> Section:
     """Answer whether CVaR constraints improve on unconstrained and expectation-based methods, in some metrics."""
-    via = compare_all(data, [(VIA.name, other.name) for other in _OTHERS], metrics)
-    family = [(one.name, other.name) for one in _CVAR for other in _OTHERS]
-    every = answer(compare_all(data, family, metrics))
+    via = Superiority([(VIA.name, other.name) for other in _OTHERS], metrics)
+    family = Superiority([(one.name, other.name) for one in _CVAR for other in _OTHERS], metrics)
+    found, every = answer(data, via), answer(data, family)
     return Section(
         "Q1: does the CVaR formulation improve navigation and safety?",
         (
-            f"VIA against {_listed(_OTHERS)}: {answer(via)}.",
+            f"VIA against {_listed(_OTHERS)}: {found}.",
             f"All CVaR methods ({_listed(_CVAR)}) against the same: {every}.",
         ),
-        tuple(comparison_table(via)),
+        (*_details(data, via, found), *_decided(data, family)),
     )
+
+
+def _decided(data: Data, claim: Superiority) -> list[str]:
+    """Return the comparisons of a claim that go one way or the other, if there are any."""
+    found = [one for one in compare_all(data, claim) if one.finding in ("as claimed", "opposite")]
+    return ["What is decided among all CVaR methods:", "", *comparison_table(found)] if found else []
+
+
+def _details(data: Data, claim: Superiority, found: Answer) -> tuple[str, ...]:
+    """Return every comparison of a claim, and how often the rule errs."""
+    return (*comparison_table(compare_all(data, claim)), found.chances(), "")
 
 
 def question_2(data: Data) -> Section:
@@ -85,14 +88,15 @@ def question_2(data: Data) -> Section:
     answers = [_second_answer(data, names, safety, *pairs) for safety, pairs in found.items()]
     claim = (
         "The claim: a method can have the lower cost and yet be verified as less safe. Those pairs of methods "
-        "count that differ beyond doubt (by the rule) in both. It is confirmed if there is such a pair, reversed "
-        "if there are only pairs in which the cheaper one is the safer one, else not confirmed."
+        "count that differ in both, at 0.05 for the larger of the two p-values, corrected for the number of pairs. It "
+        "is confirmed if there is such a pair, contradicted if there are only pairs in which the cheaper one is the "
+        "safer one, else undecided."
     )
     examples = [
-        f"- {VARIANTS[one.better].title} is cheaper than {VARIANTS[one.worse].title}, and less safe "
+        f"- {VARIANTS[cheaper].title} is cheaper than {VARIANTS[dearer].title}, and less safe "
         f"({METRICS[safety].title.lower()})."
         for safety, (discordant, _) in found.items()
-        for one in discordant
+        for cheaper, dearer in discordant
     ]
     return Section(
         "Q2: does verification reveal what the average cost does not?",
@@ -105,10 +109,10 @@ def _second_answer(
     data: Data,
     names: Sequence[str],
     safety: str,
-    discordant: Sequence[VariantComparison],
-    concordant: Sequence[VariantComparison],
+    discordant: Sequence[tuple[str, str]],
+    concordant: Sequence[tuple[str, str]],
 ) -> str:
-    word = "confirmed" if discordant else "reversed" if concordant else "not confirmed"
+    word = "confirmed" if discordant else "contradicted" if concordant else "undecided"
     estimates = [data["variants"][name]["estimates"] for name in names]
     both = [(one["cost"]["mean"], one[safety]["mean"]) for one in estimates if safety in one]
     tau = rank_correlation(*zip(*both, strict=True)) if len(both) > 2 else 0.0
@@ -120,13 +124,15 @@ def _second_answer(
 
 def _rcpo_against_via(data: Data) -> str:
     """Return the paper's own example in our numbers."""
-    cost, safety = (compare(data, RCPO.name, VIA.name, metric) for metric in ("cost", "safety"))
-    if cost is None or safety is None:
+    found = {
+        one.metric: one for one in compare_all(data, Superiority([(RCPO.name, VIA.name)], ("cost", "safety")))
+    }
+    if not found:
         return "RCPO and VIA, the paper's example, are not both there."
     differences = [
-        f"{METRICS[found.metric].title.lower()} {_signed(found.difference.mean, found.metric)} "
-        f"[{_signed(found.difference.low, found.metric)}, {_signed(found.difference.high, found.metric)}]"
-        for found in (cost, safety)
+        f"{METRICS[name].title.lower()} {_signed(one.difference, name)} "
+        f"[{_signed(one.low, name)}, {_signed(one.high, name)}]"
+        for name, one in found.items()
     ]
     return f"The paper's example, RCPO minus VIA: {' and '.join(differences)} (the paper: cost -0.35, overall -1.7)."
 
@@ -139,11 +145,12 @@ def _signed(value: float, metric: str) -> str:
 def question_3(data: Data, metrics: Sequence[str]) -> Section:
     """Answer whether a higher alpha improves success and safety, in some metrics."""
     pairs = [(VIA.name, VIA_LOW.name), (VIA.name, VIA_MIDDLE.name), (VIA_MIDDLE.name, VIA_LOW.name)]
-    found = compare_all(data, pairs, metrics)
+    claim = Superiority(pairs, metrics)
+    found = answer(data, claim)
     return Section(
         "Q3: does a higher alpha improve success and safety?",
-        (f"{_listed(ALPHAS)}, the higher one claimed to be better: {answer(found)}.",),
-        tuple(comparison_table(found)),
+        (f"{_listed(ALPHAS)}, the higher one claimed to be better: {found}.",),
+        _details(data, claim, found),
     )
 
 

@@ -1,13 +1,17 @@
-"""Means over seeds, their uncertainty, and differences between methods."""
+"""Means over seeds, differences between methods, tests of these, and their correction for being many."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 
+from viatool.arrays import Floats
+
 CONFIDENCE = 0.95
+POWER = 0.8
 
 
 @dataclass(frozen=True)
@@ -56,32 +60,97 @@ def estimate(values: Sequence[float], confidence: float = CONFIDENCE) -> Estimat
     return Estimate(mean, std, mean - half, mean + half, count)
 
 
-def difference(first: Sequence[float], second: Sequence[float], confidence: float = CONFIDENCE) -> Estimate:
-    """Return mean(first) - mean(second) with Welch's confidence interval.
+@dataclass(frozen=True)
+class Differences:
+    """Differences of two means over seeds, of one shape, with what Welch's test needs of their spread.
+
+    Parameters
+    ----------
+    mean : ndarray
+        Of the first minus that of the second.
+    error : ndarray
+        Standard errors; infinite where the spread is not known.
+    freedom : ndarray
+        Degrees of freedom; 1 where the spread is not known.
+    """
+
+    mean: Floats
+    error: Floats
+    freedom: Floats
+
+    def within(self, confidence: float = CONFIDENCE) -> tuple[Floats, Floats]:
+        """Return the ends of confidence intervals."""
+        from scipy.stats import t
+
+        half = t.ppf((1 + confidence) / 2, self.freedom) * self.error
+        return self.mean - half, self.mean + half
+
+    def p_different(self) -> Floats:
+        """Return the p-values, two-sided, of there being no difference."""
+        from scipy.stats import t
+
+        return cast(Floats, 2 * t.sf(np.abs(self.mean) / self.error, self.freedom))
+
+    def p_equal(self, margin: float) -> Floats:
+        """Return the p-values of a difference of `margin` or more, by two one-sided tests (Schuirmann, 1987)."""
+        from scipy.stats import t
+
+        return cast(Floats, t.sf((margin - np.abs(self.mean)) / self.error, self.freedom))
+
+    def detectable(self, level: float, power: float = POWER) -> Floats:
+        """Return how large a true difference must be to be found at that level with that power, to first order."""
+        from scipy.stats import t
+
+        return (t.ppf(1 - level / 2, self.freedom) + t.ppf(power, self.freedom)) * self.error
+
+
+def differences(first: Floats, second: Floats, trials: int | None = None) -> Differences:
+    """Compare values of seeds by Welch's test, the seed being the unit that was drawn.
+
+    Parameters
+    ----------
+    first, second : ndarray
+        ``(..., S)`` and ``(..., T)``, NaN where a seed has no value.
+    trials : int, optional
+        For shares of so many trials in each seed: their variance is taken to be no smaller than the binomial one of
+        the share over all seeds of both, with one success and one failure added (Agresti and Caffo, 2000). Near 0
+        and 1 a few seeds often agree by chance, and would pass for values without spread.
 
     Returns
     -------
-    Estimate
-        Its `std` is the standard error of the difference, its `count` all seeds.
+    Differences
+        Of shape ``(...)``. Where either has fewer than two values, or neither varies, the spread is not known.
     """
-    from scipy.stats import t
+    counts = [np.isfinite(values).sum(axis=-1) for values in (first, second)]
+    sums = [np.nansum(values, axis=-1) for values in (first, second)]
+    enough = np.minimum(*counts) > 1
+    least = 0.0
+    if trials is not None:
+        tried = (counts[0] + counts[1]) * trials
+        share = ((sums[0] + sums[1]) * trials + 1) / (tried + 2)
+        least = share * (1 - share) / trials
+    means = [total / np.maximum(count, 1) for total, count in zip(sums, counts, strict=True)]
+    parts = []
+    for values, mean, count in zip((first, second), means, counts, strict=True):
+        squares = np.nansum((values - mean[..., None]) ** 2, axis=-1)
+        parts.append(np.maximum(squares / np.maximum(count - 1, 1), least) / np.maximum(count, 1))
+    variance = parts[0] + parts[1]
+    known = enough & (variance > 0.0)
+    spread = sum(part**2 / np.maximum(count - 1, 1) for part, count in zip(parts, counts, strict=True))
+    freedom = np.divide(variance**2, spread, out=np.ones(variance.shape), where=known)
+    error = np.sqrt(variance, out=np.full(variance.shape, np.inf), where=known)
+    return Differences(means[0] - means[1], error, freedom)
 
-    a, b = estimate(first), estimate(second)
-    shares = np.array([a.std**2 / a.count, b.std**2 / b.count])
-    mean, count = a.mean - b.mean, a.count + b.count
-    if min(a.count, b.count) == 1:
-        return Estimate(mean, 0.0, -np.inf, np.inf, count)
-    variance = float(shares.sum())
-    if variance == 0.0:
-        return Estimate(mean, 0.0, mean, mean, count)
-    freedom = variance**2 / float((shares**2 / [a.count - 1, b.count - 1]).sum())
-    half = float(t.ppf((1 + confidence) / 2, freedom)) * variance**0.5
-    return Estimate(mean, variance**0.5, mean - half, mean + half, count)
 
-
-def sign(found: Estimate) -> int:
-    """Return +1 or -1 when the whole interval lies on that side of 0, else 0."""
-    return int(found.low > 0.0) - int(found.high < 0.0)
+def holm(p_values: Floats) -> Floats:
+    """Return p-values ``(..., K)`` of K tests, corrected so that any false rejection has that level (Holm, 1979)."""
+    count = p_values.shape[-1]
+    order = np.argsort(p_values, axis=-1)
+    sorted_p = np.take_along_axis(p_values, order, axis=-1) * np.arange(count, 0, -1)
+    adjusted = np.minimum(np.maximum.accumulate(sorted_p, axis=-1), 1.0)
+    corrected = np.empty_like(adjusted)
+    np.put_along_axis(corrected, order, adjusted, axis=-1)
+    return corrected
 
 
 def rank_correlation(first: Sequence[float], second: Sequence[float]) -> float:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from viatool.studies.answers import RULE
 from viatool.studies.comparison import collect
-from viatool.studies.questions import RULE, binding_sentences, in_short, question_1, question_2
+from viatool.studies.questions import binding_sentences, in_short, question_1, question_2
 from viatool.studies.study import Data, Options, Page, Study
 from viatool.studies.tables import beside_paper, constraint_table, head, metrics_table
 from viatool.studies.tasks import Task

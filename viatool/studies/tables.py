@@ -93,7 +93,8 @@ def beside_paper(data: Mapping[str, Any], variants: Sequence[Variant]) -> list[s
             rows.append([variant.title, *(f"{ours} ({paper})" if paper else ours for ours, paper in pairs)])
     introduction = (
         "The policies drive the ten fixed scenarios once each; safety rates are those of the visited states at eps "
-        "0.01 by the sampled criterion, as in the paper, and once as proved. In brackets: the paper."
+        "0.01 by the sampled criterion, from the LiDAR's origin as the paper's text has it, and once as proved. In "
+        "brackets: the paper, whose published code measures from the edge of a disc of 0.17 m and leaves walls out."
     )
     header = ["Method", *(f"{one.title} {arrow(one)}" for one in columns)]
     return ["## On the ten fixed scenarios, beside the paper", "", introduction, "", *table(header, rows)]

@@ -91,10 +91,10 @@ _ROWS = (
 
 
 _EXPLANATION = (
-    "Clearance is measured as in the paper, from the LiDAR (d_col 0.4 m, d_danger 0.5 m), in every place. The proof is "
-    "for the unicycle model over one control interval, with the dead time of the place where it has one; the mass, "
-    "the acceleration and the slip of the physics engine are not part of it. What they, noise and drift do to the "
-    "observations is in the states that were verified.",
+    "Clearance is measured as the paper's text has it, from the LiDAR (d_col 0.4 m, d_danger 0.5 m), in every place. "
+    "The proof is for the unicycle model over one control interval, with the dead time of the place where it has one; "
+    "the mass, the acceleration and the slip of the physics engine are not part of it. What they, noise and drift do "
+    "to the observations is in the states that were verified.",
 )
 
 

@@ -76,8 +76,8 @@ EVERY = (*METHODS[:-1], *ALPHAS)
 VARIANTS = {variant.name: variant for variant in EVERY}
 
 LAB = TrainingSetting("lab", "the paper's lab, b = 10", ("map=lab", "cost_limit=10"))
-BINDING = TrainingSetting("binding", "the lab, b = 0.5", ("map=lab", "cost_limit=0.5"), LAB)
-SETTINGS = {setting.name: setting for setting in (LAB, BINDING)}
+MEAN_LIMIT = TrainingSetting("mean-limit", "the lab, b = 0.5", ("map=lab", "cost_limit=0.5"), LAB)
+SETTINGS = {setting.name: setting for setting in (LAB, MEAN_LIMIT)}
 
 
 def plan(setting: TrainingSetting, variants: Sequence[Variant], options: Options) -> list[Task]:

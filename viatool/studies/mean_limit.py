@@ -1,15 +1,16 @@
-"""The setting in which the CVaR constraint binds: every method and alpha, and Q1 to Q3 once more."""
+"""Where the constraint binds, and limits the mean by the rule of lambda: every method and alpha, Q1 to Q3 again."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
+from viatool.studies.answers import RULE
 from viatool.studies.comparison import collect
-from viatool.studies.questions import RULE, binding_sentences, in_short, question_1, question_2, question_3
+from viatool.studies.questions import binding_sentences, in_short, question_1, question_2, question_3
 from viatool.studies.study import Data, Options, Page, Study
 from viatool.studies.tables import constraint_table, head, metrics_table
 from viatool.studies.tasks import Task
-from viatool.studies.variants import BINDING, EVERY, plan
+from viatool.studies.variants import EVERY, MEAN_LIMIT, plan
 
 _HELD_OUT = ("success", "collision", "timeout", "cost", "cvar_0.9")
 _TAILS = ("cvar_0.1", "cvar_0.5", "cvar_0.9")
@@ -19,14 +20,15 @@ _CLAIMED = ("success", "collision", "cost", "cvar_0.9", "safety", "contested")
 
 
 def _plan(options: Options) -> Sequence[Task]:
-    return plan(BINDING, EVERY, options)
+    return plan(MEAN_LIMIT, EVERY, options)
 
 
 def _render(data: Data) -> Page:
     lines = head(
-        "Where the constraint binds",
+        "Where a limit on the mean binds",
         data,
-        f"Every method and alpha in {BINDING.title}. Mean and 95 % interval over the seeds, shares in per cent.",
+        f"Every method and alpha in {MEAN_LIMIT.title}. Where u is near 0 (below), VIA's rule of lambda, b - u - mean "
+        "C, limits the mean cost, and alpha hardly acts. Mean and 95 % interval over the seeds, shares in per cent.",
     )
     questions = [
         question_1(data, _CLAIMED),
@@ -45,4 +47,6 @@ def _render(data: Data) -> Page:
     return Page("\n".join(lines).rstrip() + "\n")
 
 
-STUDY = Study("binding", "every method and alpha where the constraint binds", _plan, collect, _render)
+STUDY = Study(
+    "mean-limit", "every method and alpha where a limit on the mean cost binds", _plan, collect, _render
+)
