@@ -52,3 +52,20 @@ def test_a_terminal_gets_a_bar_for_each_stage_or_one_for_the_whole_run(shown):
 @pytest.mark.parametrize("on_terminal", [False, True])
 def test_who_wants_quiet_is_shown_nothing(shown, on_terminal):
     assert not shown(("drive", 10, 10, "a line"), on_terminal=on_terminal, quiet=True)
+
+
+def test_a_stage_that_takes_long_says_once_how_long(shown, monkeypatch):
+    clock = iter([0.0, 0.0, 0.0, 2.0, 2.0, 4.0, 4.0, 6.0, 6.0])
+    monkeypatch.setattr(terminal.time, "monotonic", lambda: next(clock))
+    calls = [("missions", done, 100) for done in range(4)]
+    told = shown(*calls, on_terminal=False)
+    assert told == "missions: about 3 min more for 100, judging by the first 1 in 2 s\n"
+
+
+def test_a_stage_that_is_soon_done_or_foretells_itself_says_nothing_more(shown, monkeypatch):
+    clock = iter(float(second) for second in range(100))
+    monkeypatch.setattr(terminal.time, "monotonic", lambda: next(clock))
+    short = shown(("states", 0, 4), ("states", 2, 4), ("states", 3, 4), on_terminal=False)
+    assert "about" not in short
+    itself = shown(("roots", 0, 1000, "roots: about 9 h"), ("roots", 1, 1000), on_terminal=False)
+    assert itself == "roots: about 9 h\n"

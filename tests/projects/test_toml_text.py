@@ -6,7 +6,7 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from viatool.toml_text import read_toml, toml_key, toml_value
@@ -61,6 +61,7 @@ VALUES = st.recursive(
 )
 
 
+@settings(deadline=None)  # the first write of a busy machine takes long
 @given(st.dictionaries(TEXTS, VALUES, max_size=3))
 def test_what_is_written_is_read_back(tmp_path_factory: Any, content: dict[str, Any]) -> None:
     path = tmp_path_factory.getbasetemp() / "written.toml"

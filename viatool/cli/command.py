@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 from collections import Counter
+from typing import Any
 
 import click
 
 from viatool.cli.sections import write_options
+from viatool.cli.verbosity import verbose_option
 
 
 class Command(click.Command):
     """A click command that refuses an option which is given twice, of which click would silently keep the last.
 
-    Its help shows many options in sections, and is asked for by -h as well, wherever the command is made.
+    Its help shows many options in sections, and is asked for by -h as well, wherever the command is made. Each has
+    ``--verbose``.
     """
+
+    def __init__(self, *args: Any, **settings: Any) -> None:
+        super().__init__(*args, **settings)
+        self.params.append(verbose_option())
 
     def get_help_option_names(self, ctx: click.Context) -> list[str]:
         """Return both names: click keeps the option that it makes of those of the first context."""

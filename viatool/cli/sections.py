@@ -31,7 +31,7 @@ SECTIONS = {
         "--halvings", "--lookahead", "--coarser", "--parts", "--cell", "--finer", "--sample", "--budget-seconds",
         "--budget-cells",
     ),
-    "Reports": ("--output", "--quiet"),
+    "Reports": ("--output", "--quiet", "--verbose"),
     "The gate": (
         "--fail-under", "--max-unsafe", "--max-unknown", "--min-contested", "--baseline", "--accepted", "--exit-zero",
     ),

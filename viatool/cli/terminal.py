@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 PIPE_WIDTH = 100
 _SECONDS_BETWEEN_LINES = 10.0
+_SECONDS_TO_JUDGE_BY = 1.0
+_SECONDS_WORTH_A_LINE = 20.0
 
 
 def open_console(*, stderr: bool = False) -> Console:
@@ -69,10 +71,10 @@ def _columns(whole: str) -> tuple[ProgressColumn, ...]:
         TimeRemainingColumn,
     )
 
+    spent, left = TimeElapsedColumn(), (TextColumn("left"), TimeRemainingColumn())
     if whole:
-        spent, left = TimeElapsedColumn(), (TextColumn("left"), TimeRemainingColumn())
         return TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), spent, *left
-    return TextColumn("{task.description:>12}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
+    return TextColumn("{task.description:>12}"), BarColumn(), MofNCompleteColumn(), spent, *left
 
 
 class Display:
@@ -91,6 +93,7 @@ class Display:
     def __init__(self, console: Console, whole: str = "", bars: Bars | None = None) -> None:
         self._console, self._whole, self._bars = console, whole, bars
         self._rows: dict[str, TaskID] = {}
+        self._forecast = Forecast()
         if bars is not None and whole:
             self._rows[whole] = bars.add_task(whole, total=1.0)
         self._last = time.monotonic()
@@ -101,6 +104,8 @@ class Display:
             self._draw(self._bars, stage, done, total)
         elif not self._whole:
             self._print_now_and_then(stage, done, total)
+        if not self._whole:
+            line = self._forecast.of(stage, done, total, line) or line
         if line:
             self._console.print(line, markup=False, soft_wrap=not self._console.is_terminal)
 
@@ -118,3 +123,34 @@ class Display:
         if done >= total or now - self._last >= _SECONDS_BETWEEN_LINES:
             self._last = now
             self._console.print(f"{stage}: {done:,} of {total:,}", markup=False)
+
+
+class Forecast:
+    """Says of every stage once how long it will take, as soon as a part of it is done and it takes long."""
+
+    def __init__(self) -> None:
+        self._begun: dict[str, tuple[float, float]] = {}
+        self._told: set[str] = set()
+
+    def of(self, stage: str, done: float, total: float, line: str = "") -> str:
+        """Note how far a stage is, and return a line that foretells the rest of it; nothing if it is told or short.
+
+        A stage of which its own work tells something when it begins foretells itself.
+        """
+        from viatool.schedule.durations import duration
+
+        now = time.monotonic()
+        if stage not in self._begun:
+            self._begun[stage] = now, done
+            self._told |= {stage} if line else set()
+            return ""
+        begun, before = self._begun[stage]
+        seconds, part = now - begun, done - before
+        if stage in self._told or part <= 0 or seconds < _SECONDS_TO_JUDGE_BY:
+            return ""
+        self._told.add(stage)
+        left = seconds * (total - done) / part
+        if left < _SECONDS_WORTH_A_LINE:
+            return ""
+        judged = f"judging by the first {done:,.0f} in {duration(seconds)}"
+        return f"{stage}: about {duration(left)} more for {total:,.0f}, {judged}"

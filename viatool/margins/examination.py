@@ -47,7 +47,7 @@ class MarginExamination:
     def __call__(self, states: States) -> MarginFindings:
         """Examine all contested ones of some states together."""
         size, axes = states.observations.shape[1], len(self.widest.setting.rules.lower)
-        clock = Clock()
+        clock = Clock(noted=False)
         with clock.timed("geometry"):
             rows = np.flatnonzero(np.concatenate([self._contested(block) for block in states.each_block()]))
         if not rows.size:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
@@ -27,6 +28,8 @@ from viatool.verification.examination import StateExamination
 from viatool.verification.source import Source
 from viatool.versions import result_versions
 from viatool.world import Footprint, Scenario, WorldMap, as_map
+
+_log = logging.getLogger(__name__)
 
 StrPath = str | os.PathLike[str]
 MOST = 0.5
@@ -164,6 +167,8 @@ def margin(
         resolution,
         _between(also, most),
     )
+    _log.info("engine: %s, passes %s", inquiry.engine, engine_of(commanding.network))
+    _log.info("states: %d from %s", len(states.driven), source.words(setting))
     campaign, versions = Campaign(scheduler, checkpoint, resume), result_versions()
     with clock.timed("examine"):
         found = campaign.carry_out(MarginWork(examination, states.states, versions), progress or ignore).part

@@ -20,6 +20,7 @@ before is not needed.
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -40,6 +41,8 @@ from viatool.missions.directions import BoundedParts, PoseDirections
 from viatool.missions.families import directions_of
 from viatool.schedule import check_time
 from viatool.sets.states import StateBoxes
+
+_log = logging.getLogger(__name__)
 
 SMALLEST_CELL = 1e-6
 """Metres, and radians."""
@@ -171,6 +174,8 @@ class MissionFollower:
         found = None
         for sides, aim in self._ways():
             found = self._follow(lower, upper, sides, aim, directions)
+            told = "proved" if found.proved else f"not proved, as {found.reason}"
+            _log.info("cells for %d parts: %d intervals followed, %s", aim, found.steps, told)
             if found.proved or not found.steps:
                 break
         assert found is not None

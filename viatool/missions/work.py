@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import time
 from collections.abc import Mapping, Sequence
@@ -31,6 +32,8 @@ from viatool.taylor.propagation import analyse
 from viatool.versions import result_versions
 from viatool.world import Scenario
 from viatool.world.scenario import STATE
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +80,9 @@ class MissionExamination:
         lower, upper = self.starts(scenario)
         driven = attack(follower, lower, upper, seed=self.seed)
         refuted = bool(len(driven.crashes) or len(driven.late))
+        _log.info(
+            "mission %s: %s", scenario.name, _next(driven, loop.rules.clearance.collision, refuted=refuted)
+        )
         if refuted:  # whatever a proof would need to say of it
             follower = replace(follower, limits=replace(follower.limits, parts=1, finer=0), refuted=True)
         elif driven.disproves(loop.rules.clearance.collision):
@@ -213,6 +219,16 @@ class MissionExamination:
                 "and timing are those of an error model",
                 "leave it out, or null, or leave out the sections actuation and timing",
             )
+
+
+def _next(driven: MissionRuns, distance: float, *, refuted: bool) -> str:
+    """Return what was found by driving, and what is tried for that reason."""
+    runs = f"{len(driven.arrived)} runs driven"
+    if refuted:
+        return f"{runs}, one fails: no proof is tried"
+    if driven.disproves(distance):
+        return f"{runs}, one comes too near between its instants: a proof is tried once"
+    return f"{runs}, none fails: a proof is tried"
 
 
 def _paths(found: MissionRuns) -> Floats:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import os
 import time
@@ -17,6 +18,7 @@ from viatool.loop.told import told_of_time
 from viatool.places.campaign import RootExamination, RootWork, SearchBudget, describe
 from viatool.places.certificate import Certificate
 from viatool.places.explaining import cost_of_cells
+from viatool.places.forecast import foretell
 from viatool.places.lasting import Lookahead
 from viatool.places.over_time import check_lookahead, look_ahead
 from viatool.places.tree import Lattice
@@ -32,6 +34,8 @@ from viatool.taylor import Arithmetic
 from viatool.uncertainty import ErrorModel, as_error_model
 from viatool.versions import result_versions
 from viatool.world import Footprint, Scenario, WorldMap, as_map
+
+_log = logging.getLogger(__name__)
 
 StrPath = str | os.PathLike[str]
 
@@ -178,12 +182,21 @@ def certify(
     lattice = Lattice.over(setting.world_map.bounds, _before(rules), smallest, grain)
     if lookahead.asked:
         check_lookahead(lookahead, rules, lattice, moving=loop.around.moving is not None)
+    _log.info(
+        "cells: %d roots of %s, halved down to sides of %g m, their ranges of commands %d times",
+        int(np.prod(lattice.count)),
+        " x ".join(map(str, lattice.count)),
+        resolution.side,
+        smallest[2],
+    )
     start = time.perf_counter()
     examination = RootExamination(loop, lattice, seed)
     work = RootWork(examination, budget.share, describe(examination, scenario))
     campaign = campaign or Campaign()
     search_until = budget.until.moved(-_AFTERWARDS) if lookahead.asked or explain_errors else budget.until
     left = search_until.left
+    if tell is not ignore and math.isinf(left) and not campaign.resume:
+        foretell(work, campaign.scheduler.workers, tell)
     found = campaign.carry_out(
         work, tell, until=search_until, enough=lambda parts: sum(map(len, parts)) >= budget.cells
     )
@@ -192,6 +205,7 @@ def certify(
     if not (found.part.status > 0).any():
         raise EmptyEvaluationError("no free place was examined", "lower the clearance or raise the budget")
     seconds = {"search": time.perf_counter() - start}
+    _log.info("search: took %.3f s, %d roots, %d cells", seconds["search"], found.units, len(found.part))
     costs, lasting = None, None
     if explain_errors:
 

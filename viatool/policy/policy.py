@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import warnings
 from collections.abc import Mapping, Sequence
@@ -27,6 +28,8 @@ from viatool.policy.runtime import Runtime, runtime_of
 from viatool.policy.self_check import SelfCheck, check_executed
 from viatool.policy.specification import PolicySpecification
 from viatool.policy.specification_file import load_specification
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,7 +211,7 @@ def load_policy(
     PolicyWarning
         If rounding could explain nearly any difference, so that the comparison told nothing.
     """
-    model = open_model(path)
+    model, given = open_model(path), spec if isinstance(spec, str | os.PathLike) else None
     if isinstance(spec, (str, os.PathLike)):
         spec = load_specification(spec)
     if spec is None:
@@ -225,6 +228,16 @@ def load_policy(
     found = check_executed(executed, runtime, spec) if self_check else None
     if found is not None and not found.points:
         warnings.warn(f"{path}: {found.words}", PolicyWarning, stacklevel=2)
+    _log.info("policy %s read from %s: sha256 %s", path, model.path, model.sha256[:12])
+    _log.info(
+        "policy: %d numbers to %d in %d nodes, %s; specification %s",
+        network.input_size,
+        network.output_size,
+        len(network.nodes),
+        runtime.words,
+        "missing" if spec is None else "of the model" if given is None else f"given: {given}",
+    )
+    _log.info("policy: self-check %s", "left out" if found is None else found.words)
     return Policy(
         Path(path),
         model.sha256,

@@ -15,6 +15,7 @@ from viatool.errors import ConfigurationError
 OWN = {
     "output": "name formats in 'reports'",
     "quiet": "each cell keeps what it prints in its folder",
+    "verbose": "each cell keeps what it prints in its folder",
     "checkpoint": "viatool run keeps what is not finished itself",
     "resume": "give --resume to viatool run",
     "accepted": "write [[accepted]] tables",

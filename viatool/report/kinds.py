@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
@@ -17,6 +18,8 @@ from viatool.report.missions.document import MissionsDocument
 from viatool.report.places.document import PlacesDocument
 from viatool.report.simulations.document import SimulationDocument
 from viatool.report.states.document import StatesDocument
+
+_log = logging.getLogger(__name__)
 
 KINDS: dict[type[Document], tuple[str, str]] = {
     StatesDocument: ("viatool.report.states.run", "StatesRun"),
@@ -91,6 +94,7 @@ def _read_json(path: Path) -> Document:
 def _kind_of(content: Mapping[str, Any], path: Path) -> Document:
     for kind in KINDS:
         if kind.SIGN in content:
+            _log.info("report %s read: %s", path, kind.WHAT)
             return kind(content, path)
     signs = " nor ".join(f"'{kind.SIGN}'" for kind in KINDS)
     raise _no_report(path, f"it has neither {signs}")

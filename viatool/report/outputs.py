@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -16,6 +17,8 @@ from viatool.report.kinds import KINDS, STORED, live_of
 if TYPE_CHECKING:
     from viatool.report.document import Document
     from viatool.report.sections import Check
+
+_log = logging.getLogger(__name__)
 
 FORMATS = {
     "json": "viatool.report.formats.json",
@@ -172,6 +175,7 @@ def write_outputs(document: Document, outputs: Sequence[Output], checks: Sequenc
         if output.format in FOLDERS:
             files = format_named(output.format).render(document, checks, output.suffix)
             write_folder(output.path, output.format, files)
+            _log.info("%s written to the folder %s", output.format, output.path)
             continue
         content = content_of(output, document, checks)
         if output.path == STDOUT:
@@ -179,6 +183,7 @@ def write_outputs(document: Document, outputs: Sequence[Output], checks: Sequenc
             sys.stdout.flush()
         else:
             write_whole(output.path, content)
+            _log.info("%s written to %s: %d bytes", output.format, output.path, output.path.stat().st_size)
 
 
 def content_of(output: Output, document: Document, checks: Sequence[Check] = ()) -> Iterator[bytes]:

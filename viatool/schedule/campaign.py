@@ -14,6 +14,7 @@ it unfair, for a unit that takes longer is likelier to be cut off.
 
 from __future__ import annotations
 
+import logging
 import math
 import os
 from abc import ABC, abstractmethod
@@ -30,6 +31,8 @@ from viatool.schedule.deadline import NEVER, Deadline, TimeUp, within
 from viatool.schedule.pieces import Content, Piece, Scheduler, Span, cut
 from viatool.schedule.progress import Progress, ignore
 from viatool.schedule.serial import Serial
+
+_log = logging.getLogger(__name__)
 
 Part = TypeVar("Part")
 
@@ -200,11 +203,21 @@ class Campaign:
             store = Checkpoint(self.checkpoint, work.describe(), resume=self.resume)
             kept = store.finished(lambda span: span.last <= len(work) and work.whole(span))
             front.put((span, work.from_arrays(arrays)) for span, arrays in kept)
+        units = self._units_at_once(work)
+        _log.info(
+            "%s: %d in pieces of %d or less, %d worker(s)%s",
+            work.stage,
+            work.total,
+            work.size(Span(0, min(units, len(work)))),
+            self.scheduler.workers,
+            "" if store is None else f", {front.done} of them kept in {self.checkpoint}",
+        )
         if front.satisfied:
             return front.found()
+        tell(work.stage, front.done, work.total)
         pace = _Pace(until, self.scheduler.workers)
         timed = _Timed(work.function, until.moved(_GRACE))
-        pieces = _pieces(work, cut(len(work), front.parts, self._units_at_once(work)), pace)
+        pieces = _pieces(work, cut(len(work), front.parts, units), pace)
         for piece, (part, seconds) in self.scheduler.run(timed, pieces):
             pace.note(len(piece.span), seconds)
             if part is None:
@@ -233,20 +246,20 @@ class _Front(Generic[Part]):
         self._work, self._tell, self._enough = work, tell, enough
         self.parts: dict[Span, Part] = {}
         self.satisfied = False
-        self._done, self._reached = 0, 0
+        self.done, self._reached = 0, 0
         self._first: list[Part] = []
         self._begins: dict[int, Span] = {}
 
     def put(self, found: Iterable[tuple[Span, Part]]) -> None:
         """Note what was found in some pieces, and tell of it."""
-        before = self._done
+        before = self.done
         for span, part in found:
             self.parts[span] = part
             self._begins[span.first] = span
-            self._done += self._work.size(span)
-        if self._done > before:
+            self.done += self._work.size(span)
+        if self.done > before:
             self._advance()
-            self._tell(self._work.stage, self._done, self._work.total)
+            self._tell(self._work.stage, self.done, self._work.total)
 
     def _advance(self) -> None:
         while not self.satisfied and (span := self._begins.get(self._reached)) is not None:

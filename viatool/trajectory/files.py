@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import zipfile
 from collections.abc import Callable
@@ -23,6 +24,8 @@ from viatool.whole_file import whole_file
 
 if TYPE_CHECKING:
     from viatool.policy import PolicySpecification
+
+_log = logging.getLogger(__name__)
 
 
 def load_trajectory(
@@ -78,6 +81,7 @@ def load_trajectory(
             "convert it to npz or csv",
         )
     trajectory = _named(path, lambda: reader(path, specification))
+    _log.info("trajectory %s read: %d states of %d episodes", path, len(trajectory), trajectory.episodes)
     twice = trajectory.repeated()
     if not twice:
         return trajectory

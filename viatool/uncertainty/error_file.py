@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,8 @@ from viatool.samples import ERRORS
 from viatool.uncertainty.error_model import ErrorModel
 from viatool.world.complaints import validated, wrong
 from viatool.world.yaml_text import YamlDocument, read_yaml
+
+_log = logging.getLogger(__name__)
 
 _HINT = "correct the named terms, in m, s, rad and shares of 1; docs/errors.md lists them"
 
@@ -41,6 +44,9 @@ def load_errors(path: str | os.PathLike[str]) -> ErrorModel:
         found = validated(document, ErrorModel, _HINT)
     except MapError as error:
         raise ConfigurationError(error.message, error.hint) from error
+    _log.info(
+        "error model %s read: %s", path, "; ".join(f"{place} {words}" for place, words in found.premises())
+    )
     return found.model_copy(update={"source": str(path)})
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
@@ -19,6 +20,8 @@ from viatool.trajectory import Trajectory
 from viatool.verification.observing import BlockSensors
 from viatool.verification.states import states_of
 from viatool.world import Scenes
+
+_log = logging.getLogger(__name__)
 
 CLOSE = 300
 """Places beside the driven path that are examined unless another number is asked for."""
@@ -82,6 +85,7 @@ def close_places(setting: Setting, trajectory: Trajectory, count: int, *, seed: 
             f"no place within {_NEAR[-1]:g} m of the states is free and contested",
             "drive closer to obstacles, or look at places all over the map with --poses random:N",
         )
+    _log.info("close places: %d of %d found, within %g m of the path", len(rows), count, near)
     order = np.argsort(rows, kind="stable")
     found = beside.at(rows[order], poses[order])
     return as_received(setting, replace(found, observations=_observed(setting, found)))

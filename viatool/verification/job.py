@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -35,6 +36,8 @@ from viatool.verification.source import Source
 from viatool.verification.states import states_of
 from viatool.versions import result_versions
 from viatool.world import Footprint, Scenario, WorldMap, as_map
+
+_log = logging.getLogger(__name__)
 
 StrPath = str | os.PathLike[str]
 
@@ -224,6 +227,8 @@ def verify(
         )
     elif not examination.bounded_every:
         engine["bounded"] = "contested states alone"
+    _log.info("engine: %s", ", ".join(f"{name} {value}" for name, value in engine.items()))
+    _log.info("states: %d from %s", len(asked), source.words(setting))
     campaign = Campaign(scheduler, checkpoint, resume, chunk)
     with clock.timed("examine"):
         work = StateWork(examination, asked, result_versions())

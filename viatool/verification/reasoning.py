@@ -6,6 +6,7 @@ takes no longer than without.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 
@@ -24,6 +25,8 @@ from viatool.verification.examination import judge_attained
 from viatool.verification.findings import StateFindings
 from viatool.verification.rejudging import Rejudging
 from viatool.verification.states import States
+
+_log = logging.getLogger(__name__)
 
 MOST = 1000
 """States of which a run tells why they are not safe."""
@@ -70,6 +73,9 @@ def find_reasons(
         for block in some.each_block()
     ])  # fmt: skip
     asked = rows[: min(most_judged, _affordable(again))]
+    _log.info(
+        "reasons: of %d that are not safe %d are told of, %d judged again", total, len(rows), len(asked)
+    )
     judged = _judge_again(again, some.select(np.arange(len(asked))), asked, found, seen)
     return Reasons(tuple(_told(again, rows, standing, found, seen, judged)), total)
 

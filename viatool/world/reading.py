@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import logging
 import os
 import warnings
 from collections.abc import Sequence
@@ -28,6 +29,8 @@ from viatool.world.scenes import Scenes
 from viatool.world.shapes import Obstacles
 from viatool.world.world_map import Clearance, WorldMap
 from viatool.world.yaml_text import YamlDocument, read_yaml
+
+_log = logging.getLogger(__name__)
 
 # Of a map_server map alone: starts and goals apart, wherever there is room.
 _DEFAULT_GENERATOR = file.GeneratorFile(area=None, goal_clearance=0.4, goal_distance=(1.0, 1e6))
@@ -75,6 +78,15 @@ def load_map(path: str | Path, *, unknown: Unknown | None = None) -> WorldMap:
         world = _native_world(document, text, unknown)
     for warning in world.warnings:
         warnings.warn(warning, MapWarning, stacklevel=2)
+    _log.info(
+        "map %s read: sha256 %s, %d circles and %d polygons, %d scenarios, robot %s",
+        path,
+        world.sha256[:12],
+        len(world.obstacles.circles),
+        len(world.obstacles.polygons),
+        len(world.scenarios),
+        world.robot.name,
+    )
     return replace(world, path=Path(path))
 
 
