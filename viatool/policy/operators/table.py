@@ -42,29 +42,25 @@ _NOTES = """\
   Moving elements about is exact.
 - Division by a constant, batch normalisation and means carry the extra roundings of the program on each term.
 - A variance may be computed in two passes, in one (the mean of squares less the squared mean, which cancels) or by
-  updates, in any order; also where a graph spells it out, as runtimes join its operators. Statistics are taken in the
-  precision that `stash_type` names.
+  updates, in any order; also where a graph spells it out. Statistics are taken in the precision that `stash_type` names.
 - Activations that exporters write as several operators (`x * Sigmoid(x)`, `x * (1 + Erf(x / 1.4142135))`,
   `Where(x > 20, x, Softplus(x))`, ...) are recognised where they are equal to one function in real arithmetic.
 - A logistic from its parts (`1 / (1 + Exp(-x))`, with `Div`, `Reciprocal` or `Pow`, and `x / (1 + Exp(-b * x))`)
-  keeps to its range also where its exponential overflows, which makes the quotient 0. `Exp(x) / (1 + Exp(x))`, tanh
-  from two exponentials and a softmax from its parts (`Exp(z) / ReduceSum(Exp(z))`, `z - Log(ReduceSum(Exp(z)))`) keep
-  to theirs, too, and are refused by name where the program gives NaN: where an exponential may overflow, or all may
-  vanish, unless `z` is `x - ReduceMax(x)`.
+  keeps to its range also where its exponential overflows, which makes the quotient 0. So do `Exp(x) / (1 + Exp(x))`,
+  tanh from two exponentials and a softmax from its parts (`Exp(z) / ReduceSum(Exp(z))`,
+  `z - Log(ReduceSum(Exp(z)))`); they are refused by name where the program gives NaN: where an exponential may
+  overflow, or all may vanish, unless `z` is `x - ReduceMax(x)`.
 - What is divided by its own root mean square (`LayerNormalization`, `x / Sqrt(ReduceMean(x * x) + e)`, ...) is at most
   the square root of how many values there are, whatever the box.
-- `Softmax` and `LogSoftmax` are functions of the log-odds of each value, which keep to their range whatever the logits
-  are, up to magnitudes of 1e100.
-- Terms that are added up when a graph is read (constants in a Sum, a Gemm whose C is its own input) count as large as
-  they were before they cancelled: `x + 1e6 - 1e6` loses the digits of x in the program, and its bounds say so.
-- A constant that the graph computes from others is kept as the real number that it stands for. A runtime may round it
-  after each operation, or, without arithmetic in half precision, at none of them; an exponential or a long sum differs
-  in its last places anyway. So such a constant carries how many roundings it may be off, of all that was added up in
-  it, and the layer that uses it counts them.
+- `Softmax` and `LogSoftmax` are functions of the log-odds of each value, which keep to their range for logits up to
+  magnitudes of 1e100.
+- Terms that are added up when a graph is read count as large as they were before they cancelled: `x + 1e6 - 1e6` loses
+  the digits of x in the program, and its bounds say so.
+- A constant that the graph computes from others is kept as the real number that it stands for, and carries how many
+  roundings a runtime may be off; the layer that uses it counts them.
 - `GRU`, `LSTM` and `RNN` over the steps of one observation are unrolled: each gate is an affine node and an activation,
   with the error of the runtime's own gates. Their number of steps is fixed, and all are used.
-- `Loop` and `Scan` are unrolled, and of an `If` one branch is read, where constants decide how often and which. Each
-  round is read as it stands, so that it counts like a graph without the loop.
+- `Loop` and `Scan` are unrolled, and of an `If` one branch is read, where constants decide how often and which.
 - A Clip keeps every finite limit: the largest float32 number limits a double.
 """
 
