@@ -42,7 +42,7 @@ _NOTES = """\
   Moving elements about is exact.
 - Division by a constant, batch normalisation and means carry the extra roundings of the program on each term.
 - A variance may be computed in two passes, in one (the mean of squares less the squared mean, which cancels) or by
-  updates, in any order; also where a graph spells it out. Statistics are taken in the precision that `stash_type` names.
+  updates, in any order; also where a graph spells it out. Statistics are taken in the precision of `stash_type`.
 - Activations that exporters write as several operators (`x * Sigmoid(x)`, `x * (1 + Erf(x / 1.4142135))`,
   `Where(x > 20, x, Softplus(x))`, ...) are recognised where they are equal to one function in real arithmetic.
 - A logistic from its parts (`1 / (1 + Exp(-x))`, with `Div`, `Reciprocal` or `Pow`, and `x / (1 + Exp(-b * x))`)
