@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from datetime import date
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 from hypothesis import given
@@ -16,7 +16,7 @@ from tests.report.toy_kind import TOY, ToyDocument
 from viatool.errors import ConfigurationError
 from viatool.report import Acceptance, Gate, accepted_text, evaluate, load_accepted
 from viatool.report.gate import Threshold
-from viatool.report.sections import Count, Finding, Share
+from viatool.report.sections import Count, Finding, Share, Survivor
 
 DAY = date(2026, 12, 1)
 VERDICTS = ("safe", "unsafe", "unknown")
@@ -135,3 +135,64 @@ def test_a_file_is_read_as_it_was_written(tmp_path: Path) -> None:
     )
     (tmp_path / "accepted.toml").write_text(accepted_text(accepted), encoding="utf-8")
     assert load_accepted(tmp_path / "accepted.toml") == accepted
+
+
+class Margins(ToyDocument):
+    """Contested states with the errors up to which they are proved, and from which on they are refuted."""
+
+    RADII: ClassVar[Mapping[str, str]] = {"margin": "error that every state survives"}
+
+    def __init__(self, states: Sequence[tuple[float | None, float | None]]) -> None:
+        super().__init__(TOY)
+        self.states = states
+
+    @property
+    def size(self) -> int:
+        return len(self.states)
+
+    @property
+    def survived(self) -> Mapping[str, Sequence[Survivor]]:
+        found = [
+            Survivor(f"state {k}", proved, Finding("weak", "", f"s/{k}", f"s/{k}", "", "s", k), refuted)
+            for k, (proved, refuted) in enumerate(self.states)
+        ]
+        return {"margin": sorted(found, key=lambda one: -1.0 if one.error is None else one.error)}
+
+    def findings(self) -> tuple[Iterable[Finding], int]:
+        return (), 0
+
+
+@pytest.mark.parametrize(
+    ("accepted", "passed", "words"),
+    [
+        ((acceptance(state=1), acceptance(state=2, verdict="unknown")), True, "2 of 4 do not, 2 accepted"),
+        ((acceptance(state=1),), False, "2 of 4 do not, 1 accepted"),
+        ((acceptance(place="s/1", verdict="unknown"),), False, "2 of 4 do not"),
+        ((acceptance(scenario="s", at_most=2),), True, "2 of 4 do not, 2 accepted"),
+        ((acceptance(scenario="s", at_most=1),), False, "2 of 4 do not"),
+        ((acceptance(state=1, expires=date(2026, 11, 30)), acceptance(state=2)), False, "1 accepted"),
+    ],
+)
+def test_a_margin_that_is_too_small_can_be_accepted(
+    accepted: tuple[Acceptance, ...], passed: bool, words: str
+) -> None:
+    document = Margins([(0.05, 0.06), (None, 0.01), (0.01, 0.03), (0.02, None)])
+    least = Threshold("margin", Fraction("0.02"))
+    check = evaluate(Gate((least,), accepted=accepted, today=DAY), document)[0]
+    assert check.passed == passed
+    assert check.figures.startswith("2 of 4 do not")
+    assert words in check.figures
+    (plain,) = evaluate(Gate((least,), today=DAY), document)
+    assert not plain.passed
+    assert [finding.state for finding in plain.failing] == [1, 2]
+    assert [finding.verdict for finding in plain.failing] == ["unsafe", "unknown"]
+
+
+def test_an_accepted_margin_that_the_gate_does_not_count_is_named() -> None:
+    document = Margins([(0.05, 0.06), (0.01, None)])
+    for number in (0, 7):  # one survives, the other is not there
+        checks = evaluate(
+            Gate((Threshold("margin", Fraction("0.02")),), accepted=(acceptance(state=number),), today=DAY),
+            document,
+        )
+        assert checks[-1].unfounded

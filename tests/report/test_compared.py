@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from itertools import product
 from pathlib import Path
 
@@ -10,8 +11,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from tests.hall import MAP, write_policy
 from viatool.cli import main
-from viatool.report.paired import PairedSubjects, apart, interval_of
+from viatool.report.paired import PairedGroups, PairedSubjects, apart, interval_of
 from viatool.report.sections import Share
 from viatool.simulate.statistics import sign_test
 
@@ -49,6 +51,52 @@ def test_the_sign_test_is_the_binomial_one() -> None:
     for one, other in product(range(9), range(9)):
         expected = binomtest(one, one + other).pvalue if one + other else 1.0
         assert sign_test(one, other) == pytest.approx(expected)
+
+
+def test_states_of_one_episode_do_not_count_as_if_each_were_by_itself() -> None:
+    names = [f"{episode}/{state}" for episode in range(10) for state in range(20)]
+    groups = {name: name.partition("/")[0] for name in names}
+    before = dict.fromkeys(names, 1.0)
+    after = {name: float(groups[name] != "3") for name in names}  # one episode is lost as a whole
+    grouped, alone = PairedGroups.of(before, after, groups), PairedSubjects.of(before, after)
+    assert grouped.gained.tolist() == [0.0] * 3 + [-20.0] + [0.0] * 6
+    assert grouped.interval is not None
+    low, high = grouped.interval
+    assert low <= -0.2
+    assert high == 0.0  # which episode is there is chance: it may be none
+    assert grouped.chance == 1.0
+    assert alone.interval[1] < 0.0
+    assert alone.chance < 1e-5
+    assert PairedGroups.of(before, before, groups).interval is None
+    few = {name: group for name, group in groups.items() if int(group) < 4}
+    assert PairedGroups.of(dict.fromkeys(few, 1.0), {n: after[n] for n in few}, few).interval is None
+
+
+@pytest.fixture(scope="module")
+def tables(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """State tables of the same poses, of which the later one has ten safe states less and one more."""
+    folder = tmp_path_factory.mktemp("tables")
+    write_policy(folder / "policy.onnx")
+    (folder / "map.yaml").write_text(MAP, encoding="utf-8")
+    paths = {name: folder / f"{name}.npz" for name in ("before", "after")}
+    asked = ["verify", folder / "policy.onnx", "--map", folder / "map.yaml", "--eps", "0.05", "-q"]
+    done = CliRunner().invoke(main, [*map(str, asked), "--close", "0", "-o", f"states:{paths['before']}"])
+    assert done.exit_code == 0, done.output
+    with np.load(paths["before"]) as archive:
+        arrays = dict(archive)
+    arrays["verdict"] = arrays["verdict"].copy()
+    safe, unsafe = (np.flatnonzero(arrays["verdict"] == verdict) for verdict in ("safe", "unsafe"))
+    arrays["verdict"][safe[:10]], arrays["verdict"][unsafe[:1]] = "unknown", "safe"
+    np.savez(paths["after"], **arrays)
+    return paths
+
+
+def test_state_tables_of_the_same_poses_are_paired_state_by_state(tables: dict[str, Path]) -> None:
+    told = CliRunner().invoke(main, ["compare", str(tables["before"]), str(tables["after"])])
+    assert told.exit_code == 0, told.output
+    line = next(line for line in told.output.splitlines() if "better here" in line)
+    assert "states of both" in line
+    assert re.search(r"\b10 +1 +by chance: ", line)
 
 
 def test_names_that_are_there_twice_are_told_apart() -> None:

@@ -23,16 +23,17 @@ from viatool.cli.terminal import open_console
 )
 @options.quiet_option
 def command(before: Path, after: Path, output: tuple[str, ...], quiet: bool) -> None:
-    """Show two reports in JSON of one kind, BEFORE and AFTER, side by side.
+    """Show two reports of one kind, BEFORE and AFTER, side by side.
 
     What is the same in both, such as a scenario, is paired, and rates of what was drawn independently have an interval
-    of their difference.
+    of their difference. State tables (npz) of verify are paired state by state where they hold the same poses, as of
+    one recording.
     """
-    from viatool.report import load_document, print_comparison
+    from viatool.report import load_shown, print_comparison
     from viatool.report.compared import comparison_output, write_comparison
 
     outputs = [comparison_output(text) for text in output]
-    old, new = load_document(before), load_document(after)
+    old, new = load_shown(before), load_shown(after)
     write_comparison(old, new, outputs)
     if not quiet:
         print_comparison(old, new, open_console())

@@ -41,7 +41,7 @@ class Acceptance(BaseModel):
         description="the worst that is accepted: what is only accepted as unknown counts again when it is refuted"
     )
     state: Annotated[int, Field(ge=0, strict=True)] | None = Field(
-        default=None, description="of verify: the number of the state"
+        default=None, description="of verify and margin: the number of the state"
     )
     scenario: str | None = Field(
         default=None, description="the scenario: a mission, or all of a drive's states in it"
@@ -141,7 +141,9 @@ def accepted_text(accepted: Iterable[Acceptance]) -> str:
     )
 
 
-def settle(accepted: Sequence[Acceptance], document: Document, today: date) -> Settled:
+def settle(
+    accepted: Sequence[Acceptance], document: Document, today: date, weak: Sequence[Finding] = ()
+) -> Settled:
     """Find what is accepted among the findings of a document.
 
     Parameters
@@ -152,6 +154,8 @@ def settle(accepted: Sequence[Acceptance], document: Document, today: date) -> S
         What was found.
     today : date
         Decides what has expired.
+    weak : sequence of Finding
+        What is found besides, because a gate asks for an error that not everything survives.
 
     Raises
     ------
@@ -167,7 +171,7 @@ def settle(accepted: Sequence[Acceptance], document: Document, today: date) -> S
         )
     findings, _ = document.findings()
     matches: list[list[Finding]] = [[] for _ in accepted]
-    for finding in findings:
+    for finding in (*findings, *weak):
         for one, found in zip(accepted, matches, strict=True):
             if one.is_of(finding):
                 found.append(finding)

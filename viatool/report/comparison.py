@@ -15,7 +15,7 @@ from viatool.errors import ConfigurationError
 from viatool.report.document import Document
 from viatool.report.foreign import shown
 from viatool.report.numbers import MISSING, count, seconds, significant
-from viatool.report.paired import PairedSubjects, interval_of
+from viatool.report.paired import PairedGroups, PairedSubjects, interval_of
 from viatool.report.palette import STYLE
 from viatool.report.sections import NOTHING, Share
 
@@ -130,12 +130,15 @@ def _chance(before: Document, after: Document) -> Iterator[Row]:
     """Yield how the subjects of both runs do side by side, and by how much rates differ beyond chance."""
     same = before.content.get("seed") == after.content.get("seed") and before.record.map == after.record.map
     paired = PairedSubjects.of(before.outcomes if same else {}, after.outcomes)
+    grouped = after.groups and PairedGroups.of(before.outcomes, after.outcomes, after.groups)
     if paired.total:
         better = f"better here, of the {count(paired.total)} {after.SUBJECTS} of both"
-        likely = Text(f"by chance: {significant(paired.chance)}", style="dim")
+        likely = Text(f"by chance: {significant((grouped or paired).chance)}", style="dim")
         yield better, count(paired.before), count(paired.after), likely
     if paired.total and paired.holding:
-        yield _interval(after.RATES["overall"], paired.interval)
+        ends = (grouped or paired).interval
+        if ends is not None:
+            yield _interval(after.RATES["overall"], ends)
         return
     for name, title in after.RATES.items():
         old, new = before.rates.get(name, NOTHING), after.rates.get(name, NOTHING)

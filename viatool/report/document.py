@@ -144,6 +144,14 @@ class Document(ABC):
         return {}
 
     @property
+    def groups(self) -> Mapping[str, str]:
+        """Return by the names of `outcomes` which subjects go together, so that chance does not act on each alone.
+
+        {} where each is by itself.
+        """
+        return {}
+
+    @property
     def survived(self) -> Mapping[str, Sequence[Survivor]]:
         """Return which error each subject survives, by the names in `RADII`; the weakest first."""
         return {}

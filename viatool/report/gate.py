@@ -141,7 +141,11 @@ def evaluate(gate: Gate, document: Document) -> tuple[Check, ...]:
 
 
 def _evaluate(gate: Gate, document: Document) -> Sequence[Check]:
-    settled = settle(gate.accepted, document, gate.today)
+    hardest = {one.name: one for one in sorted(gate.thresholds, key=lambda one: one.least)}
+    weak = [
+        one for name, asked in hardest.items() if name in document.RADII for one in _weak(asked, document)
+    ]
+    settled = settle(gate.accepted, document, gate.today, weak)
     checks = [_threshold(threshold, document, settled) for threshold in gate.thresholds]
     for name, most in (("unsafe", gate.max_unsafe), ("unknown", gate.max_unknown)):
         if most is not None:
@@ -177,7 +181,7 @@ def _undecidable(condition: str, reason: str) -> Check:
 def _threshold(threshold: Threshold, document: Document, settled: Settled) -> Check:
     """Decide a least rate; accepted findings are not held against it, and the rate is shown as it is."""
     if threshold.name in document.RADII:
-        return _survived(threshold, document)
+        return _survived(threshold, document, settled)
     rate = document.rates.get(threshold.name, NOTHING)
     digits = digits_needed(threshold.least)
     condition = f"{document.RATES[threshold.name]} >= {percent_of(threshold.least, digits)}"
@@ -189,21 +193,33 @@ def _threshold(threshold: Threshold, document: Document, settled: Settled) -> Ch
     return Check(condition, passed, figures, failing=_failing(passed, threshold.name, document, settled))
 
 
-def _survived(threshold: Threshold, document: Document) -> Check:
+def _survived(threshold: Threshold, document: Document, settled: Settled) -> Check:
     """Decide whether every subject survives an error, and name those that do not, the weakest first."""
     condition = f"{document.RADII[threshold.name]} >= {float(threshold.least):.12g}"
     found = document.survived.get(threshold.name, ())
     if not found:
         return _undecidable(condition, document.EMPTY)
-    least = float(threshold.least)  # as the error was, which was examined as a float
-    failing = [one for one in found if one.error is None or not one.error >= least]
-    if not failing:
+    weak = _weak(threshold, document)
+    failing = tuple(one for one in weak if not settled.excuses(one, threshold.name))
+    if not weak:
         return Check(condition, passed=True, figures=f"the weakest is {_proved(found[0])}")
-    findings = tuple(
-        replace(one.finding, text=f"{one.name[:1].upper()}{one.name[1:]} is {_proved(one)}.")
-        for one in failing
+    figures = f"{count(len(weak))} of {count(len(found))} do not{_beside(len(weak) - len(failing))}"
+    return Check(condition, not failing, figures, failing=failing)
+
+
+def _weak(threshold: Threshold, document: Document) -> tuple[Finding, ...]:
+    """Return what does not survive an error: unsafe if it was seen to fail within that, else unknown."""
+    least = float(threshold.least)  # as the error was, which was examined as a float
+    return tuple(
+        replace(
+            one.finding,
+            text=f"{one.name[:1].upper()}{one.name[1:]} is {_proved(one)}.",
+            verdict="unsafe" if one.refuted is not None and one.refuted <= least else "unknown",
+            takes={threshold.name: 1},
+        )
+        for one in document.survived.get(threshold.name, ())
+        if one.error is None or not one.error >= least
     )
-    return Check(condition, False, f"{count(len(failing))} of {count(len(found))} do not", failing=findings)
 
 
 def _proved(survivor: Survivor) -> str:

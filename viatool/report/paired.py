@@ -7,6 +7,9 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
+from viatool.arrays import Floats
 from viatool.report.sections import Share
 from viatool.simulate.statistics import Proportion, sign_test
 
@@ -70,6 +73,58 @@ class PairedSubjects:
         if not sides:
             return 0.0
         return (max(product - self.total / 2, 0.0) if product > 0 else product) / math.sqrt(sides)
+
+
+@dataclass(frozen=True, eq=False)
+class PairedGroups:
+    """Subjects that two runs have in common, by groups: episodes of states, which are not independent of each other.
+
+    Parameters
+    ----------
+    gained, size : ndarray
+        (G,) by how many subjects more hold in the later run, and how many there are.
+    """
+
+    gained: Floats
+    size: Floats
+
+    LEAST = 5
+    """Groups of which there is an interval."""
+
+    @classmethod
+    def of(
+        cls, before: Mapping[str, float], after: Mapping[str, float], groups: Mapping[str, str]
+    ) -> PairedGroups:
+        """Pair subjects that hold (1) or do not (0), by the names of the groups that they are in."""
+        gained, size = Counter[str](), Counter[str]()
+        for name in (name for name in before if name in after):
+            gained[groups[name]] += int(after[name] - before[name])
+            size[groups[name]] += 1
+        return cls(np.array([gained[name] for name in size], float), np.array([*size.values()], float))
+
+    @property
+    def chance(self) -> float:
+        """Return the probability of as uneven a count of groups that gain and lose: the exact sign test."""
+        return sign_test(int((self.gained < 0).sum()), int((self.gained > 0).sum()))
+
+    @property
+    def interval(self) -> tuple[float, float] | None:
+        """Return the 95 % interval of the difference of both rates; None of too few groups, or where none differs.
+
+        Notes
+        -----
+        Whole groups are drawn again, with replacement (the percentile bootstrap, of a fixed seed).
+        """
+        count = len(self.size)
+        if count < self.LEAST or not self.gained.any():
+            return None
+        drawn = np.random.default_rng(0).integers(count, size=(_DRAWS, count))
+        rates = self.gained[drawn].sum(axis=1) / self.size[drawn].sum(axis=1)
+        low, high = np.quantile(rates, (0.025, 0.975)).tolist()
+        return low, high
+
+
+_DRAWS = 4000
 
 
 def interval_of(before: Share, after: Share) -> tuple[float, float]:

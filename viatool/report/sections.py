@@ -252,11 +252,15 @@ class Count:
 
 @dataclass(frozen=True)
 class Survivor:
-    """A subject of a run, in words, the error that it survives (None if not even 0), and what it is if that is low."""
+    """A subject of a run, in words, the error that it survives (None if not even 0), and what it is if that is low.
+
+    `refuted` is the least error within which it was seen to fail, if it was.
+    """
 
     name: str
     error: float | None
     finding: Finding
+    refuted: float | None = None
 
 
 @dataclass(frozen=True)

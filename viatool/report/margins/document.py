@@ -176,7 +176,7 @@ class MarginsDocument(Verified, Cased, Annotated, Located, Tabled, Drawn, Explor
         if not all(part.tested for part in self.record.margins):
             return {}
         found = [
-            Survivor(self._name(name, one), one.certified, self._finding(name, one))
+            Survivor(self._name(name, one), one.certified, self._finding(name, one), one.refuted)
             for name, one in self._states()
         ]
         return {"margin": sorted(found, key=lambda one: -1.0 if one.error is None else one.error)}
@@ -265,12 +265,16 @@ class MarginsDocument(Verified, Cased, Annotated, Located, Tabled, Drawn, Explor
 
     def _finding(self, name: str, state: ContestedStateRecord) -> Finding:
         """Return a state as what it is if it survives too little."""
-        called = self._name(name, state)
+        called, close = self._name(name, state), state.close
+        x, y, heading = state.pose
+        where = f"{x:.3f},{y:.3f},{heading:.3f}" if close else f"{state.time:.3f}"
         return Finding(
             _UNPROVED if state.certified is None else _WEAK,
             f"{called[0].upper()}{called[1:]}: {self._tell(state)}.",
-            f"{state.scenario}/{state.time:.3f}",
+            f"{state.scenario}/{where}",
             f"{name}/{state.scenario}/{state.time:.3f}/{state.pose}",
+            scenario=f"beside {state.scenario}" if close else state.scenario,
+            state=None if close else state.state,
             subject=_key(name, state),
         )
 

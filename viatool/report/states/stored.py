@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from viatool.errors import ConfigurationError, ViatoolError
 from viatool.report.archives import Archive
 from viatool.report.document import StateTable
+from viatool.report.paired import apart
 from viatool.report.states.run import StatesShown
 from viatool.verification.result import Result
 
@@ -85,6 +87,29 @@ class StoredStates(StatesShown):
                 "give that one with --map FILE",
             )
         return replace(world_map, path=named)
+
+    @cached_property
+    def outcomes(self) -> Mapping[str, float]:
+        """Return which driven states are safe, by scenario, time and pose."""
+        table, _ = self.archive.arrays()
+        safe = (table["verdict"] == "safe").astype(float).tolist()
+        return dict(zip(apart(self._places), safe, strict=True))
+
+    @cached_property
+    def groups(self) -> Mapping[str, str]:
+        """Return the episode of each state of a path; poses that were picked are by themselves."""
+        if not self.archive.asked["trajectory"]["connected"]:
+            return {}
+        table, _ = self.archive.arrays()
+        return dict(zip(apart(self._places), map(str, table["episode"].tolist()), strict=True))
+
+    @cached_property
+    def _places(self) -> Sequence[str]:
+        """Return where and when each state is, in words that are the same in another run."""
+        table, more = self.archive.arrays()
+        names = [json.loads(text)["name"] if text else "" for text in more["scenario"].tolist()]
+        rows = zip(table["episode"].tolist(), more["time"].tolist(), table["pose"].tolist(), strict=True)
+        return [f"{names[episode]} {time:.6f} {x:.6f},{y:.6f},{t:.6f}" for episode, time, (x, y, t) in rows]
 
     def state_tables(self) -> Mapping[str, StateTable]:
         """Return the tables as the archive holds them, without what a gate added."""
