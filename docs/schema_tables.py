@@ -6,6 +6,9 @@ import json
 from typing import Any
 
 Schema = dict[str, Any]
+_HEAD = ("field", "type", "default", "meaning")
+_FEW = 12
+"""Fields that a line names, where none has a meaning of its own."""
 
 
 def schema_tables(schema: Schema, title: str) -> str:
@@ -17,17 +20,19 @@ def schema_tables(schema: Schema, title: str) -> str:
 
 
 def _table(title: str, part: Schema, level: int) -> str:
-    """Return a table; columns without an entry are left out."""
-    columns: dict[str, list[str]] = {"field": [], "type": [], "default": [], "meaning": []}
+    """Return a table; a line that names the fields, where they are few and have no meaning of their own."""
+    rows = []
     for field, about in part["properties"].items():
         star = "\\*" if field in part.get("required", []) else ""
-        cells = (f"`{field}`{star}", _type(about), _default(about), about.get("description", ""))
-        for name, cell in zip(columns, cells, strict=True):
-            columns[name].append(cell)
-    told = {name: cells for name, cells in columns.items() if any(cells)}
-    rows = [[*told], ["---"] * len(told), *zip(*told.values(), strict=True)]
+        rows.append((f"`{field}`{star}", _type(about), _default(about), about.get("description", "")))
     lines = [f"{'#' * level} {title}", "", *_summary(part)]
-    return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)]) + "\n"
+    if len(rows) <= _FEW and not any(meaning for *_, meaning in rows):
+        told = (f"{name} {kind}{default and f' = {default}'}" for name, kind, default, _ in rows)
+        return "\n".join([*lines, f"{'; '.join(told)}."]) + "\n"
+    columns = [column for column in zip(_HEAD, *rows, strict=True) if any(column[1:])]
+    head, *body = zip(*columns, strict=True)
+    table = [head, ["---"] * len(columns), *body]
+    return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in table)]) + "\n"
 
 
 def _summary(part: Schema) -> list[str]:
