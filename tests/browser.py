@@ -82,6 +82,46 @@ class Browser:
         """Return the text of an element."""
         return self.run("return document.getElementById(arguments[0]).textContent", identifier)
 
+    def too_wide(self, width: int) -> list[str]:
+        """Return what is wider than a window of so many pixels, but for what scrolls by itself."""
+        size = {"width": width, "height": 800, "deviceScaleFactor": 1, "mobile": True}
+        self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+        try:
+            return self.run(
+                "const { clientWidth: width, scrollWidth } = document.documentElement;"
+                "const free = (e) => e.closest('.scroll *, nav *, svg *, .hidden, .skip');"
+                "const wide = [...document.querySelectorAll('body *')].filter((e) =>"
+                " !free(e) && e.getBoundingClientRect().right > width + 1);"
+                "const page = scrollWidth > width;"
+                "return [...wide.map((e) => e.outerHTML.slice(0, 120)), ...(page ? ['the page'] : [])]"
+            )
+        finally:
+            self.driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+    def on_paper(self, selector: str) -> int:
+        """Return how many of some elements would be printed."""
+        self.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
+        try:
+            return self.run(
+                "return [...document.querySelectorAll(arguments[0])].filter((e) => e.getClientRects().length).length",
+                selector,
+            )
+        finally:
+            self.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
+
+    def follow(self, address: str) -> None:
+        """Go to an address on the page, such as #state=12."""
+        self.run(
+            "location.hash = ''; location.hash = arguments[0]; dispatchEvent(new Event('hashchange'))",
+            address,
+        )
+
+    def press(self, key: str) -> None:
+        """Press a key wherever the focus is."""
+        from selenium.webdriver.common.action_chains import ActionChains
+
+        ActionChains(self.driver).send_keys(key).perform()
+
     def pdf(self) -> bytes:
         """Print the page."""
         from base64 import b64decode

@@ -14,6 +14,7 @@ from tests.hall import MAP, write_policy
 from tests.missions.dodging import write_dodging_policy
 from viatool import load_map
 from viatool.missions import Missions, mission
+from viatool.report.gate import Gate, evaluate, parse_threshold
 from viatool.report.missions.html.data import drawn_parts, goal_outlines, kept_by_tube, page_data
 from viatool.report.missions.html.page import render_page
 from viatool.report.missions.run import MissionsRun
@@ -91,7 +92,6 @@ def test_goals_are_outlined(proved: Missions) -> None:
 def test_a_refuted_mission_shows_where_its_run_ends(folder: Path) -> None:
     found = mission(folder / "straight.onnx", load_map(folder / "hall.yaml"), eps=0.01, time_limit=9.0)
     data = page_data(found)
-    assert data["first"] == 0
     refuted = data["missions"][0]
     assert refuted["verdict"] == "refuted"
     assert refuted["end"] == found.missions[0].crashes.place[0, :2].tolist()
@@ -116,7 +116,7 @@ def test_the_slider_shows_the_parts_and_the_runs_of_each_interval(opened: Browse
     np.testing.assert_allclose(np.array(robots["x"]), one.paths[:, 20, 0], atol=1e-6)
     assert len(opened.source("ways")["x"][0]) == 21
     words = opened.run("return document.getElementById('where').textContent")
-    assert words.startswith(f"after 2.00 s: {rows.sum()} parts")
+    assert f", after 2.00 s: {rows.sum()} parts" in words
     turn_to(opened, 0)
     assert opened.source("tube")["left"] == []
 
@@ -133,9 +133,40 @@ def test_it_plays_until_every_run_has_arrived(opened: Browser, proved: Missions)
 
 
 def test_another_mission_is_shown_when_it_is_chosen(opened: Browser) -> None:
-    opened.run("document.querySelector('[data-mission=\"1\"]').click()")
+    opened.run("document.querySelector('tbody a[href=\"#mission=1\"]').click()")
     assert opened.run("return document.getElementById('mission').value") == "1"
     opened.run("document.getElementById('wide').click(); document.getElementById('theme').click()")
     goal = opened.source("goal")
     np.testing.assert_allclose(np.mean(goal["y"][0][:-1]), -2.0, atol=1e-6)
     assert opened.complaints() == []
+
+
+def test_missions_that_are_not_proved_come_first_and_can_be_seen_alone(
+    opened: Browser, folder: Path, tmp_path: Path
+) -> None:
+    document = MissionsRun(mission(folder / "straight.onnx", folder / "hall.yaml", eps=0.01, time_limit=9.0))
+    verdicts = [one.verdict for one in document.record.missions]
+    checks = evaluate(Gate((parse_threshold("1", MissionsRun),)), document)
+    failing = [one.key[1] for one in checks[0].failing]
+    assert 0 < len(failing) < len(verdicts)
+    (tmp_path / "missions.html").write_text(render_page(document, checks), encoding="utf-8")
+    opened.open(tmp_path / "missions.html")
+    assert opened.complaints() == []
+    words = opened.run("return document.querySelector('main').innerText")
+    assert words.index("Gate failed") < words.index("of 2 missions are proved")
+    assert int(opened.run("return document.getElementById('mission').value")) == failing[0]
+    listed = opened.run(
+        "return [...document.querySelectorAll('.conditions details > ul a')].map((e) => e.getAttribute('href'))"
+    )
+    assert listed == [f"#mission={number}" for number in failing]
+    opened.follow(f"#mission={verdicts.index('proved')}")
+    opened.press("j")
+    assert int(opened.run("return document.getElementById('mission').value")) == failing[0]
+    opened.follow("#fails=0")
+    rows = opened.run("return [...document.querySelectorAll('tr[data-fails]:not([hidden]) a')].length")
+    assert rows == len(failing) == opened.run("return document.getElementById('mission').options.length")
+    opened.press("p")
+    last = int(opened.run("return document.getElementById('slider').max"))
+    assert int(opened.run("return document.getElementById('slider').value")) == last - 1
+    assert opened.too_wide(360) == []
+    assert opened.on_paper("button, input, select, nav, .keys, .stepper") == 0

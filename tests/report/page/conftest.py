@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import pytest
@@ -58,9 +58,9 @@ def browser() -> Iterator[Browser]:
 def write(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
     """Write the page of a result."""
 
-    def write(result: Result, most: int | None = None) -> Path:
+    def write(result: Result, most: int | None = None, checks: Sequence[Check] = (FAILED,)) -> Path:
         page = tmp_path_factory.mktemp("page") / "report.html"
-        page.write_text(render_page(StatesRun(result), (FAILED,), most), encoding="utf-8")
+        page.write_text(render_page(StatesRun(result), checks, most), encoding="utf-8")
         return page
 
     return write

@@ -33,7 +33,7 @@ class Outline(HTMLParser):
 def test_the_page_refers_to_nothing_outside_of_itself(plain: Result) -> None:
     elements = Outline(render_page(StatesRun(plain), (FAILED,))).elements
     references = [a[name] for _, a in elements for name in ("src", "href", "srcset", "action") if name in a]
-    assert references == ["#explorer"]
+    assert {reference[0] for reference in references} == {"#"}
     assert not {tag for tag, _ in elements} & {"link", "iframe", "object", "embed", "base", "img"}
     (policy,) = [a["content"] for _, a in elements if a.get("http-equiv") == "Content-Security-Policy"]
     assert policy is not None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +11,12 @@ import pytest
 from tests.browser import Browser, running_browser
 from tests.report.places.conftest import FAILED
 from viatool.places import Certificate
+from viatool.report.gate import Gate, evaluate, parse_threshold
 from viatool.report.places.html.data import fitting_raster, kept_witnesses
 from viatool.report.places.html.page import render_page
 from viatool.report.places.run import PlacesRun
-from viatool.report.places.tiles import is_free
+from viatool.report.places.tiles import TILE, is_free
+from viatool.report.sections import Check
 
 PICTURE = """
 const { image: [picture] } = Figures.model('places-source').data;
@@ -23,9 +25,16 @@ return [Array.from(picture), picture.shape];
 
 
 @pytest.fixture(scope="module")
-def opened(certificate: Certificate, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+def checks(certificate: Certificate) -> Sequence[Check]:
+    return evaluate(Gate((parse_threshold("1", PlacesRun),), max_unsafe=0), PlacesRun(certificate))
+
+
+@pytest.fixture(scope="module")
+def opened(
+    certificate: Certificate, checks: Sequence[Check], tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Browser]:
     page = tmp_path_factory.mktemp("page") / "certificate.html"
-    page.write_text(render_page(PlacesRun(certificate), (FAILED,)), encoding="utf-8")
+    page.write_text(render_page(PlacesRun(certificate), checks), encoding="utf-8")
     with running_browser() as browser:
         browser.open(page)
         yield browser
@@ -147,6 +156,43 @@ def test_statuses_have_the_colours_of_the_theme(page: Browser, certificate: Cert
         pictures.append(pixels)
         page.run("document.getElementById('theme').click()")
     assert (pictures[0] != pictures[1]).any()
+
+
+def test_a_condition_lists_its_squares_and_outlines_them(page: Browser, checks: Sequence[Check]) -> None:
+    words = page.run("return document.querySelector('main').innerText")
+    assert words.index("Gate failed") < words.index("of the contested volume is certified")
+    listed = page.run(
+        "return [...document.querySelectorAll('.conditions > li')].map((e) =>"
+        " [...e.querySelectorAll('details > ul a')].map((a) => a.getAttribute('href')))"
+    )
+    for number, check in enumerate(checks):
+        assert len(listed[number]) == len(check.failing) > 1
+        page.follow(f"#fails={number}")
+        drawn, squares = page.source("failing"), {one.key[1] for one in check.failing}
+        assert len(drawn["left"]) == len(squares)
+        assert {
+            (round(x / TILE), round(y / TILE)) for x, y in zip(drawn["left"], drawn["bottom"], strict=True)
+        } == squares
+    page.run("document.getElementById('condition').value = ''")
+    page.follow(listed[1][0])
+    x, y = map(float, listed[1][0].removeprefix("#place=").split(","))
+    assert page.text("where").startswith(f"place {x:.2f}, {y:.2f}, from ")
+
+
+def test_keys_turn_the_slices_and_go_to_what_fails(page: Browser, checks: Sequence[Check]) -> None:
+    page.press("n")
+    assert page.text("slice").startswith("headings from -180° to ")
+    page.press("p")
+    assert page.text("slice") == "all headings"
+    page.follow("#fails=1")
+    seen = []
+    for _ in range(2):
+        page.press("j")
+        seen.append(page.run("return document.querySelector('#where a').getAttribute('href')"))
+    middles = ([TILE * (number + 0.5) for number in one.key[1]] for one in checks[1].failing[:2])
+    assert seen == [f"#place={x:g},{y:g}" for x, y in middles]
+    assert page.too_wide(360) == []
+    assert page.on_paper("button:not(.link), input, select, nav, .keys, .stepper") == 0
 
 
 def test_every_control_has_a_name_and_hostile_names_are_text(

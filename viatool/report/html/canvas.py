@@ -74,12 +74,22 @@ def situation_figure(world_map: WorldMap) -> figure:
     closest = plot.scatter("x", "y", source=source("witness-pose", "x y"), marker="x", size=13, line_width=3)
     themed(closest.glyph, line_color="unsafe")
     draw_robot(plot)
+    gap = plot.line("x", "y", source=source("gap", "x y"), line_width=1.5, line_dash=[5, 3])
+    themed(gap.glyph, line_color="ink")
     bar = plot.line("x", "y", source=source("scale-bar", "x y"), line_width=3)
     themed(bar.glyph, line_color="ink")
-    text = plot.text("x", "y", "text", source=source("scale-text", "x y text"), text_align="center")
-    text.glyph.update(text_font_size="12px", text_baseline="bottom")
-    themed(text.glyph, text_color="ink")
+    _label(plot, "scale-text")
+    boxed = _label(plot, "gap-text")
+    boxed.update(background_fill_alpha=0.85, padding=2, text_baseline="middle", text_font_style="bold")
+    themed(boxed, background_fill_color="floor")
     return plot
+
+
+def _label(plot: figure, name: str) -> Any:
+    """Return the glyph of a text that the page's script places."""
+    text = plot.text("x", "y", "text", source=source(name, "x y text"), text_align="center")
+    text.glyph.update(text_font_size="12px", text_baseline="bottom")
+    return themed(text.glyph, text_color="ink")
 
 
 def draw_fan(plot: figure) -> None:
@@ -134,9 +144,9 @@ def framed(name: str, across: str, up: str, *, height: int) -> figure:
         toolbar_location=None,
         background_fill_alpha=0.0,
         border_fill_alpha=0.0,
+        outline_line_color=None,
         min_border_right=14,
     )
-    themed(plot, outline_line_color="rule")
     for axis in plot.axis:
         axis.axis_label_text_font_style = "normal"
         axis.major_label_text_font_size = axis.axis_label_text_font_size = "12px"

@@ -88,7 +88,14 @@ const Drawing = (() => {
   function drawSituation(row) {
     const box = row === null ? null : States.boxOf(row);
     const found = row === null ? null : States.witnessAt(row);
-    Scene.drawSituation(rules, row === null ? [] : States.waiting(row), box ? nine(box) : [], found);
+    Scene.drawSituation(rules, row === null ? [] : States.waiting(row), box ? nine(box) : [], found, row === null ? null : gapOf(row, found));
+  }
+
+  // The way to the nearest obstacle, from where the counterexample comes nearest or else from the pose.
+  function gapOf(row, found) {
+    const own = data.episodes[States.episode[row]];
+    const shapes = { circles: [...data.world.circles, ...own.circles], polygons: [...data.world.polygons, ...own.polygons] };
+    return Gap.of(found ? found.pose : States.poseOf(row), rules, shapes, found ? found.clearance : States.clearance[row]);
   }
 
   function drawCommands(row) {

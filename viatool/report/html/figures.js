@@ -53,9 +53,10 @@ const Figures = (() => {
     }
   }
 
-  // Canvases do not follow the width of a sheet of paper: pictures of them do.
+  // Canvases do not follow the width of a sheet of paper: pictures of them do. Marks would take up new colours only later.
   function addPictures() {
     for (const view of Object.values(views)) {
+      for (const part of view.renderer_views.values()) part.set_visuals?.();
       const picture = document.createElement("img");
       picture.className = "snapshot";
       picture.alt = view.el.parentElement.getAttribute("aria-label");

@@ -8,11 +8,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-from bokeh.models import ColumnDataSource, CrosshairTool, Range1d, Span
+from bokeh.models import CrosshairTool, Range1d, Span
 from bokeh.plotting import figure
 
-from viatool.arrays import Floats
 from viatool.report.html.canvas import (
     draw_fan,
     draw_goal,
@@ -23,14 +21,10 @@ from viatool.report.html.canvas import (
     source,
     themed,
 )
-from viatool.report.html.states import clearances
 from viatool.report.palette import VERDICTS
 
 if TYPE_CHECKING:
     from viatool.verification.result import Result
-
-
-BINS = 40
 
 
 def map_figure(result: Result) -> figure:
@@ -99,52 +93,3 @@ def width_figure(result: Result, place: int) -> figure:
     plot.add_layout(themed(now, line_color="ink"))
     plot.add_tools(CrosshairTool(dimensions="height"))
     return plot
-
-
-def histograms(result: Result) -> list[figure]:
-    """Return the distributions over all states: widths of both commands, and the clearance at the pose."""
-    units, widths = result.actions, result.reachable.width
-    shown = [
-        ("histogram-v", f"width of v [{units[0].unit}]", widths[:, 0]),
-        ("histogram-omega", f"width of ω [{units[1].unit}]", widths[:, 1]),
-        ("histogram-clearance", "clearance at the pose [m]", clearances(result)),
-    ]
-    return [_histogram(name, across, values, result) for name, across, values in shown]
-
-
-def _histogram(name: str, across: str, values: Floats, result: Result) -> figure:
-    """Stack the counts of the verdicts; a square root keeps the few that are not safe in sight."""
-    plot = framed(name, across, "states", height=210)
-    finite = np.isfinite(values)
-    edges = np.histogram_bin_edges(values[finite], BINS) if finite.any() else np.linspace(0.0, 1.0, BINS + 1)
-    floor = np.zeros(len(edges) - 1)
-    for verdict in reversed(VERDICTS):
-        counts = np.histogram(values[finite & (result.verdict == verdict)], edges)[0]
-        source = ColumnDataSource(
-            {
-                "left": edges[:-1],
-                "right": edges[1:],
-                "bottom": np.sqrt(floor),
-                "top": np.sqrt(floor + counts),
-            },
-            name=f"{name}-{verdict}",
-        )
-        bars = plot.quad("left", "right", "bottom", "top", source=source, line_width=0)
-        themed(bars.glyph, fill_color=verdict)
-        floor = floor + counts
-    ticks = _root_ticks(float(floor.max(initial=1.0)))
-    plot.yaxis.ticker = [float(np.sqrt(tick)) for tick in ticks]
-    plot.yaxis.major_label_overrides = {float(np.sqrt(tick)): f"{tick:,}" for tick in ticks}
-    plot.y_range = Range1d(0.0, 1.05 * float(np.sqrt(floor.max(initial=1.0))))
-    return plot
-
-
-def _root_ticks(largest: float) -> list[int]:
-    """Return round counts from 0 to the largest, evenly spread on a square-root axis."""
-    ticks = [0]
-    for share in (0.06, 0.25, 0.56, 1.0):
-        power = 10 ** int(np.floor(np.log10(max(share * largest, 1.0))))
-        tick = int(share * largest // power * power)
-        if tick > ticks[-1]:
-            ticks.append(tick)
-    return ticks

@@ -10,9 +10,11 @@ from bokeh.plotting import figure
 
 from viatool.report.foreign import one_line
 from viatool.report.html.canvas import situation_figure
-from viatool.report.html.figures import commands_figure, histograms, map_figure, width_figure
+from viatool.report.html.figures import commands_figure, map_figure, width_figure
+from viatool.report.html.histograms import histograms
 from viatool.report.html.shell import assemble
 from viatool.report.html.states import MOST_STATES, failing_rows, keep_states, page_data
+from viatool.report.html.views import close_view, doubtful_view, margins_view, state_address
 from viatool.report.numbers import count, percentage
 from viatool.report.palette import MEANING, VERDICTS
 from viatool.report.sections import Check, Share, Table
@@ -28,10 +30,12 @@ if TYPE_CHECKING:
 
 SCRIPTS = (
     "geometry.js",
+    "gap.js",
     "arrays.js",
     "states.js",
     "figures.js",
     "theme.js",
+    "keys.js",
     "scene.js",
     "drawing.js",
     "words.js",
@@ -60,6 +64,7 @@ def render_page(document: StatesShown, checks: Sequence[Check], most: int | None
     if result.close is not None:
         beside = keep_states(result.close, MOST_CLOSE, failing[driven:])
         shown = np.concatenate([kept, driven + beside])
+    charts = histograms(every, driven)
     return assemble(
         document,
         __package__,
@@ -67,15 +72,18 @@ def render_page(document: StatesShown, checks: Sequence[Check], most: int | None
         SCRIPTS,
         title="viatool",
         data={**page_data(every, shown, driven=result, checks=checks), "reasons": _reasons(every, shown)},
-        figures=_figures(result),
+        figures=[*_figures(result), *(one.plot for one in charts)],
         checks=checks,
+        address=state_address,
         connected=result.trajectory.connected,
         thinned=_thinned(result, kept),
-        close=result.close is not None,
-        failed=[check for check in checks if not check.passed],
+        close=close_view(document),
+        doubtful=doubtful_view(document.failing_parts["state"]),
+        margins=margins_view(document),
+        histograms=[one for one in charts if one.name != "histogram-close"],
         shown_outcomes=[name for name in (*OUTCOMES[1:], "unknown") if name in result.outcomes],
         **_tables(document),
-        **_episodes(every, shown, result.trajectory.episodes),
+        **_episodes(result, np.unique(every.trajectory.episode[shown])),
     )
 
 
@@ -92,7 +100,6 @@ def _figures(result: Result) -> list[figure]:
         commands_figure(result),
         width_figure(result, 0),
         width_figure(result, 1),
-        *histograms(result),
     ]
 
 
@@ -159,12 +166,12 @@ def _cell(share: Share) -> dict[str, str]:
     return {"rate": share.percentage(), "figures": share.of() if share.total else "no states"}
 
 
-def _episodes(result: Result, kept: Indices, driven: int) -> dict[str, Any]:
-    every = [e for e in summarise_episodes(result) if e.index < driven or e.states]
+def _episodes(result: Result, shown: Indices) -> dict[str, Any]:
+    every = summarise_episodes(result)
     worst = sorted(every, key=lambda e: (-e.unsafe, -e.unknown, e.index))[:MOST_EPISODES]
-    place = {int(e): i for i, e in enumerate(np.unique(result.trajectory.episode[kept]))}
+    place = {int(e): i for i, e in enumerate(shown)}
     left_out = len(every) - len(worst)
-    note = f"The {count(MOST_EPISODES)} with the most states that are not safe, of {count(len(every))}."
+    note = f"These are {count(MOST_EPISODES)} of {count(len(every))}."
     return {
         "episodes": [_row(episode, place.get(episode.index)) for episode in worst],
         "episodes_left_out": note if left_out else "",

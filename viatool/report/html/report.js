@@ -6,6 +6,8 @@
   const { data } = States;
   let shown = []; // the rows that pass the filters
   let current = null; // the row that is looked at
+  let opened = false; // what is shown before anybody asked is no address
+  let timer = null; // of what is played
 
   function passing() {
     const ticked = (kind) => new Set([...document.querySelectorAll(`[data-filter=${kind}]:checked`)].map((box) => box.value));
@@ -40,9 +42,11 @@
     const slider = element("slider");
     slider.value = place;
     slider.setAttribute("aria-valuetext", words);
-    element("where").textContent = words;
+    Words.head(current, words);
     Drawing.drawState(current);
     Words.tell(current);
+    if (current !== null && opened) Links.write(States.addressOf(current));
+    if (timer === null && document.activeElement !== slider) Announce.say(words);
   }
 
   const place = () => Number(element("slider").value);
@@ -56,7 +60,7 @@
         return;
       }
     }
-    element("where").textContent = "every shown state is safe, and fails nothing";
+    Announce.say((element("where").textContent = "every shown state is safe, and fails nothing"));
   }
 
   function selectNearest({ x, y }) {
@@ -72,17 +76,63 @@
     element("slider").focus();
   }
 
-  let timer = null;
   function play() {
     clearInterval(timer);
     const advance = () => (place() < shown.length - 1 ? step(1) : play());
-    timer = timer === null ? setInterval(advance, 100) : null;
+    timer = timer === null ? setInterval(advance, Theme.pace()) : null;
     element("play").textContent = timer === null ? "Play" : "Pause";
+    if (timer === null && current !== null) Announce.say(Words.describe(current));
+  }
+
+  // Ticks every filter, so that nothing that an address asks for is hidden.
+  function showAll() {
+    for (const box of document.querySelectorAll("[data-filter]")) box.checked = true;
+    for (const list of document.querySelectorAll("#episode, #condition")) list.value = "";
+  }
+
+  function goTo(close, text) {
+    const row = States.rowOf(close, Number(text));
+    if (row < 0) {
+      element("where").textContent = `${close ? "close place" : "state"} ${text} is not on this page`;
+      Announce.say(element("where").textContent);
+    } else {
+      if (!shown.includes(row)) {
+        showAll();
+        applyFilters();
+      }
+      select(shown.indexOf(row));
+    }
+    element("explorer").scrollIntoView();
+  }
+
+  function goToPlaces(kind) {
+    showAll();
+    for (const box of document.querySelectorAll("[data-filter=place]")) box.checked = box.value === (kind === "close" ? "1" : "0");
+    applyFilters();
+    element("explorer").scrollIntoView();
+  }
+
+  function goToFailing(condition) {
+    showAll();
+    element("condition").value = condition;
+    applyFilters();
+    element("explorer").scrollIntoView();
+  }
+
+  // Episodes with the most states that are not safe first.
+  function listEpisodes() {
+    const { counts } = States;
+    const order = data.episodes.map((_, i) => i).sort((a, b) => counts[b].unsafe - counts[a].unsafe || counts[b].unknown - counts[a].unknown || a - b);
+    return order.map((i) => {
+      const { number, name, outcome } = data.episodes[i];
+      const found = ["unsafe", "unknown"].filter((verdict) => counts[i][verdict]).map((verdict) => `${counts[i][verdict]} ${verdict}`);
+      return new Option(`${number}: ${name} (${[outcome, ...found].join(", ")})`, i);
+    });
   }
 
   function wire() {
     const episodes = element("episode");
-    episodes.append(...data.episodes.map(({ number, name, outcome }, i) => new Option(`${number}: ${name} (${outcome})`, i)));
+    episodes.append(...listEpisodes());
     for (const control of [episodes, ...document.querySelectorAll("#condition, [data-filter]")]) control.addEventListener("change", applyFilters);
     element("slider").addEventListener("input", () => select(place()));
     const clicks = { back: () => step(-1), forward: () => step(1), doubtful: toNextDoubtful, play };
@@ -91,6 +141,7 @@
     for (const button of document.querySelectorAll("[data-episode]")) {
       button.addEventListener("click", () => showEpisode(button.dataset.episode));
     }
+    Keys.wire({ n: clicks.forward, p: clicks.back, j: toNextDoubtful, space: play });
     Figures.model("map").on_event("tap", selectNearest);
     Figures.model("situation").properties.inner_width.change.connect(() => Drawing.drawSituation(current));
   }
@@ -102,6 +153,8 @@
     wire();
     current = data.first;
     applyFilters();
+    Links.wire({ state: (text) => goTo(0, text), close: (text) => goTo(1, text), fails: goToFailing, places: goToPlaces });
+    opened = true;
     Theme.wire(() => Figures.paint(current === null ? "quiet" : States.verdictOf(current)));
     document.documentElement.dataset.usable = performance.now();
     await new Promise((resolve) => { setTimeout(resolve, 50); });

@@ -16,6 +16,8 @@ from bokeh.resources import Resources
 from jinja2 import Environment, FunctionLoader, StrictUndefined
 
 from viatool.report.foreign import one_line
+from viatool.report.html.gate import Address, conditions_of, no_address
+from viatool.report.numbers import count
 from viatool.report.palette import COLOUR
 from viatool.report.sections import Check
 from viatool.report.wording import identities
@@ -24,6 +26,8 @@ if TYPE_CHECKING:
     from viatool.report.document import Document
 
 _SHARED = "viatool.report.html"
+_EVERY = ("contents.js", "announce.js", "links.js")
+"""Scripts of every page, which run before its own."""
 
 
 def assemble(
@@ -36,6 +40,7 @@ def assemble(
     data: Any,
     figures: Sequence[figure],
     checks: Sequence[Check],
+    address: Address = no_address,
     **context: Any,
 ) -> str:
     """Return a page.
@@ -58,6 +63,8 @@ def assemble(
         Each is embedded in the element ``plot-NAME``; without any, the page carries no plotting library.
     checks : sequence of Check
         The decided conditions of the gate.
+    address : callable
+        Returns where the page shows a part of the run.
     **context : Any
         What else the template speaks of.
     """
@@ -67,7 +74,7 @@ def assemble(
         return (own if own.is_file() else files(_SHARED).joinpath(name)).read_text(encoding="utf-8")
 
     record = document.record
-    sources = [*(_library() if figures else ()), *map(asset, scripts)]
+    sources = [*(_library() if figures else ()), *map(asset, (*_EVERY, *scripts))]
     environment = Environment(
         loader=FunctionLoader(asset), autoescape=True, undefined=StrictUndefined, keep_trailing_newline=True
     )
@@ -84,10 +91,18 @@ def assemble(
         data=as_script(data),
         figures=as_script([json_item(plot, f"plot-{plot.name}") for plot in figures]),
         bokeh_version=bokeh.__version__ if figures else "",
-        checks=checks,
+        conditions=conditions_of(checks, address),
+        filtered=address is not no_address,
+        told=_told(checks),
         gate_passed=all(check.passed for check in checks),
         **context,
     )
+
+
+def _told(checks: Sequence[Check]) -> str:
+    """Say how many of the conditions hold."""
+    failed = sum(not check.passed for check in checks)
+    return f"{count(failed or len(checks))} of {count(len(checks))} conditions {'do not hold' if failed else 'hold'}"
 
 
 def content_security_policy(scripts: Sequence[str]) -> str:

@@ -3,7 +3,7 @@
 
 const States = (() => {
   const data = JSON.parse(document.getElementById("data").textContent);
-  const { unpackAll, rowOf, coarseRow } = Arrays;
+  const { unpackAll, coarseRow } = Arrays;
   const arrays = unpackAll(data.states);
   const witnesses = unpackAll(data.witnesses);
   const rules = data.rules;
@@ -14,7 +14,7 @@ const States = (() => {
   // The reachable box as the robot carries it out; null for a state that geometry settled without bounds.
   function boxOf(row) {
     const clip = (value, axis) => Math.min(Math.max(value, rules.lower[axis]), rules.upper[axis]);
-    const [lower, upper] = [rowOf(arrays.lower, axes, row), rowOf(arrays.upper, axes, row)];
+    const [lower, upper] = [Arrays.rowOf(arrays.lower, axes, row), Arrays.rowOf(arrays.upper, axes, row)];
     return lower.concat(upper).every(Number.isFinite) ? { lower: lower.map(clip), upper: upper.map(clip) } : null;
   }
 
@@ -22,10 +22,10 @@ const States = (() => {
     const place = witnessOf.get(row);
     if (place === undefined) return null;
     return {
-      observation: rowOf(witnesses.observation, entries, place),
-      command: rowOf(witnesses.action, axes, place),
+      observation: Arrays.rowOf(witnesses.observation, entries, place),
+      command: Arrays.rowOf(witnesses.action, axes, place),
       seconds: witnesses.seconds[place],
-      pose: rowOf(witnesses.pose, 3, place),
+      pose: Arrays.rowOf(witnesses.pose, 3, place),
       clearance: witnesses.clearance[place],
     };
   }
@@ -34,13 +34,13 @@ const States = (() => {
 
   // The commands on their way to the motors in a state, the oldest first.
   function heldOf(row) {
-    const numbers = rules.waits.length ? rowOf(arrays.under_way, axes * rules.waits.length, row) : [];
+    const numbers = rules.waits.length ? Arrays.rowOf(arrays.under_way, axes * rules.waits.length, row) : [];
     return rules.waits.map((_, index) => numbers.slice(axes * index, axes * (index + 1)));
   }
 
   // Where the robot is until the new command begins to act: its pose, and its way during the dead time.
   function waiting(row) {
-    return Geometry.waiting(rowOf(arrays.pose, 3, row), heldOf(row), rules);
+    return Geometry.waiting(Arrays.rowOf(arrays.pose, 3, row), heldOf(row), rules);
   }
 
   // Whether a condition of the gate, or without one any, counts a row as failing.
@@ -49,6 +49,15 @@ const States = (() => {
     const some = failing.subarray(data.conditions * row, data.conditions * (row + 1));
     return condition === null ? some.includes(1) : some[condition] === 1;
   }
+
+  // The row of a state, or of a close place, by its number; -1 if the page does not hold it.
+  function rowOf(close, number) {
+    return arrays.number.findIndex((value, row) => value === number && arrays.close[row] === close);
+  }
+
+  // How many states of each episode have each verdict.
+  const counts = data.episodes.map(() => Object.fromEntries(data.verdicts.map((name) => [name, 0])));
+  arrays.verdict.forEach((verdict, row) => { counts[arrays.episode[row]][data.verdicts[verdict]] += 1; });
 
   function rowsOfEpisode(episode) {
     const rows = [];
@@ -66,8 +75,12 @@ const States = (() => {
     observationOf,
     waiting,
     rowsOfEpisode,
+    rowOf,
+    counts,
     fails,
-    poseOf: (row) => rowOf(arrays.pose, 3, row),
+    nameOf: (row) => `${arrays.close[row] ? "close place" : "state"} ${arrays.number[row]}`,
+    addressOf: (row) => `#${arrays.close[row] ? "close" : "state"}=${arrays.number[row]}`,
+    poseOf: (row) => Arrays.rowOf(arrays.pose, 3, row),
     verdictOf: (row) => data.verdicts[arrays.verdict[row]],
     episodeOf: (row) => data.episodes[arrays.episode[row]],
     timeOf: (row) => (data.connected ? arrays.time[row] : arrays.number[row]),

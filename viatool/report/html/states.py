@@ -21,7 +21,7 @@ from viatool.report.states.closest_call import closest_state
 if TYPE_CHECKING:
     from viatool.setting.rules import Rules
     from viatool.verification.result import Result
-    from viatool.world import Obstacles, Robot
+    from viatool.world import Obstacles, Robot, WorldMap
 
 
 MOST_STATES = 20_000
@@ -105,6 +105,7 @@ def page_data(
         "channels": channel_list(result.setting.spec, result.radii),
         "fans": fans_of(result.setting.spec, result.world_map.robot),
         "rules": rules_of(result.rules),
+        "world": world_of(result.world_map),
         "actions": [
             {"name": one_line(action.name), "unit": one_line(action.unit)} for action in result.actions
         ],
@@ -179,6 +180,12 @@ def shapes(obstacles: Obstacles) -> dict[str, Any]:
         "circles": obstacles.circles.round(4).tolist(),
         "polygons": [polygon.round(4).tolist() for polygon in obstacles.polygons],
     }
+
+
+def world_of(world_map: WorldMap) -> dict[str, Any]:
+    """Return what of a map has corners or a radius: its obstacles and the border of its arena, not its cells."""
+    found = shapes(world_map.obstacles)
+    return {**found, "polygons": [*found["polygons"], world_map.arena.round(4).tolist()]}
 
 
 def channel_list(spec: PolicySpecification, radii: Floats) -> list[dict[str, Any]]:

@@ -18,12 +18,32 @@ const Theme = (() => {
     const follow = () => set(dark.matches ? "dark" : "light");
     dark.addEventListener("change", follow);
     document.getElementById("theme").addEventListener("click", () => set(root.dataset.theme === "dark" ? "light" : "dark"));
-    addEventListener("beforeprint", Figures.addPictures);
-    addEventListener("afterprint", () => document.querySelectorAll(".snapshot").forEach((picture) => picture.remove()));
+    addEventListener("beforeprint", toPaper);
+    addEventListener("afterprint", fromPaper);
     follow();
   }
 
+  // Paper is light, has pictures instead of canvases, and shows what fails the gate.
+  let before = null;
+  function toPaper() {
+    const opened = [...document.querySelectorAll(".conditions details:not([open])")];
+    before = { theme: root.dataset.theme, opened };
+    for (const list of opened) list.open = true;
+    set("light");
+    Figures.addPictures();
+  }
+
+  function fromPaper() {
+    document.querySelectorAll(".snapshot").forEach((picture) => picture.remove());
+    for (const list of before?.opened ?? []) list.open = false;
+    if (before) set(before.theme);
+    before = null;
+  }
+
+  // Milliseconds from one state that is played to the next: fewer changes where motion is to be reduced.
+  const pace = () => (matchMedia("(prefers-reduced-motion: reduce)").matches ? 600 : 100);
+
   const again = () => set(root.dataset.theme);
 
-  return { wire, again };
+  return { wire, again, pace };
 })();

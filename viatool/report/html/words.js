@@ -3,6 +3,7 @@
 
 const Words = (() => {
   const { data, rules } = States;
+  const textIn = (tag, text) => Object.assign(document.createElement(tag), { textContent: text });
   const number = (value, digits = 4) => Number(value.toPrecision(digits)).toString();
   const reasons = new Map(data.reasons);
   const signed = (value) => `${value < 0 ? "−" : "+"}${Math.abs(value).toFixed(3)}`;
@@ -11,7 +12,14 @@ const Words = (() => {
     const { name, outcome } = States.episodeOf(row);
     const when = data.connected ? `t = ${States.time[row].toFixed(2)} s` : `goal of ${name}`;
     const where = data.connected ? `${name} (${outcome}), ${when}` : when;
-    return `${States.close[row] ? "close place" : "state"} ${States.number[row]}, ${where}: ${States.verdictOf(row)}`;
+    return `${States.nameOf(row)}, ${where}: ${States.verdictOf(row)}`;
+  }
+
+  // Writes above the figures which state is shown, with a link to it that can be passed on.
+  function head(row, words) {
+    const name = row === null ? "" : States.nameOf(row);
+    const link = Object.assign(textIn("a", name), { href: row === null ? "#explorer" : States.addressOf(row), title: "the address of this state" });
+    document.getElementById("where").replaceChildren(...(row === null ? [words] : [link, words.slice(name.length)]));
   }
 
   // Pairs of a name and a value.
@@ -50,8 +58,6 @@ const Words = (() => {
     );
   }
 
-  const textIn = (tag, text) => Object.assign(document.createElement(tag), { textContent: text });
-
   function tell(row) {
     const facts = row === null ? [] : factsOf(row);
     document.getElementById("facts").replaceChildren(...facts.flatMap(([name, value]) => [textIn("dt", name), textIn("dd", value)]));
@@ -66,5 +72,5 @@ const Words = (() => {
     );
   }
 
-  return { describe, tell };
+  return { describe, head, tell };
 })();

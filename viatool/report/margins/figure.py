@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from viatool.report.drawing import FAINT, INK
 from viatool.report.foreign import one_line
+from viatool.report.margins.curves import between, proved_curve, withstood_curve
 from viatool.report.numbers import count
 
 if TYPE_CHECKING:
-    from viatool.arrays import Floats
     from viatool.report.margins.document import MarginsDocument
 
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#22272E")
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#22272E")
 """Of the policies, told apart by people with any colour vision (Okabe and Ito's set)."""
 
 
@@ -29,15 +27,12 @@ def draw_margins(document: MarginsDocument) -> Figure:
     varied = document.record.varied
     handles = []
     for number, (name, part) in enumerate(zip(document.names, document.record.margins, strict=True)):
-        colour = _COLOURS[number % len(_COLOURS)]
-        states = part.contested_states
-        proved = [state.certified for state in states if state.certified is not None]
-        refuted = [varied.most if state.refuted is None else state.refuted for state in states]
-        if states:
-            kept, withstood = (_curve(errors, len(states), varied.most) for errors in (proved, refuted))
+        colour = COLOURS[number % len(COLOURS)]
+        if part.contested_states:
+            kept, withstood = proved_curve(part, varied.most), withstood_curve(part, varied.most)
             axes.step(*kept, where="post", color=colour, lw=1.6)
             axes.step(*withstood, where="post", color=colour, lw=1.2, ls="--")
-            _shade(axes, kept, withstood, colour)
+            axes.fill_between(*between(kept, withstood), step="post", color=colour, alpha=0.15, lw=0)
         close = f", {count(part.close.contested)} close places" if part.close.contested else ""
         label = f"{_plain(name)}: {count(part.contested)} of {count(part.states)} states{close}"
         handles.append(Line2D([], [], color=colour, lw=1.6, label=label))
@@ -60,24 +55,6 @@ def draw_margins(document: MarginsDocument) -> Figure:
     )
     axes.set_title(_plain(title, 110), fontsize=8, color=INK)
     return figure
-
-
-def _curve(errors: Sequence[float], total: int, most: float) -> tuple[Floats, Floats]:
-    """Return from which errors on which share of all states survives more: steps; the last ones survive all."""
-    values = np.asarray(errors, dtype=np.float64)
-    ends = np.sort(values[values < most])
-    left = np.arange(len(values), len(values) - len(ends) - 1, -1) / total
-    return np.concatenate([[0.0], ends, [most]]), np.concatenate([left, left[-1:]])
-
-
-def _shade(axes: Axes, lower: tuple[Floats, Floats], upper: tuple[Floats, Floats], colour: str) -> None:
-    """Shade what is neither proved nor refuted."""
-    at = np.unique(np.concatenate([lower[0], upper[0]]))
-    values = [
-        shares[np.clip(np.searchsorted(errors, at, side="right") - 1, 0, len(shares) - 1)]
-        for errors, shares in (lower, upper)
-    ]
-    axes.fill_between(at, values[0], values[1], step="post", color=colour, alpha=0.15, lw=0)
 
 
 def _plain(text: str, most: int = 60) -> str:

@@ -21,6 +21,7 @@ QUANTILES = {
     "p75": "75 %",
     "p90": "90 %",
 }
+HEAD = ("state", "x [m]", "y [m]", "heading [rad]", "obstacle at [m]", "proved", "refuted", "decides")
 _SHOWN = 10
 """Weakest states in a table for people."""
 _ENTRIES = 8
@@ -53,19 +54,26 @@ def quantiles_table(varied: VariedRecord, parts: Mapping[str, PolicyMarginsRecor
 
 def weakest_table(varied: VariedRecord, part: PolicyMarginsRecord, title: str, most: int = _SHOWN) -> Table:
     """Return a row for each of the states that survive least; half of them survive something, if there are many."""
+    states, remark = weakest_states(part, most)
+    return Table(HEAD, tuple(weakest_row(state, varied) for state in states), title, remark, texts=1)
+
+
+def weakest_states(part: PolicyMarginsRecord, most: int) -> tuple[list[ContestedStateRecord], str]:
+    """Return the states that survive least, half of them something if there are many, and which part of all it is."""
     bare = [state for state in part.contested_states if state.certified is None]
     rest = part.contested_states[len(bare) :]
     told = min(len(bare), max(most // 2, most - len(rest)))
-    rows = tuple(_row(state, varied) for state in [*bare[:told], *rest[: most - told]])
-    left = part.tested - len(rows)
-    remark = f"{len(rows)} of {counted(part.tested, 'contested state')}" if left else ""
+    states = [*bare[:told], *rest[: most - told]]
+    remark = (
+        f"{len(states)} of {counted(part.tested, 'contested state')}" if len(states) < part.tested else ""
+    )
     if told < len(bare):
         remark += f", {told} of {count(len(bare))} that are not proved even at an error of 0"
-    head = ("state", "x [m]", "y [m]", "heading [rad]", "obstacle at [m]", "proved", "refuted", "decides")
-    return Table(head, rows, title, remark, texts=1)
+    return states, remark
 
 
-def _row(state: ContestedStateRecord, varied: VariedRecord) -> tuple[str, ...]:
+def weakest_row(state: ContestedStateRecord, varied: VariedRecord) -> tuple[str, ...]:
+    """Return what the table tells of a state, as `HEAD` says."""
     x, y, heading = state.pose
     return (
         f"close {state.state}" if state.close else str(state.state),

@@ -32,7 +32,6 @@ def page_data(missions: Missions) -> dict[str, Any]:
             _mission(mission, missions, scenes, number, room) for number, mission in enumerate(missions)
         ],
         "limit": missions.rules.clearance.collision,
-        "first": next((k for k, mission in enumerate(missions) if mission.verdict != "proved"), 0),
     }
 
 

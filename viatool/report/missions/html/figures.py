@@ -38,7 +38,7 @@ def tubes_figure(missions: Missions) -> figure:
 
 def clearance_figure() -> figure:
     """Return the distance that tube and runs keep over time."""
-    plot = framed("clearance", "time in s", "distance in m", height=260)
+    plot = framed("clearance", "time [s]", "distance [m]", height=260)
     for name, colour, width in (("limit", "unsafe", 1.5), ("driven", "ink", 1.2), ("kept", "here", 2.5)):
         line = plot.line("x", "y", source=source(name, "x y"), line_width=width)
         themed(line.glyph, line_color=colour)

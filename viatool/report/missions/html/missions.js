@@ -9,6 +9,7 @@
   const textIn = (tag, text) => Object.assign(document.createElement(tag), { textContent: text });
   const unpacked = new Map();
   let number = 0; // of the mission that is looked at
+  let timer = null; // of what is played
 
   const mission = () => data.missions[number];
 
@@ -83,8 +84,10 @@
     const kept = shown.kept[step];
     fill("now", kept === null || kept === undefined ? { x: [], y: [] } : { x: [step * shown.interval], y: [kept] });
     const words = describe(step);
-    element("where").textContent = words;
+    const link = Object.assign(textIn("a", shown.name), { href: `#mission=${number}`, title: "the address of this mission" });
+    element("where").replaceChildren(link, `, ${words}`);
     element("slider").setAttribute("aria-valuetext", words);
+    if (timer === null && document.activeElement !== element("slider")) Announce.say(`${shown.name}, ${shown.verdict}, ${words}`);
   }
 
   function describe(step) {
@@ -139,7 +142,7 @@
     number = chosen;
     element("mission").value = chosen;
     element("slider").max = arrays().last;
-    element("slider").value = 0;
+    element("slider").value = mission().verdict === "refuted" ? arrays().last : 0; // its runs say more than its start
     drawMission();
     frame();
   }
@@ -149,34 +152,80 @@
     drawStep();
   };
 
-  let timer = null;
   function play() {
     clearInterval(timer);
     if (timer === null && place() >= arrays().last) element("slider").value = 0;
-    timer = timer === null ? setInterval(() => (place() < arrays().last ? move(1) : play()), 120) : null;
+    timer = timer === null ? setInterval(() => (place() < arrays().last ? move(1) : play()), Theme.pace()) : null;
     element("play").textContent = timer === null ? "Play" : "Pause";
   }
 
+  // The missions that fail the condition that is chosen, or all; those that are not proved first.
+  function passing() {
+    const condition = element("condition")?.value ?? "";
+    return data.order.filter((i) => condition === "" || data.fails[i].includes(Number(condition)));
+  }
+
+  function applyFilter() {
+    const some = passing();
+    element("mission").replaceChildren(...some.map((i) => new Option(`${data.missions[i].name} (${data.missions[i].verdict})`, i)));
+    const condition = element("condition")?.value ?? "";
+    for (const row of document.querySelectorAll("tr[data-fails]")) {
+      row.hidden = condition !== "" && !row.dataset.fails.split(" ").includes(condition);
+    }
+    if (some.length) show(some.includes(number) ? number : some[0]);
+  }
+
+  function toNextDoubtful() {
+    const some = passing();
+    const [doubtful, from] = [some.filter((i) => data.missions[i].verdict !== "proved" || data.fails[i].length), some.indexOf(number)];
+    const next = doubtful.find((i) => some.indexOf(i) > from) ?? doubtful[0];
+    if (next === undefined) Announce.say((element("where").textContent = "every mission is proved"));
+    else choose(next);
+  }
+
+  function choose(chosen) {
+    show(chosen);
+    Links.write(`#mission=${chosen}`);
+  }
+
+  // Shows what an address names.
+  function goTo(text) {
+    const chosen = Number(text);
+    if (!data.missions[chosen]) {
+      Announce.say((element("where").textContent = `mission ${text} is not on this page`));
+    } else {
+      if (!passing().includes(chosen)) {
+        element("condition").value = "";
+        applyFilter();
+      }
+      show(chosen);
+    }
+    element("explorer").scrollIntoView();
+  }
+
+  function goToFailing(condition) {
+    element("condition").value = condition;
+    applyFilter();
+    element("explorer").scrollIntoView();
+  }
+
   function wire() {
-    element("mission").append(...data.missions.map(({ name, verdict }, i) => new Option(`${name} (${verdict})`, i)));
-    element("mission").addEventListener("change", () => show(Number(element("mission").value)));
+    element("condition")?.addEventListener("change", applyFilter);
+    element("mission").addEventListener("change", () => choose(Number(element("mission").value)));
     element("slider").addEventListener("input", drawStep);
     for (const id of ["show-whole", "show-runs"]) element(id).addEventListener("change", drawMission);
     for (const id of ["near", "wide"]) element(id).addEventListener("change", frame);
-    const clicks = { play, back: () => move(-1), forward: () => move(1) };
+    const clicks = { play, back: () => move(-1), forward: () => move(1), doubtful: toNextDoubtful };
     for (const [id, action] of Object.entries(clicks)) element(id).addEventListener("click", action);
-    for (const button of document.querySelectorAll("[data-mission]")) {
-      button.addEventListener("click", () => {
-        show(Number(button.dataset.mission));
-        element("explorer").scrollIntoView();
-      });
-    }
+    Keys.wire({ n: clicks.forward, p: clicks.back, j: toNextDoubtful, space: play });
   }
 
   async function open() {
     await Figures.embed(JSON.parse(element("figures").textContent));
     wire();
-    if (data.missions.length) show(data.first);
+    number = data.order[0] ?? 0;
+    applyFilter();
+    Links.wire({ mission: goTo, fails: goToFailing });
     Theme.wire(() => Figures.paint(data.missions.length ? TONES[mission().verdict] : "quiet"));
     document.documentElement.dataset.usable = performance.now();
     document.documentElement.dataset.whole = performance.now();

@@ -10,6 +10,7 @@
   const textIn = (tag, text) => Object.assign(document.createElement(tag), { textContent: text });
   let place = null; // [x, y] that was clicked
   let shown = null; // the counterexample that is looked at
+  let timer = null; // of what is played
 
   const slice = () => (Number(element("heading").value) === 0 ? null : Number(element("heading").value) - 1);
 
@@ -83,7 +84,7 @@
     Scene.drawRobot(rules, "map", found ? found.pose : null, 0.22);
     Scene.drawFan(found ? found.pose : null, data.fans, found ? found.observation : []);
     drawSituation();
-    element("where").textContent = found ? `from ${poseText(found.pose)}: comes within ${nearText(found)}` : "no counterexample was found";
+    tellWhere(found);
     const facts = found
       ? [
           ["pose", poseText(found.pose)],
@@ -110,8 +111,72 @@
   function drawSituation() {
     const found = shown === null ? null : Places.witness(shown);
     const before = found ? Geometry.waiting(found.pose, rules.waits.map(() => found.previous), rules) : [];
-    Scene.drawSituation(rules, before, found ? [found.command] : [], found ? { command: found.command, pose: found.closest } : null);
+    const gap = found ? Gap.of(found.closest, rules, data.world, found.clearance) : null;
+    Scene.drawSituation(rules, before, found ? [found.command] : [], found ? { command: found.command, pose: found.closest } : null, gap);
     Figures.paint("unsafe", "here");
+  }
+
+  // Writes above the map which place is looked at, with a link to it that can be passed on.
+  function tellWhere(found) {
+    const words = found ? `from ${poseText(found.pose)}: comes within ${nearText(found)}` : "no counterexample was found there";
+    const name = place === null ? "" : `place ${place.map((value) => value.toFixed(2)).join(", ")}`;
+    const link = Object.assign(textIn("a", name), { href: addressOf(), title: "the address of this place" });
+    element("where").replaceChildren(...(name ? [link, `, ${words}`] : [words]));
+    if (timer === null) Announce.say(element("where").textContent);
+  }
+
+  const addressOf = () => (place === null ? "#explorer" : `#place=${place.map((value) => Number(value.toFixed(3))).join(",")}`);
+
+  // The half metre squares that fail the condition that is chosen, or none.
+  const failing = () => data.fails[Number(element("condition")?.value || -1)] ?? [];
+  const middleOf = (square) => square.map((number) => data.side * (number + 0.5));
+
+  function drawFailing() {
+    const ends = (axis, more) => failing().map((square) => data.side * (square[axis] + more));
+    fill("failing", { left: ends(0, 0), right: ends(0, 1), bottom: ends(1, 0), top: ends(1, 1) });
+    const among = new Set(failing().map(String));
+    for (const button of document.querySelectorAll("[data-worst]")) {
+      const [x, y] = Places.witness(data.worst[button.dataset.worst]).pose;
+      const square = [x, y].map((value) => Math.floor(value / data.side));
+      button.closest("tr").hidden = among.size > 0 && !among.has(String(square));
+    }
+  }
+
+  // The next square that fails the chosen condition, or the next of the worst places.
+  let visited = -1;
+  function toNextDoubtful() {
+    const stops = failing().length ? failing().map(middleOf) : data.worst.map((row) => Places.witness(row).pose.slice(0, 2));
+    if (!stops.length) {
+      Announce.say((element("where").textContent = "no place is refuted"));
+      return;
+    }
+    visited = (visited + 1) % stops.length;
+    look(...stops[visited]);
+    Links.write(addressOf());
+  }
+
+  function goTo(text) {
+    const [x, y] = text.split(",").map(Number);
+    if (Number.isFinite(x) && Number.isFinite(y)) look(x, y);
+    element("explorer").scrollIntoView();
+  }
+
+  function choose() {
+    visited = -1;
+    drawFailing();
+  }
+
+  function goToFailing(condition) {
+    element("condition").value = condition;
+    choose();
+    element("explorer").scrollIntoView();
+  }
+
+  function play() {
+    clearInterval(timer);
+    const turn = () => (Number(element("heading").value) < Places.slices ? turnTo(Number(element("heading").value) + 1) : play());
+    timer = timer === null ? setInterval(turn, 3 * Theme.pace()) : null;
+    element("play").textContent = timer === null ? "Play" : "Pause";
   }
 
   function look(x, y) {
@@ -145,18 +210,27 @@
     const slider = element("heading");
     slider.max = Places.slices;
     slider.addEventListener("input", () => turnTo(Number(slider.value)));
-    element("all").addEventListener("click", () => turnTo(0));
-    element("back").addEventListener("click", () => turnTo(Number(slider.value) - 1));
-    element("forward").addEventListener("click", () => turnTo(Number(slider.value) + 1));
+    const turn = (by) => () => {
+      turnTo(by === null ? 0 : Number(slider.value) + by);
+      Announce.say(describeSlice());
+    };
+    const clicks = { all: turn(null), back: turn(-1), forward: turn(1), play, doubtful: toNextDoubtful };
+    for (const [id, action] of Object.entries(clicks)) element(id).addEventListener("click", action);
+    Keys.wire({ n: clicks.forward, p: clicks.back, j: toNextDoubtful, space: play });
+    element("condition")?.addEventListener("change", choose);
     for (const id of ["by-share", "by-status"]) element(id).addEventListener("change", drawPlaces);
     for (const id of ["near", "wide"]) element(id).addEventListener("change", drawSituation);
     for (const button of document.querySelectorAll("[data-worst]")) {
       button.addEventListener("click", () => {
         showWorst(Number(button.dataset.worst));
+        Links.write(addressOf());
         element("explorer").scrollIntoView();
       });
     }
-    Figures.model("map").on_event("tap", ({ x, y }) => look(x, y));
+    Figures.model("map").on_event("tap", ({ x, y }) => {
+      look(x, y);
+      Links.write(addressOf());
+    });
     Figures.model("situation").properties.inner_width.change.connect(drawSituation);
   }
 
@@ -170,6 +244,7 @@
       drawPlaces();
     });
     showWorst(0);
+    Links.wire({ place: goTo, fails: goToFailing });
     document.documentElement.dataset.usable = performance.now();
     document.documentElement.dataset.whole = performance.now();
   }

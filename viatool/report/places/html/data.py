@@ -9,7 +9,15 @@ from bokeh.palettes import Viridis256
 
 from viatool.arrays import Floats, Indices
 from viatool.places import SECTORS, STATUSES
-from viatool.report.html.states import channel_list, fans_of, pack, pack_coarsely, rules_of
+from viatool.report.html.states import (
+    channel_list,
+    fans_of,
+    pack,
+    pack_coarsely,
+    rules_of,
+    shapes,
+    world_of,
+)
 from viatool.report.places.tiles import is_free
 
 if TYPE_CHECKING:
@@ -47,8 +55,15 @@ def page_data(certificate: Certificate) -> dict[str, Any]:
         "channels": channel_list(setting.spec, setting.radii),
         "fans": fans_of(setting.spec, certificate.world_map.robot),
         "rules": rules_of(certificate.rules),
+        "world": _world(certificate),
         "scale": [int(colour[1:], 16) for colour in Viridis256],
     }
+
+
+def _world(certificate: Certificate) -> dict[str, Any]:
+    """Return what of the map and the scenario has corners or a radius."""
+    fixed, own = world_of(certificate.world_map), shapes(certificate.scenario.obstacles)
+    return {kind: [*fixed[kind], *own[kind]] for kind in fixed}
 
 
 def fitting_raster(certificate: Certificate, most: int = MOST_BYTES) -> tuple[Raster, Indices]:

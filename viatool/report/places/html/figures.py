@@ -33,6 +33,9 @@ def places_figure(certificate: Certificate, raster: Raster) -> figure:
     plot.image_rgba("image", x=left, y=bottom, dw=right - left, dh=top - bottom, source=picture)
     draw_obstacles(plot, certificate.world_map.obstacles)
     draw_obstacles(plot, certificate.scenario.obstacles)
+    ends = {end: end for end in ("left", "right", "bottom", "top")}
+    squares = plot.quad(**ends, source=source("failing", " ".join(ends)), fill_alpha=0.0, line_width=1.5)
+    themed(squares.glyph, line_color="ill")
     draw_fan(plot)
     worst = plot.scatter("x", "y", source=source("worst", "x y"), marker="x", size=11, level="overlay")
     themed(worst.glyph, line_color="ink").line_width = 2

@@ -12,14 +12,25 @@ from viatool.report.numbers import percentage, significant
 from viatool.report.places.document import PlacesDocument
 from viatool.report.places.html.data import fitting_raster, page_data
 from viatool.report.places.html.figures import places_figure, surroundings_figure
-from viatool.report.sections import Check
+from viatool.report.places.tiles import TILE
+from viatool.report.sections import Check, Key
 from viatool.report.wording import describe_eps
 
 if TYPE_CHECKING:
     from viatool.places import Certificate
     from viatool.report.places.run import PlacesRun
 
-SCRIPTS = ("geometry.js", "arrays.js", "figures.js", "theme.js", "scene.js", "places.js", "certificate.js")
+SCRIPTS = (
+    "geometry.js",
+    "gap.js",
+    "arrays.js",
+    "figures.js",
+    "theme.js",
+    "keys.js",
+    "scene.js",
+    "places.js",
+    "certificate.js",
+)
 CLASSES = {"uncontested": "settled", "certified": "safe", "refuted": "unsafe", "unknown": "unknown"}
 """How the style sheet calls the colour of each status."""
 
@@ -34,9 +45,10 @@ def render_page(document: PlacesRun, checks: Sequence[Check]) -> str:
         "certificate.html",
         SCRIPTS,
         title="viatool certificate",
-        data=page_data(certificate),
+        data={**page_data(certificate), "side": TILE, "fails": failing_squares(checks)},
         figures=[places_figure(certificate, raster), surroundings_figure(certificate)],
         checks=checks,
+        address=_address,
         headline=_headline(document),
         volumes=_volumes(document),
         rates=document.shares.rows,
@@ -47,6 +59,19 @@ def render_page(document: PlacesRun, checks: Sequence[Check]) -> str:
         slices_head=("heading", *(f"{name}, m² rad" for name in CLASSES), "certified of contested"),
         square=f"{100.0 * raster.size[0]:.3g} cm x {100.0 * raster.size[1]:.3g} cm",
     )
+
+
+def failing_squares(checks: Sequence[Check]) -> list[list[Any]]:
+    """Return the half metre squares that each condition counts that does not hold, the gravest first."""
+    each = [[one.key[1] for one in check.failing] for check in checks if not check.passed]
+    return [list(dict.fromkeys(squares)) for squares in each]
+
+
+def _address(key: Key) -> str:
+    """Return where the page shows a half metre square: by its middle, in metres."""
+    square = key[1]
+    assert isinstance(square, tuple)
+    return "#place=" + ",".join(f"{TILE * (number + 0.5):g}" for number in square)
 
 
 def _headline(document: PlacesDocument) -> dict[str, str]:
