@@ -8,7 +8,7 @@ from html import escape
 
 from viatool.projects.records import OUTCOMES, CellRecord, ProjectSummary
 from viatool.projects.tables import grid_of, label_of, tone_of
-from viatool.report.html.plain import inert, plain_page
+from viatool.report.html.plain import inert, plain_page, scrolling
 
 _LINKED = (
     "html",
@@ -28,6 +28,7 @@ _LINKED = (
 _OWN = """
 main { padding-top: 14px; }
 a { color: var(--accent); }
+.scroll td { white-space: normal; min-width: 13em; }
 .plain td:first-child { white-space: nowrap; overflow-wrap: normal; }
 td a { text-decoration: none; color: inherit; }
 td a:hover, td a:focus { text-decoration: underline; }
@@ -65,10 +66,8 @@ def _grid(summary: ProjectSummary) -> str:
         + "</tr>"
         for policy, row in rows.items()
     )
-    return (
-        f'<div class="scroll"><table><thead><tr><th scope="col">policy</th>{head}</tr></thead>'
-        f"<tbody>{body}</tbody></table></div>"
-    )
+    table = f'<table><thead><tr><th scope="col">policy</th>{head}</tr></thead><tbody>{body}</tbody></table>'
+    return scrolling("Policies against maps", table)
 
 
 def _entry(record: CellRecord) -> str:
@@ -92,7 +91,7 @@ def _accepted(summary: ProjectSummary) -> str:
     )
     return (
         "<section><h2>Accepted findings</h2><p>They change no verdict and no rate; the gate does not count them.</p>"
-        f'<div class="scroll"><table><tbody>{body}</tbody></table></div></section>'
+        f"{scrolling('Accepted findings', f'<table><tbody>{body}</tbody></table>')}</section>"
     )
 
 
@@ -110,7 +109,7 @@ def _cell(record: CellRecord) -> str:
         f"<p>{inert(record.stake)}</p>" if record.stake else "",
         f"<p>{inert(record.headline)} {f'({inert(record.figures)})' if record.figures else ''}</p>",
         f'<table class="plain"><tbody>{conditions}</tbody></table>' if conditions else "",
-        f"<pre>{escape(record.message)}</pre>" if record.message else "",
+        f"<pre>{escape(record.message)}</pre>" if record.message and not conditions else "",
         f"<p>{links}</p>" if links else "",
         f'<p class="quiet"><code>{inert(shlex.join(record.command))}</code></p>',
     )

@@ -12,15 +12,16 @@ from viatool.report.comparison import TITLES, Row, compared
 from viatool.report.document import Document
 from viatool.report.files import check_writable, write_whole
 from viatool.report.formats.markdown import cells, table
-from viatool.report.html.plain import inert, plain_page
+from viatool.report.html.plain import inert, plain_page, scrolling
 from viatool.report.palette import STYLE
 
 _OWN = """
 td { text-align: right; font-variant-numeric: tabular-nums; }
 th[scope="row"] { text-align: left; font-weight: normal; }
-th, td { white-space: normal; }
+.scroll th, .scroll td { white-space: normal; }
 tbody + tbody { border-top: 1px solid var(--rule); }
-.better { color: var(--safe); } .worse { color: var(--unsafe); }
+.better { color: var(--well); } .worse { color: var(--ill); }
+@media (max-width: 560px) { th, td { padding-right: 10px; } td { font-size: 13px; } }
 """
 
 
@@ -74,7 +75,7 @@ def _page(before: Document, after: Document) -> str:
     )
     main = (
         f"<section><h1>Two reports</h1>{headlines}</section>"
-        f'<section><div class="scroll"><table><thead><tr>{head}</tr></thead>{body}</table></div></section>'
+        f"<section>{scrolling('Both reports', f'<table><thead><tr>{head}</tr></thead>{body}</table>')}</section>"
     )
     version = after.record.versions.get("viatool", "")
     return plain_page(" and ".join(named.values()), main, f"Made by viatool {version}.", _OWN)

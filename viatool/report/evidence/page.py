@@ -57,10 +57,7 @@ def render_page(
         figures=_text(document.headline.figures),
         stake=_text(document.headline.stake),
         claims=_rows((_text(claim.text), _text(claim.figure)) for claim in claims),
-        gate=_rows(
-            (_text(one.condition), _text("passed" if one.passed else "failed"), _text(one.figures))
-            for one in checks
-        )
+        gate=_rows((_text(one.condition), _outcome(one), _text(one.figures)) for one in checks)
         or _rows([(_text("no condition was asked for"), "", "")]),
         open=count(sum(one.status == "open" for one in assumptions)),
         assumptions=_rows(map(_assumption, in_order)),
@@ -92,6 +89,10 @@ def _link(text: str, place: str) -> str:
 def _rows(rows: Iterable[Sequence[str]]) -> str:
     """Return rows of a table, of cells that are markup."""
     return "\n".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in rows)
+
+
+def _outcome(check: Check) -> str:
+    return "passed" if check.passed else '<span class="failed">failed</span>'
 
 
 def _assumption(one: Assumption) -> tuple[str, ...]:

@@ -43,6 +43,11 @@ def plain_page(title: str, main: str, footer: str, style: str = "") -> str:
 """
 
 
+def scrolling(name: str, table: str) -> str:
+    """Return a table in a frame that scrolls by itself, on phones and with the keys."""
+    return f'<div class="scroll" tabindex="0" role="region" aria-label="{inert(name)}">{table}</div>'
+
+
 def inert(text: str) -> str:
     """Return a text that others wrote as HTML without effect, on one line."""
     return escape(one_line(text))
@@ -53,5 +58,5 @@ def _style() -> str:
     style = files("viatool.report.html").joinpath("style.css").read_text(encoding="utf-8")
     colours = " ".join(f"--{name}: {value};" for name, value in COLOUR.items())
     dark = re.search(r':root\[data-theme="dark"\]\s*(\{[^}]*\})', style)
-    at_night = f"@media (prefers-color-scheme: dark) {{ :root {dark[1]} }}" if dark else ""
+    at_night = f"@media screen and (prefers-color-scheme: dark) {{ :root {dark[1]} }}" if dark else ""
     return f":root {{ {colours} }}\n{style}\n{at_night}\n"
