@@ -5,20 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from viatool.report.document import Document, Explained
-from viatool.report.html.plain import inert, plain_page
-from viatool.report.numbers import seconds
+from viatool.report.html.plain import inert, plain_page, scrolling
+from viatool.report.numbers import count, seconds
 from viatool.report.sections import Breakdown, Check, Facts, Rates, Section, Table
 
 _OWN = """
 td { font-variant-numeric: tabular-nums; }
-th, td { white-space: normal; text-align: left; vertical-align: top; }
+.scroll th, .scroll td { white-space: normal; text-align: left; vertical-align: top; min-width: 5em; }
 th[scope="row"] { font-weight: normal; }
-.failed { color: var(--unsafe); } .passed { color: var(--safe); }
 """
 
 
 def told_page(document: Document, checks: Sequence[Check], remark: str = "") -> str:
-    """Return a page with the headline, the gate, every section, and what the figures rest on.
+    """Return a page with the gate, the headline, every section, and what the figures rest on.
 
     Parameters
     ----------
@@ -35,8 +34,8 @@ def told_page(document: Document, checks: Sequence[Check], remark: str = "") -> 
     figures = f"{found} ({found.figures})" if found.figures else str(found)
     head = [found.stake or figures, *([figures] if found.stake else []), about, *([remark] if remark else [])]
     parts = [
-        f"<section><h1>{inert(head[0])}</h1>{''.join(f'<p>{inert(text)}</p>' for text in head[1:])}</section>",
         _gate(checks),
+        f"<section><h1>{inert(head[0])}</h1>{''.join(f'<p>{inert(text)}</p>' for text in head[1:])}</section>",
         *map(_section, document.sections),
         _section(document.failing) if isinstance(document, Explained) and document.failing.rows else "",
         _table("In effect", (), [(one.name, one.value, one.source) for one in record.premises]),
@@ -53,16 +52,24 @@ def _files(document: Document) -> Iterable[tuple[str, str]]:
 
 
 def _gate(checks: Sequence[Check]) -> str:
-    rows = "".join(
-        f'<tr><td class="{"passed" if one.passed else "failed"}">{inert(one.word)}</td>'
-        f"<td>{inert(one.condition)}</td><td>{inert(one.figures)}</td></tr>"
-        for one in checks
-    )
-    told = "".join(f"<li>{inert(text)}</li>" for one in checks for text in one.some_evidence(_EVIDENCE))
+    """Return the conditions, with what fails each; nothing without a gate."""
+    if not checks:
+        return ""
+    outcome = "passed" if all(one.passed for one in checks) else "failed"
     return (
-        f"<section><h2>Gate</h2>{_scrolled(rows)}{f'<ul>{told}</ul>' if told else ''}</section>"
-        if rows
-        else ""
+        f'<section class="gate {outcome}"><h2 class="gate {outcome}">Gate {outcome}</h2>'
+        f'<ul class="conditions">{"".join(map(_condition, checks))}</ul></section>'
+    )
+
+
+def _condition(check: Check) -> str:
+    told = "".join(f"<li>{inert(text)}</li>" for text in check.some_evidence(_EVIDENCE))
+    listed = f"what fails it: {count(len(check.failing))}"
+    return (
+        f'<li class="{"passed" if check.passed else "failed"}"><b>{inert(check.word)}</b> '
+        f'<span>{inert(check.condition)}</span> <span class="quiet">{inert(check.figures)}</span>'
+        + (f"<details><summary>{listed}</summary><ul>{told}</ul></details>" if told else "")
+        + "</li>"
     )
 
 
@@ -93,13 +100,10 @@ def _table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]], remar
     names = "".join(f'<th scope="col">{inert(name)}</th>' for name in head)
     above = f"<h2>{inert(title)}</h2>" if title else ""
     above += f"<p>{inert(remark[0].upper() + remark[1:])}.</p>" if remark else ""
-    return f"<section>{above}{_scrolled(body, f'<thead><tr>{names}</tr></thead>' if names else '')}</section>"
+    table = f"<table>{f'<thead><tr>{names}</tr></thead>' if names else ''}<tbody>{body}</tbody></table>"
+    return f"<section>{above}{scrolling(title or ', '.join(head), table)}</section>"
 
 
 def _cells(row: Sequence[str]) -> str:
     first, *others = row
     return f'<th scope="row">{inert(first)}</th>' + "".join(f"<td>{inert(text)}</td>" for text in others)
-
-
-def _scrolled(body: str, head: str = "") -> str:
-    return f'<div class="scroll"><table>{head}<tbody>{body}</tbody></table></div>'
