@@ -353,6 +353,7 @@ def levels_agree(document: Document, checks: Sequence[Check], code: int) -> None
             **{name: getattr(check, name) for name in ("condition", "passed", "figures", "empty", "hint")},
             "unfounded": check.unfounded,
             "waived": check.waived,
+            "open": check.open,
             "evidence": list(check.evidence),
         }
         for check in checks

@@ -68,6 +68,16 @@ def contested_option(command: Command) -> Command:
     )(command)
 
 
+def stop_early_option(command: Command) -> Command:
+    """Add the wish to stop once the gate cannot end in another way."""
+    return click.option(
+        "--stop-early",
+        is_flag=True,
+        help="Stop once no later verdict can change whether the gate passes: the same exit code, sooner. The report "
+        "says how many states were not judged, and is of the others.",
+    )(command)
+
+
 def leave_by_gate(ctx: click.Context, checks: Sequence[Check], *, quiet: bool) -> None:
     """End a command by the decided conditions of its gate; one that is quiet says in a line what does not hold.
 

@@ -34,6 +34,7 @@ SECTIONS = {
     "Reports": ("--output", "--quiet", "--verbose"),
     "The gate": (
         "--fail-under", "--max-unsafe", "--max-unknown", "--min-contested", "--baseline", "--accepted", "--exit-zero",
+        "--stop-early",
     ),
     "The work": ("--workers", "--scheduler", "--checkpoint", "--resume", "--threads"),
 }  # fmt: skip

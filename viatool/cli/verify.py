@@ -11,10 +11,17 @@ import click
 
 from viatool.cli import options
 from viatool.cli.command import Command
-from viatool.cli.gating import build_gate, contested_option, gate_options, leave_by_gate
+from viatool.cli.gating import (
+    build_gate,
+    contested_option,
+    gate_options,
+    leave_by_gate,
+    stop_early_option,
+)
 from viatool.cli.reporting import read_outputs, tell
 from viatool.cli.started import seconds_since_start
 from viatool.cli.states import bag_settings, choose_scenarios, close_option, sampled_places, state_options
+from viatool.cli.stopping import WITHOUT, asks_for_close_places, certain, require_stoppable
 from viatool.cli.terminal import show_progress
 from viatool.cli.work import keeping, work_options
 from viatool.setting.criteria import CRITERIA, PROVING
@@ -22,6 +29,7 @@ from viatool.setting.criteria import CRITERIA, PROVING
 if TYPE_CHECKING:
     from viatool.loop.horizon import Horizon
     from viatool.margins.result import Margins
+    from viatool.report import Gate
     from viatool.schedule import Progress
     from viatool.verification.result import Result
 
@@ -112,6 +120,7 @@ _OF_MARGINS = (
 )
 @gate_options
 @contested_option
+@stop_early_option
 @work_options
 @options.threads_option
 @options.quiet_option
@@ -127,11 +136,13 @@ def command(ctx: click.Context, /, **given: Any) -> None:
 
     if given["margins"] and given["criterion"] not in PROVING:
         raise click.UsageError(f"--margins need a criterion that proves something: {' or '.join(PROVING)}")
+    if given["stop_early"]:
+        require_stoppable(given)
     outputs = read_outputs(given["output"], StatesRun)
     given["widths"] |= any(output.format in ("states", "evidence") for output in outputs)
     gate = build_gate(given, StatesRun)
     with keeping(given["checkpoint"]), show_progress(quiet=given["quiet"]) as progress:
-        result = _verify(given, progress)
+        result = _verify(given, gate, progress)
         margins = _margins(given, result, progress) if given["margins"] else None
     for found in result.recording:
         if found.doubtful:
@@ -189,11 +200,14 @@ def _horizon(given: Mapping[str, Any]) -> Horizon | None:
     return None
 
 
-def _verify(given: Mapping[str, Any], progress: Progress) -> Result:
+def _verify(given: Mapping[str, Any], gate: Gate, progress: Progress) -> Result:
     from viatool.verification import verify
 
     bag, places = bag_settings(given), sampled_places(given)
     world_map = options.open_map(given["map_path"], given["unknown"])
+    stopping = given["stop_early"]
+    without_close = stopping and not asks_for_close_places(gate)
+    passed_on = {name: given[name] for name in _PASSED_ON} | ({"close": 0} if without_close else {})
     begun = seconds_since_start()
     result = verify(
         given["policy"],
@@ -206,6 +220,9 @@ def _verify(given: Mapping[str, Any], progress: Progress) -> Result:
         horizon=_horizon(given),
         errors=options.stated_errors(given),
         progress=progress,
-        **{name: given[name] for name in _PASSED_ON},
+        enough=certain(gate) if stopping else None,
+        **passed_on,
     )
+    if without_close and given["close"]:
+        result = replace(result, no_close=WITHOUT)
     return replace(result, seconds={"start": begun, **result.seconds})

@@ -171,6 +171,11 @@ class Document(ABC):
         """Say what was left out, so that no condition can hold; empty if nothing was."""
         return ""
 
+    @property
+    def left_out(self) -> Mapping[str, LeftOut]:
+        """Return what may be added to each of `rates` and of `limited`, where a run was stopped early; else {}."""
+        return {}
+
     def nothing(self, rate: str) -> str:
         """Say why one of `rates` is of nothing, so that it cannot be decided on."""
         return self.EMPTY
@@ -182,6 +187,22 @@ class Document(ABC):
     def new_failures(self, baseline: Any) -> Sequence[Check]:
         """Decide what an older document of the same kind says about single failures."""
         return ()
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Subjects that nobody judged.
+
+    Parameters
+    ----------
+    number : int
+        How many.
+    count : bool
+        Whether a rate is of all of them, or of as many as turn out to belong to it.
+    """
+
+    number: int
+    count: bool
 
 
 class Explained(Document):

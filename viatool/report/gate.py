@@ -11,9 +11,11 @@ from fractions import Fraction
 from viatool.errors import ConfigurationError
 from viatool.report.accepted import NOTHING_ACCEPTED, Acceptance, Settled, settle
 from viatool.report.comparison import Difference, differences, require_same_kind
-from viatool.report.document import Document
+from viatool.report.document import Document, LeftOut
 from viatool.report.numbers import count, digits_needed, down, percent_of
-from viatool.report.sections import NOTHING, Check, Count, Finding, Survivor
+from viatool.report.sections import NOTHING, Check, Count, Finding, Share, Survivor
+
+NONE_LEFT = LeftOut(0, count=True)
 
 
 @dataclass(frozen=True)
@@ -157,19 +159,36 @@ def _evaluate(gate: Gate, document: Document) -> Sequence[Check]:
     checks += settled.checks
     if document.size == 0:  # then every count is 0 and says nothing
         return [_undecidable(check.condition, document.EMPTY) for check in checks]
-    if document.incomplete:
-        checks = [
-            replace(check, passed=False, figures=f"{check.figures}, but {document.incomplete}")
-            for check in checks
-        ]
+    if document.incomplete and not document.left_out:
+        checks = [_unsure(check, document.incomplete) for check in checks]
     return checks
+
+
+def is_certain(checks: Sequence[Check]) -> bool:
+    """Tell whether a gate ends in the same way whatever was left out: passed, failed or with nothing to decide.
+
+    Notes
+    -----
+    Sound: yes, if each condition is `open` unless nothing that is left out decides it. What has nothing to decide on
+    outweighs what fails, and one condition that fails outweighs all that hold.
+    """
+    undecided = [check for check in checks if check.open]
+    if not undecided or any(check.empty and not check.open for check in checks):
+        return True
+    if any(check.may_be_empty for check in undecided):
+        return False
+    return any(not check.passed and not check.open for check in checks)
+
+
+def _unsure(check: Check, why: str) -> Check:
+    return replace(check, passed=False, figures=f"{check.figures}, but {why}")
 
 
 def _failing(
     passed: bool, name: str, document: Document, settled: Settled = NOTHING_ACCEPTED
 ) -> tuple[Finding, ...]:
     """Return what one of the rates or limits of a document counts, without what is accepted, if that does not pass."""
-    if passed and not document.incomplete:
+    if passed and (document.left_out or not document.incomplete):
         return ()
     return tuple(finding for finding in document.counted(name) if not settled.excuses(finding, name))
 
@@ -185,12 +204,24 @@ def _threshold(threshold: Threshold, document: Document, settled: Settled) -> Ch
     rate = document.rates.get(threshold.name, NOTHING)
     digits = digits_needed(threshold.least)
     condition = f"{document.RATES[threshold.name]} >= {percent_of(threshold.least, digits)}"
-    if rate.total == 0:
+    left = document.left_out.get(threshold.name, NONE_LEFT) if rate is not NOTHING else NONE_LEFT
+    if rate.total + left.number == 0:
         return _undecidable(condition, document.nothing(threshold.name))
     aside = min(settled.uncounted.get(threshold.name, 0), rate.total - rate.part)
-    passed = (rate.part + aside) * threshold.least.denominator >= threshold.least.numerator * rate.total
+    worst = Share(rate.part + aside, rate.total + left.number)
+    best = Share(worst.part + left.number, worst.total)
+    may_be_empty = rate.total == 0 and not left.count
     figures = f"{rate.percentage(digits)} ({rate.of()}){_beside(aside)}"
-    return Check(condition, passed, figures, failing=_failing(passed, threshold.name, document, settled))
+    if left.number:
+        figures = f"{worst.percentage(digits)} to {best.percentage(digits)}, {count(left.number)} not judged"
+    holds, fails = _reaches(worst, threshold.least), not _reaches(best, threshold.least)
+    if may_be_empty or not (holds or fails):
+        return Check(condition, False, figures, open=True, may_be_empty=may_be_empty)
+    return Check(condition, holds, figures, failing=_failing(holds, threshold.name, document, settled))
+
+
+def _reaches(share: Share, least: Fraction) -> bool:
+    return share.part * least.denominator >= least.numerator * share.total
 
 
 def _survived(threshold: Threshold, document: Document, settled: Settled) -> Check:
@@ -238,13 +269,21 @@ def _limit(name: str, most: int, document: Document, settled: Settled) -> Check:
     found = _counted(f"--max-{name}", name, document)
     condition = f"at most {count(most)} {found.noun}"
     aside = min(settled.uncounted.get(name, 0), found.number)
+    left = document.left_out.get(name, NONE_LEFT).number
     passed, figures = found.number - aside <= most, f"{count(found.number)} {found.noun}{_beside(aside)}"
+    if left:
+        figures += f", {count(left)} not judged"
+    if passed and found.number - aside + left > most:
+        return Check(condition, False, figures, open=True)
     return Check(condition, passed, figures, failing=_failing(passed, name, document, settled))
 
 
 def _at_stake(least: int, document: Document) -> Check:
     found = _counted("--min-contested", "contested", document)
     condition, figures = f"at least {count(least)} {found.noun}", f"{count(found.number)} {found.noun}"
+    left = document.left_out.get("contested", NONE_LEFT).number
+    if found.number < least <= found.number + left:
+        return Check(condition, False, f"{figures}, {count(left)} not judged", open=True, may_be_empty=True)
     if found.number < least:
         hint = "evaluate more scenarios, or a map with less room, so that verdicts depend on the policy"
         return Check(condition, passed=False, figures=figures, empty=True, hint=hint)
@@ -262,6 +301,8 @@ def _counted(option: str, name: str, document: Document) -> Count:
 def _regressions(baseline: Document, document: Document) -> list[Check]:
     require_same_kind(baseline, document)
     checks = [*_fallen_rates(baseline, document), *document.new_failures(baseline)]
+    if document.left_out:
+        checks = [_unsure(check, document.incomplete) for check in checks]
     if baseline.incomplete:
         aside = f", but of the baseline {baseline.incomplete}"
         checks = [replace(check, passed=False, figures=check.figures + aside) for check in checks]

@@ -80,6 +80,10 @@ class Check:
         What made it fail.
     waived : bool
         It does not hold, which is reported and fails nothing, as ``--exit-zero`` asks.
+    open : bool
+        What was left out decides whether it holds; it is not taken to hold.
+    may_be_empty : bool
+        And whether there is anything to decide on.
     """
 
     condition: str
@@ -90,6 +94,8 @@ class Check:
     unfounded: bool = False
     failing: tuple[Finding, ...] = ()
     waived: bool = False
+    open: bool = False
+    may_be_empty: bool = False
 
     @property
     def outcome(self) -> str:
@@ -101,6 +107,8 @@ class Check:
     @property
     def word(self) -> str:
         """Return the outcome for people."""
+        if self.open:
+            return "NOT DECIDED"
         return {"passed": "passed", "warning": "FAILED, exit 0"}.get(self.outcome, "FAILED")
 
     @property

@@ -29,7 +29,8 @@ def examine_beside(
     result : Result
         Of driven states.
     again : Rejudging
-        What was asked of them, and now is of the places; the seed of the examination is that of the places, too.
+        What was asked of all of them, judged or not, and now is of the places; the seed of the examination is that of
+        the places, too.
     count : int
         How many places; 0 for none.
     campaign, tell : Campaign, Progress
@@ -42,7 +43,7 @@ def examine_beside(
     if not count:
         return result
     examination = replace(again.examination, horizon=None)
-    places, reason = places_beside(result.setting, result.trajectory, count, seed=examination.seed)
+    places, reason = places_beside(result.setting, again.trajectory, count, seed=examination.seed)
     if places is None:
         return replace(result, no_close=reason)
     asked = states_of(result.setting, places)
@@ -65,6 +66,7 @@ def examine_beside(
         horizon=None,
         recording=(),
         error_costs=None,
+        unjudged={},
         reasons=find_reasons(again, asked, found, most_judged=_JUDGED),
     )
     return replace(result, close=beside)

@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
+import numpy as np
+
 from viatool.errors import ConfigurationError
 from viatool.loop.elapsed import check_moving_on
 from viatool.loop.horizon import Horizon
@@ -32,6 +34,7 @@ from viatool.verification.horizon import HorizonExamination
 from viatool.verification.reasoning import find_reasons
 from viatool.verification.rejudging import Rejudging
 from viatool.verification.result import Result
+from viatool.verification.so_far import Enough, JudgedCount, unjudged_of
 from viatool.verification.source import Source
 from viatool.verification.states import states_of
 from viatool.versions import result_versions
@@ -81,6 +84,7 @@ def verify(
     checkpoint: StrPath | None = None,
     resume: bool = False,
     progress: Progress | None = None,
+    enough: Enough | None = None,
 ) -> Result:
     """Verify a policy on a map: no sensor error within bounds makes it come too close to something.
 
@@ -149,6 +153,9 @@ def verify(
         Continue from the finished chunks in `checkpoint`.
     progress : callable, optional
         Called with the stage, the units done and the units in all.
+    enough : callable, optional
+        Called after each block of states with what is known, a `viatool.verification.so_far.SoFar`; once it is true the
+        states behind are not judged, and the result is of those before, see `Result.unjudged`.
 
     Returns
     -------
@@ -229,11 +236,14 @@ def verify(
         engine["bounded"] = "contested states alone"
     _log.info("engine: %s", ", ".join(f"{name} {value}" for name, value in engine.items()))
     _log.info("states: %d from %s", len(asked), source.words(setting))
-    campaign = Campaign(scheduler, checkpoint, resume, chunk)
+    outcome = trajectory.outcomes[trajectory.episode]
+    campaign = Campaign(scheduler, checkpoint, resume, chunk if enough is None else 1)
     with clock.timed("examine"):
         work = StateWork(examination, asked, result_versions())
-        findings = campaign.carry_out(work, progress or ignore).part
+        watch = None if enough is None else JudgedCount(outcome, enough)
+        findings = campaign.carry_out(work, progress or ignore, enough=watch).part
     clock.share_out("examine", findings.seconds)
+    judged = len(findings.judgement.safe)
     again = Rejudging(policy, world_map, scenarios, setting, wishes, job, trajectory, examination)
     costs = None
     if explain_errors:
@@ -245,12 +255,12 @@ def verify(
         policy_path=policy.path,
         policy_sha256=policy.sha256,
         setting=setting,
-        trajectory=trajectory,
+        trajectory=trajectory if judged == len(asked) else trajectory.select(np.arange(judged)),
         arithmetic=arithmetic,
         engine=engine,
-        under_way=asked.under_way,
-        velocity=asked.velocity,
-        begun=asked.begun,
+        under_way=asked.under_way[:judged],
+        velocity=None if asked.velocity is None else asked.velocity[:judged],
+        begun=asked.begun[:judged],
         reachable=findings.reachable,
         bounded_every=examination.bounded_every,
         contested=findings.contested,
@@ -264,6 +274,7 @@ def verify(
         recording=recording,
         error_costs=costs,
         reasons=reasons,
+        unjudged={} if judged == len(asked) else unjudged_of(outcome[judged:]),
     )
     with clock.timed("close"):
         result = examine_beside(result, again, close, campaign, progress or ignore)

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+OUTCOMES = ("success", "collision", "timeout")
+
 
 @dataclass(frozen=True)
 class Rate:
@@ -78,7 +80,7 @@ class RateByOutcome:
             (N,) bool, the states that count; all by default.
         """
         everything = np.ones(safe.shape, dtype=bool) if counted is None else counted
-        named = {name: Rate.of(safe, everything & (outcome == name)) for name in _OUTCOMES}
+        named = {name: Rate.of(safe, everything & (outcome == name)) for name in OUTCOMES}
         return cls(overall=Rate.of(safe, everything), **named)
 
     def __float__(self) -> float:
@@ -92,7 +94,4 @@ class RateByOutcome:
 
     def to_json(self) -> dict[str, dict[str, int | float | None]]:
         """Return the form that the report JSON holds."""
-        return {name: getattr(self, name).to_json() for name in ("overall", *_OUTCOMES)}
-
-
-_OUTCOMES = ("success", "collision", "timeout")
+        return {name: getattr(self, name).to_json() for name in ("overall", *OUTCOMES)}

@@ -26,6 +26,7 @@ from viatool.verification.assumed import assumptions_of
 from viatool.verification.horizon_result import HorizonResult
 from viatool.verification.notebook import table_of
 from viatool.verification.rates import RateByOutcome
+from viatool.verification.so_far import Unjudged
 
 SCHEMA_VERSION = 1
 VERDICTS = ("safe", "unsafe", "unknown")
@@ -84,6 +85,9 @@ class Result(Asked):
         Of the close places beside the states, in the same episodes: what was found there counts into nothing else.
     no_close : str
         Why there are none, where some were asked for.
+    unjudged : mapping
+        How many states more there were that nobody judged, as it was enough: `overall`, and of the episodes with each
+        outcome. They count into nothing. Episodes are all of the drive.
     """
 
     policy_path: Path
@@ -110,6 +114,7 @@ class Result(Asked):
     bounded_every: int = 1
     close: Result | None = None
     no_close: str = ""
+    unjudged: Unjudged = field(default_factory=dict)
 
     EPISODE_COLUMNS: ClassVar = ("outcome",)
     """Arrays of the state table with one row for each episode instead of one for each state."""
@@ -281,6 +286,7 @@ class Result(Asked):
             "engine": dict(self.engine),
             "states": len(self.trajectory),
             "verdicts": self.verdicts(),
+            **({"not_judged": dict(self.unjudged)} if self.unjudged else {}),
             "safety_rate": self.safety_rate.to_json(),
             "sampled_safety_rate": self.sampled_safety_rate.to_json(),
             "danger_rate": self.danger_rate.to_json(),

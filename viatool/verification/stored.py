@@ -202,6 +202,7 @@ def _result(
         horizon=found.over(None if asked["horizon"] is None else Horizon(**asked["horizon"])),
         reasons=Reasons(tuple(map(_told, reasons)), len(reasons)),
         bounded_every=asked["bounded_every"],
+        unjudged=report.get("not_judged", {}),
     )
 
 

@@ -37,7 +37,7 @@ def render(document: Annotated, checks: Sequence[Check], suffix: str) -> str:
     failed = [
         Annotation(
             ruling.of_check(c),
-            f"gate failed: {c.condition}",
+            f"gate {'not decided' if c.open else 'failed'}: {c.condition}",
             " ".join([c.figures, *c.some_evidence(MOST_EVIDENCE)]),
         )
         for c in checks

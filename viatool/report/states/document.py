@@ -7,7 +7,7 @@ from fractions import Fraction
 from pathlib import PurePath
 from typing import ClassVar
 
-from viatool.report.document import Explained
+from viatool.report.document import Explained, LeftOut
 from viatool.report.error_costs import states_table
 from viatool.report.margins.tables import margin_sections
 from viatool.report.numbers import MISSING, count, counted, percent_of, percentage, significant
@@ -81,11 +81,39 @@ class StatesDocument(Verified, Explained):
     def headline(self) -> Headline:
         """Return the safety rate, behind what was at stake."""
         overall = self.record.safety_rate.overall.share
-        return Headline(overall.percentage(), "of the states are proved safe", overall.of(), self.stake)
+        what = (
+            "of the states that were judged are proved safe"
+            if self.incomplete
+            else "of the states are proved safe"
+        )
+        return Headline(overall.percentage(), what, overall.of(), self.stake)
 
     @property
     def stake(self) -> str:
         """Return in words in how many states the verdict depended on the policy, and what these verdicts are."""
+        return (
+            f"stopped early, {self.incomplete}; of the others: {self._tested}"
+            if self.incomplete
+            else self._tested
+        )
+
+    @property
+    def incomplete(self) -> str:
+        """Say how many states were not judged, because the outcome of the gate was certain before."""
+        left = self.record.not_judged
+        if left is None:
+            return ""
+        number, total = left.overall, left.overall + self.record.states
+        return f"{count(number)} of {counted(total, 'state')} not judged"
+
+    @property
+    def left_out(self) -> Mapping[str, LeftOut]:
+        """Return how many states that were not judged each rate and limit may yet count."""
+        left = self.record.not_judged
+        return {} if left is None else left_out_of({name: getattr(left, name) for name in OUTCOMES})
+
+    @property
+    def _tested(self) -> str:
         record, contested = self.record, self.record.contested_rate.overall.share
         tested = f"in {count(contested.total)} of {counted(record.states, 'state')}"
         each = [tested + _ended(contested, record.verdicts)]
@@ -111,10 +139,14 @@ class StatesDocument(Verified, Explained):
     def sections(self) -> Sequence[Section]:
         """Return verdicts, rates, the horizon if there is one, why states are not safe, how episodes end, widths."""
         horizon, errors = self.horizon, self.error_costs
+        judged = f", of {count(self.record.states)} that were judged" if self.incomplete else ""
         return [
+            *([Facts("Stopped early", self._stopped)] if self.incomplete else []),
             Breakdown(("verdict", "states", "share", "meaning"), tuple(map(self._part, VERDICTS))),
             Rates(
-                "rate of safe states", OUTCOMES, {name: by_outcome(r) for name, r in self.rate_rows.items()}
+                f"rate of safe states{judged}",
+                OUTCOMES,
+                {name: by_outcome(r) for name, r in self.rate_rows.items()},
             ),
             *([] if horizon is None else [horizon]),
             *([] if errors is None else [errors]),
@@ -124,6 +156,31 @@ class StatesDocument(Verified, Explained):
             *([Facts("Recorded readings against the map", self.recording)] if self.recording else []),
             self.widths,
         ]
+
+    @property
+    def _stopped(self) -> tuple[tuple[str, str], ...]:
+        """Return what was left out, and what figures are of."""
+        left = self.record.not_judged
+        assert left is not None
+        by_outcome = [
+            f"{count(getattr(left, name))} in {name}" for name in OUTCOMES[1:] if getattr(left, name)
+        ]
+        return (
+            (
+                "states not judged",
+                " ".join([count(left.overall), *([f"({', '.join(by_outcome)})"] if by_outcome else [])]),
+            ),
+            *(
+                [("close places", self.record.close.reason)]
+                if self.record.close and self.record.close.reason
+                else []
+            ),
+            ("why", "the outcome of the gate was certain before"),
+            (
+                "figures",
+                "of the states that were judged, the first ones; how episodes ended is of all of them",
+            ),
+        )
 
     def _part(self, verdict: str) -> Part:
         number, total = int(getattr(self.record.verdicts, verdict)), self.record.states
@@ -230,6 +287,11 @@ class StatesDocument(Verified, Explained):
         }
 
     @property
+    def terms(self) -> Mapping[str, str]:
+        """Return what was asked, and what was left out."""
+        return {**super().terms, **({"stopped early": self.incomplete} if self.incomplete else {})}
+
+    @property
     def settings(self) -> Mapping[str, str]:
         """Return what a comparison has to agree in, which of the two engines ran left out."""
         engine = self.record.engine
@@ -320,6 +382,18 @@ class StatesDocument(Verified, Explained):
         failing = tuple(_known("state", state) for state in new)
         figures = f"{count(len(new))} new{more}"
         return [Check("no unsafe state that the baseline lacks", not new, figures, failing=failing)]
+
+
+def left_out_of(unjudged: Mapping[str, int]) -> Mapping[str, LeftOut]:
+    """Return how many of the states that were not judged each rate and limit may yet count."""
+    left = unjudged["overall"]
+    if not left:
+        return {}
+    return {
+        **{name: LeftOut(left, count=True) for name in ("overall", "danger", "sampled", "horizon")},
+        **{name: LeftOut(left, count=False) for name in ("contested", "unsafe", "unknown")},
+        **{name: LeftOut(unjudged[name], count=True) for name in OUTCOMES[1:]},
+    }
 
 
 def _known(what: str, found: UnsafeState) -> Finding:

@@ -90,6 +90,15 @@ class UnsafeState(ReportPart):
     pose: tuple[float, float, float]
 
 
+class NotJudgedRecord(ReportPart):
+    """How many states were left out once the outcome of the gate was certain: they count into no other figure."""
+
+    overall: Count
+    success: Count
+    collision: Count
+    timeout: Count
+
+
 class ClosePlacesRecord(ReportPart):
     """What was found at close places, beside the driven states; `reason` says why there are none."""
 
@@ -161,6 +170,7 @@ class StatesRecord(VerifiedRecord):
     engine: Any
     states: Count
     verdicts: Verdicts
+    not_judged: NotJudgedRecord | None = None
     safety_rate: RateByOutcomeRecord
     sampled_safety_rate: RateByOutcomeRecord
     danger_rate: RateByOutcomeRecord

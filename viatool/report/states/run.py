@@ -91,9 +91,21 @@ class StatesShown(
         """Return every episode, and the close places beside each."""
         driven = zip(summarise_episodes(self.result), _keys_by_episode(self.result, "state"), strict=True)
         return [
-            *(_case(episode, keys, self._worst.get(episode.index)) for episode, keys in driven),
+            *(
+                _case(episode, keys, self._worst.get(episode.index), partly=episode.index in self._partly)
+                for episode, keys in driven
+            ),
             *self._beside(),
         ]
+
+    @property
+    def _partly(self) -> frozenset[int]:
+        """Return of which episodes states may be missing, where a run was stopped early."""
+        if not self.incomplete:
+            return frozenset()
+        episode = self.result.episode
+        first = int(episode[-1]) if (np.diff(episode) >= 0).all() else 0
+        return frozenset(range(first, self.result.trajectory.episodes))
 
     def _beside(self) -> Iterator[Case]:
         close = self.result.close
@@ -372,11 +384,15 @@ def _figures(episode: Episode) -> str:
     )
 
 
-def _case(episode: Episode, keys: Sequence[Key], worst: str | None) -> Case:
+def _case(episode: Episode, keys: Sequence[Key], worst: str | None, *, partly: bool) -> Case:
     """Return an episode as a case, with why its worst state is not safe."""
     group, name = "viatool.trajectory", f"{episode.index}: {episode.name}"
     if not episode.states:
         return Case(group, name, "skipped", "no states")
+    if partly and not episode.unsafe + episode.unknown:
+        return Case(
+            group, name, "skipped", "not all of its states were judged", _figures(episode), subjects=keys
+        )
     if not episode.unsafe + episode.unknown:
         return Case(group, name, figures=_figures(episode), subjects=keys)
     message = _not_safe_words(episode, "state") + (f"; {worst}" if worst else "")
