@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 import subprocess
 import sys
 from fractions import Fraction
@@ -96,3 +97,13 @@ def test_parameters_count_exactly() -> None:
     """A slope is a float64: nothing is added to it."""
     slopes = Curve(activation("LeakyRelu", alpha=0.1)).range(np.array([-2.0]), np.array([-1.0]), 1)
     assert slopes.lower == slopes.upper == 0.1
+
+
+def test_functions_that_were_evaluated_are_still_sent_to_other_processes() -> None:
+    """And they are the same bytes as before, for work is told apart by its bytes."""
+    function = activation("Elu", alpha=0.5)
+    before = pickle.dumps(function)
+    function(np.linspace(-1.0, 1.0, 5))
+    Curve(function).value(np.zeros(1), 1)
+    assert pickle.dumps(function) == before
+    assert pickle.loads(before) == function

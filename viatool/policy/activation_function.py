@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import lru_cache
 from math import isfinite
 from typing import Any
 
@@ -123,39 +123,42 @@ class ActivationFunction:
         free = tuple(name for name in self.named if name not in dict(given))
         return Form(self.name, given, free)
 
-    @cached_property
+    @property
     def formulas(self) -> Formulas:
-        """Return its branches and their derivatives."""
-        form, named = self.form, self.named
-        found = stored(form)
-        return Formulas(
-            self._derived() if found is None else found,
-            {name: named[name] for name in form.free},
-            self._derived,
-        )
-
-    def _derived(self, derivatives: int | None = None) -> tuple[Branch, ...]:
-        from viatool.policy.derivation import derived
-
-        return derived(self.form, self.declaration.expression, derivatives)
-
-    @cached_property
-    def _branches(self) -> list[tuple[Callable[[Floats], Any], Callable[[Floats], Any]]]:
-        """Return condition and value of each branch, the last one first."""
-        formulas = self.formulas
-        count = len(formulas.branches)
-        return [
-            (formulas.condition(index), formulas.derivative(index, 0, FLOAT_FUNCTIONS))
-            for index in reversed(range(count))
-        ]
+        """Return its branches and their derivatives; equal functions share them."""
+        return _formulas_of(self)
 
     def __call__(self, x: Floats) -> Floats:
         """Evaluate elementwise in float64; the error is far below one float32 rounding."""
         result = np.full(x.shape, np.nan)
         with np.errstate(all="ignore"):  # branches that are not taken may overflow
-            for holds, value in self._branches:
+            for holds, value in _evaluated(self):
                 result = np.where(holds(x), value(x), result)
         return result
+
+
+@lru_cache(maxsize=256)
+def _formulas_of(function: ActivationFunction) -> Formulas:
+    form, declared = function.form, function.declaration.expression
+
+    def derive(derivatives: int | None = None) -> tuple[Branch, ...]:
+        from viatool.policy.derivation import derived
+
+        return derived(form, declared, derivatives)
+
+    found = stored(form)
+    named = function.named
+    return Formulas(derive() if found is None else found, {name: named[name] for name in form.free}, derive)
+
+
+@lru_cache(maxsize=256)
+def _evaluated(function: ActivationFunction) -> list[tuple[Callable[[Floats], Any], Callable[[Floats], Any]]]:
+    """Return condition and value of each branch, the last one first."""
+    formulas = function.formulas
+    return [
+        (formulas.condition(index), formulas.derivative(index, 0, FLOAT_FUNCTIONS))
+        for index in reversed(range(len(formulas.branches)))
+    ]
 
 
 def _special(name: str) -> Callable[[Floats], Floats]:
