@@ -19,7 +19,7 @@ import yaml
 
 import viatool
 from viatool.policy import Activation, Policy, load_policy
-from viatool.train import load_configuration
+from viatool.train import TrainingMaps, load_configuration
 from viatool.train.selection import evaluate_policy
 
 HERE = Path(__file__).parent
@@ -46,7 +46,9 @@ def record_of(policy: Policy) -> dict[str, Any]:
     """Return what the policy does, as plain numbers."""
     assert policy.spec is not None
     world_map = viatool.load_map(MAP)
-    driven = evaluate_policy(policy, world_map, load_configuration(policy.path.with_suffix(".yaml")))
+    driven = evaluate_policy(
+        policy, TrainingMaps((world_map,)), load_configuration(policy.path.with_suffix(".yaml"))
+    )
     result = viatool.verify(policy, world_map, eps=EPS)
     width = np.mean(result.upper - result.lower, axis=0)
     training = {name: policy.spec.training.get(name) for name in ("method", "seed", "epoch")}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from viatool.train import make_configuration
+from viatool.train import TrainingMaps, make_configuration
 from viatool.train.collection import Collector
 from viatool.train.methods import METHODS
 from viatool.train.networks import Weights
@@ -77,7 +77,8 @@ def test_the_budget_of_an_episode(rule: str, after: float) -> None:
 def test_robots_learn_with_a_margin_that_evaluations_do_not_have() -> None:
     assert with_margin(LAB, 0.05).clearance == Clearance(0.45, 0.55)
     assert with_margin(LAB, 0.0).clearance == LAB.clearance
-    run = begin_run(make_configuration(seeds=1, robots=4, warmup_episodes=0, clearance_margin=0.05), LAB)
-    collector, _ = run.robots()
-    assert collector.simulator.world_map.clearance == Clearance(0.45, 0.55)
-    assert run.world_map.clearance == LAB.clearance
+    options = make_configuration(seeds=1, robots=4, warmup_episodes=0, clearance_margin=0.05)
+    run = begin_run(options, TrainingMaps((LAB,)))
+    fleet, _ = run.robots()
+    assert fleet.collectors[0].simulator.world_map.clearance == Clearance(0.45, 0.55)
+    assert run.maps.maps[0].clearance == LAB.clearance

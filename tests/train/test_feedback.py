@@ -17,7 +17,7 @@ from tests.train.test_run import Lines, tiny, weights
 from viatool import load_map, load_policy
 from viatool.errors import ConfigurationError
 from viatool.missions import Mission, MissionLimits, mission
-from viatool.train import TrainingResult, make_configuration, resume, train
+from viatool.train import TrainingMaps, TrainingResult, make_configuration, resume, train
 from viatool.train.collection import Collector
 from viatool.train.feedback import EACH, Feedback, begin_again, find_feedback
 from viatool.train.methods import METHODS
@@ -153,7 +153,7 @@ def test_what_is_found_repeats_and_survives_being_saved() -> None:
     scaling = make_scaling(LAB.robot, 10.0)
     actor = scaling.actor((4,), 2, "relu").draw(torch.Generator().manual_seed(1))
     (once, shares), (again, _), (other, _) = (
-        find_feedback(actor, np.zeros(2), LAB, scaling, options, epoch) for epoch in (1, 1, 2)
+        find_feedback(actor, np.zeros(2), LAB, scaling, options, epoch, 2) for epoch in (1, 1, 2)
     )
     assert shares.tolist() == [0.0, 0.0]
     assert once.counts.tolist() == [2 * EACH, 2 * EACH]
@@ -205,4 +205,7 @@ def test_a_run_feeds_back_and_resumes_as_if_never_interrupted(interval: int, tmp
 
 def test_a_map_that_draws_no_scenarios_is_refused() -> None:
     with pytest.raises(ConfigurationError, match="no generator, of whose scenarios mission_feedback"):
-        begin_run(make_configuration(mission_feedback=0.5, mission_scenarios=1), replace(LAB, generator=None))
+        begin_run(
+            make_configuration(mission_feedback=0.5, mission_scenarios=1),
+            TrainingMaps((replace(LAB, generator=None),)),
+        )

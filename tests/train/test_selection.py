@@ -15,7 +15,7 @@ from tests.missions.dodging import write_dodging_policy
 from tests.train.test_run import tiny
 from viatool import load_map, load_policy
 from viatool.errors import ConfigurationError
-from viatool.train import make_configuration, train
+from viatool.train import TrainingMaps, make_configuration, train
 from viatool.train.networks import Weights
 from viatool.train.observation import make_scaling
 from viatool.train.scoring import Safety, proved_missions
@@ -71,21 +71,23 @@ def test_what_decides_has_to_be_measured(select_by: str, needed: str) -> None:
 def test_of_finalists_about_as_good_the_one_with_most_proved_missions_wins() -> None:
     """Random actors never arrive: their scores are equal."""
     options = tiny(final_scenarios=3, horizon=5)
-    world_map = load_map("maps/lab.yaml")
-    scaling = make_scaling(world_map.robot, 10.0)
+    maps = TrainingMaps((load_map("maps/lab.yaml"),))
+    scaling = make_scaling(maps.robot, 10.0)
     some = [
         Candidate(0, epoch, 0.5, 0.0, scaling.actor((4,), 1, "relu").draw(torch.Generator().manual_seed(1)))
         for epoch in (1, 2, 3)
     ]
     shares = {1: 0.5, 2: 0.75, 3: 0.25}
-    assert choose(some, world_map, scaling, options).epoch == 3
-    chosen = choose(some, world_map, scaling, options, lambda one: shares[one.epoch])
+    assert choose(some, maps, scaling, options).epoch == 3
+    chosen = choose(some, maps, scaling, options, lambda one: shares[one.epoch])
     assert (chosen.epoch, chosen.safety) == (2, (0.75,))
 
 
 def test_proved_missions_are_counted(tmp_path: Path) -> None:
     (tmp_path / "hall.yaml").write_text(MAP, encoding="utf-8")
-    hall = replace(load_map(tmp_path / "hall.yaml"), generator=None)  # of its own scenarios both are proved
+    hall = TrainingMaps(
+        (replace(load_map(tmp_path / "hall.yaml"), generator=None),)
+    )  # of its own scenarios both are proved
     policy = load_policy(write_dodging_policy(tmp_path / "policy.onnx"))
     options = make_configuration(mission_scenarios=2)
     assert proved_missions(policy, hall, options) == 1.0

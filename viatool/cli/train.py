@@ -33,7 +33,15 @@ from viatool.cli.work import keeping, worker_options
     help="One training option, on top of the preset and the file. Repeatable.",
 )
 @click.option(
-    "--map", "map_path", type=options.MAP, metavar="FILE", help="The map to train on; by default lab."
+    "--map",
+    "map_paths",
+    type=options.MAP,
+    multiple=True,
+    metavar="FILE",
+    help="A map to train on; by default lab. Repeatable: the robots are shared out among the maps.",
+)
+@click.option(
+    "--robot", metavar="NAME", help="A known robot that drives on every map instead of the map's own."
 )
 @click.option(
     "--engine",
@@ -74,7 +82,8 @@ def command(
     preset: str,
     file: Path | None,
     settings: tuple[str, ...],
-    map_path: Path | None,
+    map_paths: tuple[Path, ...],
+    robot: str | None,
     engine: str | None,
     seed: int | None,
     seeds: int | None,
@@ -103,8 +112,14 @@ def command(
     def run(progress: Progress) -> TrainingResult:
         if interrupted is not None:
             return resume_seeds(interrupted, scheduler=open_scheduler(workers, scheduler), progress=progress)
-        map_name = None if map_path is None else str(map_path)
-        chosen = {"map": map_name, "engine": engine, "seed": seed, "seeds": seeds}
+        names = tuple(str(path) for path in map_paths)
+        chosen = {
+            "map": names[0] if len(names) == 1 else names or None,
+            "robot": robot,
+            "engine": engine,
+            "seed": seed,
+            "seeds": seeds,
+        }
         configuration = make_configuration(preset, file, settings, **chosen)
         who = open_scheduler(workers, scheduler)
         return train_seeds(configuration, directory, batch=batch, scheduler=who, progress=progress)

@@ -57,7 +57,7 @@ def _collect_setting(
         return None
     index = hardest_scenario(every)
     configuration = list(trainings.values())[-1].configuration  # of a constrained one, if there is any
-    world_map = load_map(configuration.map)
+    world_map = load_map(configuration.maps[0])
     return {
         "cost_limit": configuration.cost_limit,
         "curves": {

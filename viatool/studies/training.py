@@ -74,7 +74,7 @@ class TrainVariant(Task):
             finalists=1,  # every seed is evaluated; none is chosen over the others
         )
         every = {"checkpoint_interval": configuration.evaluation_interval}
-        world_map = load_map(configuration.map)
+        world_map = load_map(configuration.maps[0])
         return cls(f"{setting.name}/{variant.name}", configuration.model_copy(update=every), world_map)
 
     @property
@@ -99,11 +99,11 @@ class TrainVariant(Task):
 
     def run(self, output: Path, progress: Progress) -> dict[str, Any]:
         """Train, or resume; return the curves of all seeds and the epoch that is best for each."""
-        from viatool.train import complete
+        from viatool.train import TrainingMaps, complete
         from viatool.train.records import installed_versions
 
         directory = output / self.folder / "run"
-        complete(self.configuration, directory, progress, world_map=self.world_map)
+        complete(self.configuration, directory, progress, maps=TrainingMaps((self.world_map,)))
         with (directory / "metrics.csv").open(newline="", encoding="utf-8") as stream:
             rows = list(csv.DictReader(stream))
         seeds = self.configuration.seeds

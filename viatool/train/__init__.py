@@ -6,6 +6,7 @@ from viatool.schedule import Progress
 from viatool.train.batches import complete, resume_seeds, train_seeds
 from viatool.train.configuration import TrainingConfiguration, load_configuration, make_configuration
 from viatool.train.export import export_checkpoint
+from viatool.train.maps import TrainingMaps
 from viatool.train.presets import PRESETS
 from viatool.train.trainer import TrainingResult, resume, train
 
@@ -13,6 +14,7 @@ __all__ = [
     "PRESETS",
     "Progress",
     "TrainingConfiguration",
+    "TrainingMaps",
     "TrainingResult",
     "complete",
     "export_checkpoint",

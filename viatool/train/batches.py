@@ -26,11 +26,11 @@ from viatool.schedule import (
     run_in_folder,
 )
 from viatool.train.configuration import TrainingConfiguration, load_configuration
+from viatool.train.maps import TrainingMaps, load_maps
 from viatool.train.records import write_json, write_text
 from viatool.train.selection import best_candidates
 from viatool.train.trainer import BATCHES, CONFIGURATION, EVALUATION, TrainingResult, resume, train
 from viatool.whole_file import whole_file
-from viatool.world import WorldMap, load_map
 
 POLICY = "policy.onnx"
 
@@ -40,13 +40,13 @@ def complete(
     run_directory: str | Path,
     progress: Progress | None = None,
     *,
-    world_map: WorldMap | None = None,
+    maps: TrainingMaps | None = None,
 ) -> None:
     """Train in a folder, unless that is done already: begin, or go on with what was interrupted there.
 
     Parameters
     ----------
-    configuration, run_directory, progress, world_map
+    configuration, run_directory, progress, maps
         As for `train`.
 
     Raises
@@ -56,7 +56,7 @@ def complete(
     """
     directory = Path(run_directory)
     if not (directory / CONFIGURATION).exists():
-        train(configuration, directory, progress, world_map=world_map)
+        train(configuration, directory, progress, maps=maps)
         return
     if load_configuration(directory / CONFIGURATION) != configuration:
         raise ConfigurationError(
@@ -64,7 +64,7 @@ def complete(
             "choose another --output, or remove that folder",
         )
     if not (directory / EVALUATION).exists():
-        resume(directory, progress, world_map=world_map)
+        resume(directory, progress, maps=maps)
 
 
 def split_seeds(configuration: TrainingConfiguration, size: int) -> list[TrainingConfiguration]:
@@ -108,7 +108,7 @@ def train_seeds(
     Raises
     ------
     ConfigurationError
-        If the folder holds an earlier run, or the map has neither scenarios nor a generator.
+        If the folder holds an earlier run, or a map cannot be trained on, see `TrainingMaps`.
     WorkError
         If workers died over a batch, or the cluster was lost.
     ViatoolError
@@ -119,12 +119,12 @@ def train_seeds(
         raise ConfigurationError(
             f"{directory} holds an earlier run", "choose another run directory, or resume that run"
         )
-    world_map = load_map(configuration.map)  # a wrong one leaves no folder behind
+    maps = load_maps(configuration)  # a wrong one leaves no folder behind
     together = configuration.seeds if batch is None else batch
     if together < configuration.seeds:
         plan = {"batch": together, "configuration": configuration.model_dump(mode="json")}
         write_text(directory / BATCHES, yaml.safe_dump(plan, sort_keys=False))
-    return _carry_out(configuration, together, world_map, directory, scheduler, progress)
+    return _carry_out(configuration, together, maps, directory, scheduler, progress)
 
 
 def resume_seeds(
@@ -135,7 +135,7 @@ def resume_seeds(
     Raises
     ------
     ConfigurationError
-        If there is no run in the folder, it is finished, or its map has changed.
+        If there is no run in the folder, it is finished, or a map has changed.
     """
     directory = Path(run_directory)
     if (directory / EVALUATION).exists():
@@ -149,7 +149,7 @@ def resume_seeds(
         together = configuration.seeds
     else:
         raise ConfigurationError(f"there is no training run in {directory}", "give the folder of a run")
-    return _carry_out(configuration, together, load_map(configuration.map), directory, scheduler, progress)
+    return _carry_out(configuration, together, load_maps(configuration), directory, scheduler, progress)
 
 
 def _read_plan(path: Path) -> tuple[TrainingConfiguration, int]:
@@ -169,12 +169,12 @@ class _Batch:
     number: int
     folder: str
     configuration: TrainingConfiguration
-    world_map: WorldMap
+    maps: TrainingMaps
 
 
 def _train_batch(directory: Path, batch: _Batch) -> dict[str, Any]:
     """Train a batch, or find it trained; return how the policy that it exported fared."""
-    complete(batch.configuration, directory / batch.folder, reporter(), world_map=batch.world_map)
+    complete(batch.configuration, directory / batch.folder, reporter(), maps=batch.maps)
     found: dict[str, Any] = json.loads((directory / batch.folder / EVALUATION).read_text(encoding="utf-8"))
     return found
 
@@ -182,7 +182,7 @@ def _train_batch(directory: Path, batch: _Batch) -> dict[str, Any]:
 def _carry_out(
     configuration: TrainingConfiguration,
     together: int,
-    world_map: WorldMap,
+    maps: TrainingMaps,
     directory: Path,
     scheduler: Scheduler | None,
     progress: Progress | None,
@@ -191,7 +191,7 @@ def _carry_out(
     parts = split_seeds(configuration, together)
     folders = ["."] if len(parts) == 1 else [f"batch-{number}" for number in range(len(parts))]
     batches = [
-        _Batch(number, folder, part, world_map)
+        _Batch(number, folder, part, maps)
         for number, (folder, part) in enumerate(zip(folders, parts, strict=True))
     ]
     show = _Shown(batches, progress or ignore)

@@ -109,6 +109,8 @@ class Collector:
         Finished epochs of the run; part of the seed, since robots are set down more than once.
     feedback : Feedback, optional
         Where a share of the episodes begins again.
+    number : int
+        Of the map among those of the training; part of the seed.
     """
 
     def __init__(
@@ -120,6 +122,7 @@ class Collector:
         var: Floats,
         epoch: int,
         feedback: Feedback | None = None,
+        number: int = 0,
     ) -> None:
         self.configuration = configuration
         self.budgeted = method.budgeted and configuration.budget_rule == "recursive"
@@ -127,16 +130,17 @@ class Collector:
         self.scaling = scaling
         count = configuration.seeds * configuration.robots
         scenarios = None if world_map.generator is not None else world_map.scenarios
+        further = [number] if number else []
         self.simulator = make_simulator(
             configuration.engine,
             world_map,
             count,
             workers=configuration.engine_workers,
             scenarios=scenarios,
-            seed=int(np.random.SeedSequence([configuration.seed, epoch]).generate_state(1)[0]),
+            seed=int(np.random.SeedSequence([configuration.seed, epoch, *further]).generate_state(1)[0]),
             task=make_task(configuration),
         )
-        self.rng = np.random.default_rng([configuration.seed, epoch, 1])
+        self.rng = np.random.default_rng([configuration.seed, epoch, 1, *further])
         self.noise = exploration_noise(configuration)
         self.steady = self.noise <= max(configuration.constraint_noise, configuration.noise_lowest)
         self.seed_of_robot = np.repeat(np.arange(configuration.seeds), configuration.robots)

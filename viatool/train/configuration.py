@@ -48,7 +48,12 @@ class TrainingConfiguration(BaseModel):
 
     # What is trained, and where
     method: MethodName = _option("via", "how costs enter the training, see docs/methods.md")
-    map: str = _option("lab", "map file or name; its generator draws the scenarios")
+    map: str | tuple[str, ...] = _option(
+        "lab", "map file or name, or a list of them that share the robots; generators draw the scenarios"
+    )
+    robot: str | None = _option(
+        None, "known robot whose limits and body count on every map instead of the map's; null is the map's"
+    )
     engine: Engine = _option(
         "kinematic",
         "exact arcs, or 'bullet', wheels in a physics world (use few robots)",
@@ -247,6 +252,15 @@ class TrainingConfiguration(BaseModel):
 
     @model_validator(mode="after")
     def _consistent(self) -> TrainingConfiguration:
+        if not self.maps or len(set(self.maps)) < len(self.maps):
+            raise ValueError(f"map {list(self.maps)} must name at least one map, and none twice")
+        for name in ("robots", "validation_scenarios", "final_scenarios"):
+            if getattr(self, name) < len(self.maps):
+                raise ValueError(f"{name} {getattr(self, name)} is less than the {len(self.maps)} maps")
+        if 0 < self.mission_scenarios < len(self.maps):
+            raise ValueError(
+                f"mission_scenarios {self.mission_scenarios} is less than the {len(self.maps)} maps"
+            )
         if (self.epoch_steps is None) == (self.epoch_episodes is None):
             raise ValueError("give exactly one of epoch_steps and epoch_episodes, and null for the other")
         if self.select_by == "safety" and not self.verification_scenarios:
@@ -270,6 +284,11 @@ class TrainingConfiguration(BaseModel):
                 "test_seed must differ from validation_seed and the next two numbers: they choose the policy"
             )
         return self
+
+    @property
+    def maps(self) -> tuple[str, ...]:
+        """Files or names of all maps."""
+        return (self.map,) if isinstance(self.map, str) else self.map
 
     @property
     def layout(self) -> ActorLayout:

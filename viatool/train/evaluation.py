@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
@@ -60,6 +60,12 @@ class Evaluation:
         score: Floats = self.success.mean(axis=1) - self.collision.mean(axis=1)
         return score
 
+    @staticmethod
+    def joined(parts: Sequence[Evaluation]) -> Evaluation:
+        """Return how the same policies fared in the scenarios of all parts."""
+        every = zip(*(vars(part).values() for part in parts), strict=True)
+        return Evaluation(*(np.concatenate(arrays, axis=1) for arrays in every))
+
 
 def drive(
     commands: Sequence[Command],
@@ -110,6 +116,18 @@ def drive(
             with closing(simulator):
                 _drive(command, simulator, outcome, policy, some)
     return outcome
+
+
+def drive_on_maps(
+    commands: Sequence[Command],
+    drawn: Iterable[tuple[WorldMap, Sequence[Scenario]]],
+    options: TrainingConfiguration,
+    seed: int = 0,
+) -> Evaluation:
+    """Drive the scenarios of several maps, see `drive` and `TrainingMaps.draw`."""
+    return Evaluation.joined(
+        [drive(commands, world_map, scenarios, options, seed) for world_map, scenarios in drawn]
+    )
 
 
 def _drive(command: Command, simulator: Simulator, outcome: Evaluation, policy: int, active: Indices) -> None:

@@ -17,10 +17,11 @@ from viatool.policy.specified import specification_of
 from viatool.policy.writer import write_onnx
 from viatool.train.configuration import TrainingConfiguration
 from viatool.train.evaluation import actor_command
+from viatool.train.maps import load_maps
 from viatool.train.networks import HiddenActivation, Weights
 from viatool.train.observation import UnitScaling, make_scaling, make_specification
 from viatool.train.records import load_checkpoint
-from viatool.world import WorldMap, load_map
+from viatool.world import WorldMap
 
 CHECKED_OBSERVATIONS = 4096
 TOLERANCE = 1e-4  # of the action range; float32 rounding stays about a hundred times below
@@ -172,7 +173,7 @@ def export_checkpoint(
     seed : int, optional
         Which of the seeds; by default the one with the best validation at that epoch, or 0 without one.
     map_path : path or WorldMap, optional
-        The training map, or where it stands now if not where the configuration says; its robot is used.
+        A map of the training, or where one stands now if not where the configuration says; its robot is used.
 
     Returns
     -------
@@ -188,8 +189,9 @@ def export_checkpoint(
     """
     content = load_checkpoint(Path(checkpoint))
     configuration = TrainingConfiguration.model_validate_json(content["configuration"])
-    world_map = map_path if isinstance(map_path, WorldMap) else load_map(map_path or configuration.map)
-    robot = world_map.robot
+    if map_path is not None:
+        configuration = configuration.model_copy(update={"map": str(map_path)})
+    robot = map_path.robot if isinstance(map_path, WorldMap) else load_maps(configuration).robot
     scaling = make_scaling(robot, configuration.budget_limit, configuration.layout)
     if seed is None:
         success = np.nan_to_num(np.asarray(content["validation_success"]), nan=-1.0)

@@ -57,8 +57,10 @@ def find_feedback(
     scaling: UnitScaling,
     options: TrainingConfiguration,
     epoch: int,
+    count: int,
+    number: int = 0,
 ) -> tuple[Feedback, Floats]:
-    """Try to prove fresh missions for the policy of every seed, as ``viatool mission`` does.
+    """Try to prove fresh missions for the policy of every seed on one map, as ``viatool mission`` does.
 
     Parameters
     ----------
@@ -70,6 +72,10 @@ def find_feedback(
         Of the training; the map has a generator.
     epoch : int
         Part of the seed of the scenarios, which are the same for all seeds.
+    count : int
+        Missions that are tried.
+    number : int
+        Of the map among those of the training; part of the seed.
 
     Returns
     -------
@@ -77,13 +83,12 @@ def find_feedback(
         What is fed back, and ``(S,)`` the shares of proved missions.
     """
     assert world_map.generator is not None
-    drawn = world_map.generator.draw_arrays(
-        options.mission_scenarios, np.random.default_rng([options.seed, epoch, 2])
-    )
+    lot = [options.seed, epoch, 2, *([number] if number else [])]
+    drawn = world_map.generator.draw_arrays(count, np.random.default_rng(lot))
     scenarios = [drawn.scenario(row, f"feedback-{epoch}-{row}") for row in range(len(drawn))]
     entries, counts, shares = drawn[:0], [], []
     for seed in range(actor.seeds):
-        with exported(actor.one(seed), float(var[seed]), world_map, scaling) as policy:
+        with exported(actor.one(seed), float(var[seed]), world_map.robot, scaling) as policy:
             found = try_missions(policy, world_map, options, scenarios)
         failed = [row for row, one in enumerate(found) if one.verdict != "proved"]
         for row in failed:

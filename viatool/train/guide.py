@@ -33,9 +33,9 @@ class Guide:
 
     Notes
     -----
-    Sound: no, and it need not be. The distance is the potential of the reward's shaping, which leaves the best
-    policy as it is whatever the potential (Ng, Harada and Russell, 1999); a good one only makes the right way
-    pay at once. The policy does not see it. The distance U solves the eikonal equation ``|grad U| = n`` on a
+    Sound: no, and it need not be: the policy does not see the distance. With ``shaping_form: potential`` it leaves the
+    best policy as it is, whatever it is (Ng, Harada and Russell, 1999); with ``progress``, and more so where that is
+    capped, the metres gained are part of the task. The distance U solves the eikonal equation ``|grad U| = n`` on a
     lattice by upwind differences, n being 1 in the open and up to 1 + `DETOUR` + `narrow` near obstacles. n is
     finite everywhere: a start or a goal in a narrow place has its way as well. The lattice may miss the middle
     of a gap by half its spacing, over which `narrow` fades out.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,19 +13,20 @@ import torch
 from viatool.arrays import Floats
 from viatool.errors import ConfigurationError
 from viatool.train.agent import ACTIONS, Learner, make_agent
-from viatool.train.collection import Collector
 from viatool.train.configuration import TrainingConfiguration
 from viatool.train.constraint import initial_var
-from viatool.train.evaluation import actor_commands, drive
+from viatool.train.evaluation import actor_commands, drive_on_maps
 from viatool.train.feedback import Feedback
+from viatool.train.fleet import Fleet
+from viatool.train.maps import TrainingMaps, load_maps
 from viatool.train.methods import METHODS
 from viatool.train.networks import Weights
 from viatool.train.observation import UnitScaling, make_scaling, training_setting
 from viatool.train.replay import PrioritisedReplay, ReplayBuffer
 from viatool.train.returns import NStepReturns
-from viatool.train.selection import Candidate, random_scenarios
+from viatool.train.selection import Candidate
 from viatool.train.td7 import Td7Learner
-from viatool.world import Lidar, WorldMap, load_map
+from viatool.world import Lidar, WorldMap
 
 
 @dataclass(eq=False)
@@ -35,7 +37,7 @@ class TrainingRun:
     ----------
     configuration : TrainingConfiguration
         Does not change.
-    world_map : WorldMap
+    maps : TrainingMaps
         Of the training.
     scaling : UnitScaling
         Of its robot.
@@ -49,14 +51,14 @@ class TrainingRun:
         The best so far.
     rows : list of dict
         Metrics of the finished epochs.
-    feedback : Feedback, optional
-        Where episodes begin again.
-    collector, returns : Collector and NStepReturns, or None
+    feedback : list of Feedback, optional
+        For each map, where episodes begin again.
+    fleet, returns : Fleet and NStepReturns, or None
         The robots on their way; None when they are to be set down anew.
     """
 
     configuration: TrainingConfiguration
-    world_map: WorldMap
+    maps: TrainingMaps
     scaling: UnitScaling
     learner: Learner
     var: Floats
@@ -65,8 +67,8 @@ class TrainingRun:
     steps: int = 0
     candidates: list[Candidate] = field(default_factory=list)
     rows: list[dict[str, float]] = field(default_factory=list)
-    feedback: Feedback | None = None
-    collector: Collector | None = None
+    feedback: list[Feedback] | None = None
+    fleet: Fleet | None = None
     returns: NStepReturns | None = None
 
     @property
@@ -74,17 +76,17 @@ class TrainingRun:
         """Return the policies that are evaluated and exported: the slowly moving target of the actor."""
         return self.learner.agent.actor.target
 
-    def robots(self) -> tuple[Collector, NStepReturns]:
+    def robots(self) -> tuple[Fleet, NStepReturns]:
         """Return the robots on their way; set them down first where a saved run would begin again.
 
         The robots start anew after every epoch whose state is saved, also in a run that is never interrupted:
         so a resumed run, which has no robots on their way, does exactly the same.
         """
-        if self.collector is None or self.returns is None:
+        if self.fleet is None or self.returns is None:
             options = self.configuration
-            self.collector = Collector(
+            self.fleet = Fleet(
                 options,
-                with_margin(self.world_map, options.clearance_margin),
+                self.maps.each(partial(with_margin, margin=options.clearance_margin)),
                 self.scaling,
                 self.learner.method,
                 self.var,
@@ -92,37 +94,33 @@ class TrainingRun:
                 self.feedback,
             )
             self.returns = NStepReturns(options.return_steps, options.discount)
-        return self.collector, self.returns
+        return self.fleet, self.returns
 
     def take_away_robots(self) -> None:
         """Let the next epoch set down the robots anew."""
-        if self.collector is not None:
-            self.collector.simulator.close()
-        self.collector = self.returns = None
+        if self.fleet is not None:
+            self.fleet.close()
+        self.fleet = self.returns = None
 
 
-def begin_run(configuration: TrainingConfiguration, world_map: WorldMap | None = None) -> TrainingRun:
-    """Draw the networks, and measure u0 with the initial policies; read the map if it is not given.
+def begin_run(configuration: TrainingConfiguration, maps: TrainingMaps | None = None) -> TrainingRun:
+    """Draw the networks, and measure u0 with the initial policies; read the maps if they are not given.
 
     Raises
     ------
     ConfigurationError
-        If the map has neither scenarios nor a generator.
+        If a map cannot be trained on, see `TrainingMaps`.
     """
-    world_map = load_map(configuration.map) if world_map is None else world_map
-    if world_map.generator is None and not world_map.scenarios:
-        raise ConfigurationError(
-            f"map {configuration.map} has neither scenarios nor a generator",
-            "add one of them to train on it",
-        )
-    if configuration.mission_feedback and world_map.generator is None:
-        raise ConfigurationError(
-            f"map {configuration.map} has no generator, of whose scenarios mission_feedback tries missions",
-            "add one, or set mission_feedback to 0",
-        )
-    world_map = training_setting(world_map).world_map
-    _check_lidar(configuration, world_map.robot.lidar)
-    scaling = make_scaling(world_map.robot, configuration.budget_limit, configuration.layout)
+    maps = load_maps(configuration) if maps is None else maps
+    for world_map in maps.maps:
+        if configuration.mission_feedback and world_map.generator is None:
+            raise ConfigurationError(
+                f"map {world_map.path} has no generator, of whose scenarios mission_feedback tries missions",
+                "add one, or set mission_feedback to 0",
+            )
+    maps = maps.each(lambda world_map: training_setting(world_map).world_map)
+    _check_lidar(configuration, maps.robot.lidar)
+    scaling = make_scaling(maps.robot, configuration.budget_limit, configuration.layout)
     generator = torch.Generator().manual_seed(configuration.seed)
     method = METHODS[configuration.method](configuration)
     agent = make_agent(configuration, method, scaling, generator)
@@ -131,9 +129,9 @@ def begin_run(configuration: TrainingConfiguration, world_map: WorldMap | None =
     learner = kind(configuration, method, agent, replay, scaling, generator)
     var = np.zeros(configuration.seeds)
     if method.budgeted and configuration.warmup_episodes:
-        var = _warm_up(configuration, world_map, scaling, agent.actor.weights)
+        var = _warm_up(configuration, maps, scaling, agent.actor.weights)
     multiplier = np.full(configuration.seeds, configuration.multiplier_initial if method.constrained else 0.0)
-    return TrainingRun(configuration, world_map, scaling, learner, var, multiplier)
+    return TrainingRun(configuration, maps, scaling, learner, var, multiplier)
 
 
 def with_margin(world_map: WorldMap, margin: float) -> WorldMap:
@@ -153,24 +151,24 @@ def _check_lidar(options: TrainingConfiguration, lidar: Lidar) -> None:
     reach = options.lidar_range
     if reach is not None and not lidar.minimum_range < reach < lidar.maximum_range:
         raise ConfigurationError(
-            f"lidar_range is {reach:g} m, but the LiDAR of {options.map} reads {lidar.minimum_range:g} to "
+            f"lidar_range is {reach:g} m, but the LiDAR reads {lidar.minimum_range:g} to "
             f"{lidar.maximum_range:g} m",
             "give a range in between, or null for all of it",
         )
     if options.jump_penalty and lidar.bins < 2:
         raise ConfigurationError(
-            f"jump_penalty compares neighbouring bins, but the LiDAR of {options.map} has {lidar.bins}",
+            f"jump_penalty compares neighbouring bins, but the LiDAR has {lidar.bins}",
             "set jump_penalty to 0",
         )
 
 
 def _warm_up(
-    options: TrainingConfiguration, world_map: WorldMap, scaling: UnitScaling, actor: Weights
+    options: TrainingConfiguration, maps: TrainingMaps, scaling: UnitScaling, actor: Weights
 ) -> Floats:
     """Return u0 ``(S,)``: the alpha-quantile of episode costs of the initial policies, kept below b."""
-    scenarios = random_scenarios(world_map, options.warmup_episodes, options.seed)
+    drawn = maps.draw(options.warmup_episodes, options.seed)
     commands = actor_commands(actor, scaling, np.zeros(options.seeds))
-    outcome = drive(commands, world_map, scenarios, options)
+    outcome = drive_on_maps(commands, drawn, options)
     return np.minimum(initial_var(outcome.cost, options.alpha), var_ceiling(options))
 
 
@@ -206,7 +204,7 @@ def run_state(run: TrainingRun) -> dict[str, Any]:
         for one in run.candidates
     ]
     return checkpoint(run) | {
-        "map_sha256": run.world_map.sha256,
+        "map_sha256": run.maps.sha256,
         "steps": run.steps,
         "updates": run.learner.updates,
         "generator": run.learner.generator.get_state(),
@@ -214,29 +212,30 @@ def run_state(run: TrainingRun) -> dict[str, Any]:
         "value_range": run.learner.agent.value_range,
         "candidates": candidates,
         "rows": run.rows,
-        "feedback": None if run.feedback is None else run.feedback.state(),
+        "feedback": None if run.feedback is None else [found.state() for found in run.feedback],
     }
 
 
-def resume_run(state: dict[str, Any], where: Path, world_map: WorldMap | None = None) -> TrainingRun:
+def resume_run(state: dict[str, Any], where: Path, maps: TrainingMaps | None = None) -> TrainingRun:
     """Build the run that `run_state` described.
 
     Raises
     ------
     ConfigurationError
-        If the map has changed since.
+        If a map has changed since.
     """
     configuration = TrainingConfiguration.model_validate_json(state["configuration"])
-    run = begin_run(configuration.model_copy(update={"warmup_episodes": 0}), world_map)
+    run = begin_run(configuration.model_copy(update={"warmup_episodes": 0}), maps)
     run.configuration = configuration
-    if run.world_map.sha256 != state["map_sha256"]:
+    if run.maps.sha256 != state["map_sha256"]:
         raise ConfigurationError(
-            f"{configuration.map} is not the map that the run in {where} began with",
+            f"{', '.join(configuration.maps)}: not as when the run in {where} began",
             "restore the map, or start a new run",
         )
     run.epoch, run.steps, run.rows = state["epoch"], state["steps"], state["rows"]
     if state.get("feedback") is not None:
-        run.feedback = Feedback.of_state(state["feedback"])
+        kept = state["feedback"]  # of a map alone in states that were saved before there were several
+        run.feedback = [Feedback.of_state(found) for found in (kept if isinstance(kept, list) else [kept])]
     run.var, run.multiplier = state["var"].numpy(), state["multiplier"].numpy()
     for name, network in run.learner.agent.networks().items():
         network.restore(state["networks"][name])

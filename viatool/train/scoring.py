@@ -8,15 +8,17 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from viatool.missions import MissionLimits, Missions, mission
 from viatool.policy import Policy
 from viatool.train.configuration import TrainingConfiguration
 from viatool.train.export import export_actor
+from viatool.train.maps import TrainingMaps
 from viatool.train.networks import Weights
 from viatool.train.observation import UnitScaling, make_specification
-from viatool.train.selection import random_scenarios
 from viatool.verification import verify
-from viatool.world import Scenario, WorldMap
+from viatool.world import Robot, Scenario, WorldMap
 
 START_ERROR = (0.02, 0.02)
 """Metres and radians by which missions may begin elsewhere."""
@@ -43,15 +45,15 @@ class Safety:
 
 
 @contextmanager
-def exported(actor: Weights, budget: float, world_map: WorldMap, scaling: UnitScaling) -> Iterator[Policy]:
+def exported(actor: Weights, budget: float, robot: Robot, scaling: UnitScaling) -> Iterator[Policy]:
     """Export the policy of one seed for a while; its budget channel is fixed to `budget`."""
     with tempfile.TemporaryDirectory() as directory:
-        specification = make_specification(world_map.robot, budget, {}, scaling.layout)
+        specification = make_specification(robot, budget, {}, scaling.layout)
         yield export_actor(actor, scaling, specification, Path(directory) / "policy.onnx")
 
 
 def score_safety(
-    actor: Weights, budget: float, world_map: WorldMap, scaling: UnitScaling, options: TrainingConfiguration
+    actor: Weights, budget: float, maps: TrainingMaps, scaling: UnitScaling, options: TrainingConfiguration
 ) -> Safety:
     """Export the policy of one seed and verify the states that it visits, as ``viatool verify`` does.
 
@@ -61,22 +63,26 @@ def score_safety(
         Of one seed.
     budget : float
         u, to which the budget channel is fixed.
-    world_map, scaling : WorldMap and Scaling
+    maps, scaling : TrainingMaps and UnitScaling
         Of the training.
     options : TrainingConfiguration
         Says how many validation scenarios are driven, and the sensor error.
     """
-    scenarios = random_scenarios(world_map, options.verification_scenarios, options.validation_seed)
-    with exported(actor, budget, world_map, scaling) as policy:
-        result = verify(
-            policy,
-            world_map,
-            eps=options.verification_eps,
-            scenarios=scenarios,
-            only_contested=True,
-            seed=options.validation_seed,
-        )
-    return Safety(float(result.safety_rate), float(result.danger_rate))
+    counts = np.zeros((2, 2))
+    with exported(actor, budget, maps.robot, scaling) as policy:
+        for world_map, scenarios in maps.draw(options.verification_scenarios, options.validation_seed):
+            result = verify(
+                policy,
+                world_map,
+                eps=options.verification_eps,
+                scenarios=scenarios,
+                only_contested=True,
+                seed=options.validation_seed,
+            )
+            counts += [
+                (rate.overall.safe, rate.overall.total) for rate in (result.safety_rate, result.danger_rate)
+            ]
+    return Safety(*(counts[:, 0] / counts[:, 1]).tolist())
 
 
 def try_missions(
@@ -105,16 +111,17 @@ def try_missions(
     )
 
 
-def proved_missions(policy: Policy, world_map: WorldMap, options: TrainingConfiguration) -> float:
+def proved_missions(policy: Policy, maps: TrainingMaps, options: TrainingConfiguration) -> float:
     """Return the share of the further random scenarios whose missions are proved, see `try_missions`."""
-    scenarios = random_scenarios(world_map, options.mission_scenarios, options.validation_seed + 2)
-    found = try_missions(policy, world_map, options, scenarios)
-    return found.counts["proved"] / len(found)
+    proved = 0
+    for world_map, scenarios in maps.draw(options.mission_scenarios, options.validation_seed + 2):
+        proved += try_missions(policy, world_map, options, scenarios).counts["proved"]
+    return proved / options.mission_scenarios
 
 
 def score_missions(
-    actor: Weights, budget: float, world_map: WorldMap, scaling: UnitScaling, options: TrainingConfiguration
+    actor: Weights, budget: float, maps: TrainingMaps, scaling: UnitScaling, options: TrainingConfiguration
 ) -> float:
     """Export the policy of one seed, and return its `proved_missions`."""
-    with exported(actor, budget, world_map, scaling) as policy:
-        return proved_missions(policy, world_map, options)
+    with exported(actor, budget, maps.robot, scaling) as policy:
+        return proved_missions(policy, maps, options)

@@ -13,7 +13,15 @@ from viatool.policy import Policy
 from viatool.policy.specified import specification_of
 from viatool.simulate import navigation_channels
 from viatool.train.configuration import TrainingConfiguration
-from viatool.train.evaluation import Evaluation, actor_command, actor_commands, drive, policy_command
+from viatool.train.evaluation import (
+    Evaluation,
+    actor_command,
+    actor_commands,
+    drive,
+    drive_on_maps,
+    policy_command,
+)
+from viatool.train.maps import TrainingMaps
 from viatool.train.networks import Weights
 from viatool.train.observation import UnitScaling
 from viatool.world import Scenario, WorldMap
@@ -62,14 +70,6 @@ class Scored(Protocol):
 Policies = TypeVar("Policies", bound=Scored)
 
 
-def random_scenarios(world_map: WorldMap, count: int, seed: int) -> tuple[Scenario, ...]:
-    """Return `count` scenarios of the map's generator, or its own ones over and over if it has none."""
-    if world_map.generator is not None:
-        return world_map.generator.draw(count, seed)
-    own = world_map.scenarios
-    return tuple(own[index % len(own)] for index in range(count))
-
-
 def best_candidates(candidates: Sequence[Policies], count: int, tolerance: float) -> list[Policies]:
     """Return the best ones in order.
 
@@ -87,7 +87,7 @@ def best_candidates(candidates: Sequence[Policies], count: int, tolerance: float
 
 def choose(
     candidates: Sequence[Candidate],
-    world_map: WorldMap,
+    maps: TrainingMaps,
     scaling: UnitScaling,
     configuration: TrainingConfiguration,
     proved: Callable[[Candidate], float] | None = None,
@@ -98,9 +98,9 @@ def choose(
     """
     if len(candidates) == 1:
         return candidates[0]
-    scenarios = random_scenarios(world_map, configuration.final_scenarios, configuration.validation_seed + 1)
+    drawn = maps.draw(configuration.final_scenarios, configuration.validation_seed + 1)
     commands = [actor_command(one.weights, scaling, one.var) for one in candidates]
-    outcome = drive(commands, world_map, scenarios, configuration)
+    outcome = drive_on_maps(commands, drawn, configuration)
     judged = [replace(one, score=score) for one, score in zip(candidates, outcome.score(), strict=True)]
     if proved is not None:
         judged = [replace(one, safety=(proved(one),)) for one in judged]
@@ -110,30 +110,47 @@ def choose(
 def validate(
     actor: Weights,
     budget: np.ndarray,
-    world_map: WorldMap,
+    maps: TrainingMaps,
     scaling: UnitScaling,
     options: TrainingConfiguration,
 ) -> Evaluation:
     """Drive the policies of all seeds on the validation scenarios."""
-    scenarios = random_scenarios(world_map, options.validation_scenarios, options.validation_seed)
+    drawn = maps.draw(options.validation_scenarios, options.validation_seed)
     commands = actor_commands(actor, scaling, budget)
-    return drive(commands, world_map, scenarios, options, options.validation_seed)
+    return drive_on_maps(commands, drawn, options, options.validation_seed)
 
 
 def evaluate_policy(
-    policy: Policy, world_map: WorldMap, configuration: TrainingConfiguration
+    policy: Policy, maps: TrainingMaps, configuration: TrainingConfiguration
 ) -> dict[str, dict[str, float]]:
-    """Drive an exported policy on the map's ``fixed`` scenarios and on ``held_out`` random ones."""
+    """Drive an exported policy on every map's ``fixed`` scenarios and on ``held_out`` random ones.
+
+    Of several maps both are also told of each map alone, as ``NAME fixed`` and ``NAME held_out``.
+    """
     specification = specification_of(policy)
-    inputs = Inputs.of(navigation_channels(world_map.robot.lidar))
+    inputs = Inputs.of(navigation_channels(maps.robot.lidar))
     columns = np.concatenate([inputs.columns(channel.name) for channel in specification.observation])
     command = policy_command(policy, float(specification.channel("budget").value or 0.0), columns)
-    sets: dict[str, tuple[Scenario, ...]] = {"fixed": world_map.scenarios}
-    if world_map.generator is not None:
-        sets["held_out"] = world_map.generator.draw(configuration.test_scenarios, configuration.test_seed)
-    evaluation = {}
-    for name, scenarios in sets.items():
-        if scenarios:
+    found: dict[str, list[tuple[str, Evaluation]]] = {}
+    for name, world_map in zip(maps.names, maps.maps, strict=True):
+        for kind, scenarios in _tests(world_map, configuration).items():
             outcome = drive([command], world_map, scenarios, configuration, configuration.test_seed)
-            evaluation[name] = {"episodes": float(len(scenarios)), **outcome.metrics(0)}
+            found.setdefault(kind, []).append((name, outcome))
+    evaluation = {kind: _told(Evaluation.joined([one for _, one in parts])) for kind, parts in found.items()}
+    if len(maps.maps) > 1:
+        for kind, parts in found.items():
+            evaluation |= {f"{name} {kind}": _told(outcome) for name, outcome in parts}
     return evaluation
+
+
+def _tests(world_map: WorldMap, configuration: TrainingConfiguration) -> dict[str, Sequence[Scenario]]:
+    """Return the scenarios on which a policy is tested on a map, by kind, those kinds that it has."""
+    tests: dict[str, Sequence[Scenario]] = {"fixed": world_map.scenarios}
+    if world_map.generator is not None:
+        tests["held_out"] = world_map.generator.draw(configuration.test_scenarios, configuration.test_seed)
+    return {kind: scenarios for kind, scenarios in tests.items() if scenarios}
+
+
+def _told(outcome: Evaluation) -> dict[str, float]:
+    """Return the metrics of the only policy, and in how many episodes."""
+    return {"episodes": float(outcome.success.shape[1]), **outcome.metrics(0)}

@@ -18,11 +18,13 @@ from viatool.arrays import Floats, Indices
 from viatool.errors import ConfigurationError, ViatoolError
 from viatool.policy import Policy
 from viatool.schedule import Progress, ignore
-from viatool.train.collection import Collector, Episodes
+from viatool.train.collection import Episodes
 from viatool.train.configuration import TrainingConfiguration, load_configuration
 from viatool.train.constraint import update_multiplier, update_var
 from viatool.train.export import export_actor, training_record
 from viatool.train.feedback import find_feedback
+from viatool.train.fleet import Fleet
+from viatool.train.maps import TrainingMaps
 from viatool.train.methods.method import EpochCosts
 from viatool.train.observation import make_specification
 from viatool.train.records import (
@@ -37,7 +39,6 @@ from viatool.train.run import TrainingRun, begin_run, checkpoint, resume_run, ru
 from viatool.train.scoring import score_missions, score_safety
 from viatool.train.selection import Candidate, best_candidates, choose, evaluate_policy, validate
 from viatool.whole_file import remove_drafts
-from viatool.world import WorldMap
 
 FARTHEST_GOAL = 20.0  # metres, beyond any goal: the curriculum's end
 MEASURED_EVERY = 100  # updates between two of which the metrics are recorded
@@ -84,9 +85,10 @@ class TrainingResult:
             f"chosen      seed {self.seed}{batch} after epoch {self.epoch}",
             f"time        {self.seconds:.0f} s",
         ]
+        width = max(11, *map(len, self.evaluation)) if self.evaluation else 11
         for name, metrics in self.evaluation.items():
             lines.append(
-                f"{name:<11} {metrics['episodes']:.0f} scenarios: success {metrics['success_rate']:.1%}, "
+                f"{name:<{width}} {metrics['episodes']:.0f} scenarios: success {metrics['success_rate']:.1%}, "
                 f"collisions {metrics['collision_rate']:.1%}, timeouts {metrics['timeout_rate']:.1%}, "
                 f"cost {metrics['average_cost']:.2f}"
             )
@@ -98,7 +100,7 @@ def train(
     run_directory: str | Path,
     progress: Progress | None = None,
     *,
-    world_map: WorldMap | None = None,
+    maps: TrainingMaps | None = None,
 ) -> TrainingResult:
     """Train, choose and export a policy.
 
@@ -112,8 +114,8 @@ def train(
         ``evaluation.json``.
     progress : Progress, optional
         What the run reports to; by default nothing.
-    world_map : WorldMap, optional
-        The configuration's map where it is loaded already, for a process that does not see its file.
+    maps : TrainingMaps, optional
+        The configuration's maps where they are loaded already, for a process that does not see their files.
 
     Returns
     -------
@@ -122,7 +124,7 @@ def train(
     Raises
     ------
     ConfigurationError
-        If the folder holds an earlier run, or the map has neither scenarios nor a generator.
+        If the folder holds an earlier run, or a map cannot be trained on, see `TrainingMaps`.
     ViatoolError
         If the training diverges.
     """
@@ -132,14 +134,14 @@ def train(
             f"{directory} holds an earlier run", "choose another run directory, or resume that run"
         )
     with _reproducible_torch():
-        run = begin_run(configuration, world_map)  # reads the map: a wrong one leaves no folder behind
+        run = begin_run(configuration, maps)  # reads the maps: a wrong one leaves no folder behind
         directory.mkdir(parents=True, exist_ok=True)
         write_text(directory / CONFIGURATION, configuration.to_yaml())
         return _train(run, directory, progress or ignore)
 
 
 def resume(
-    run_directory: str | Path, progress: Progress | None = None, *, world_map: WorldMap | None = None
+    run_directory: str | Path, progress: Progress | None = None, *, maps: TrainingMaps | None = None
 ) -> TrainingResult:
     """Go on with a run that was interrupted at any moment; the result is that of an uninterrupted one.
 
@@ -147,13 +149,13 @@ def resume(
     ----------
     run_directory : path
         Of the interrupted run. Without a saved state in it, the run begins anew with its configuration.
-    progress, world_map : optional
+    progress, maps : optional
         As for `train`.
 
     Raises
     ------
     ConfigurationError
-        If there is no run in the folder, it is finished, or its map has changed.
+        If there is no run in the folder, it is finished, or a map has changed.
     """
     directory = Path(run_directory)
     if not (directory / CONFIGURATION).exists():
@@ -166,9 +168,9 @@ def resume(
         remove_drafts(folder)  # large ones
     with _reproducible_torch():
         if (directory / STATE).exists():
-            run = resume_run(load_checkpoint(directory / STATE), directory, world_map)
+            run = resume_run(load_checkpoint(directory / STATE), directory, maps)
         else:
-            run = begin_run(load_configuration(directory / CONFIGURATION), world_map)
+            run = begin_run(load_configuration(directory / CONFIGURATION), maps)
         return _train(run, directory, progress or ignore)
 
 
@@ -220,15 +222,15 @@ def _train(run: TrainingRun, directory: Path, progress: Progress) -> TrainingRes
 def run_epoch(run: TrainingRun, progress: Progress) -> None:
     """Collect and learn for one epoch, then update u and lambda and record the metrics."""
     options = run.configuration
-    collector, returns = run.robots()
-    _set_curriculum(run, collector)
+    fleet, returns = run.robots()
+    _set_curriculum(run, fleet)
     run.epoch += 1
     finished: list[Episodes] = []
     measured: list[dict[str, torch.Tensor]] = []
     counts = np.zeros(options.seeds, dtype=np.int64)
     steps, part = 0, 0.0
     while part < 1.0:
-        transition, episodes = collector.step(run.learner.agent.actor.weights, run.var)
+        transition, episodes = fleet.step(run.learner.agent.actor.weights, run.var)
         batch = returns.push(transition)
         if batch is not None:
             run.learner.replay.add(batch)
@@ -239,7 +241,7 @@ def run_epoch(run: TrainingRun, progress: Progress) -> None:
         part = _part_of_epoch(options, steps, counts)
         progress(_stage(run), run.epoch - 1 + min(part, 1.0), options.epochs)
     run.steps += steps
-    _record(run, Episodes.joined(finished), _average(measured), collector)
+    _record(run, Episodes.joined(finished), _average(measured), fleet)
 
 
 def _stage(run: TrainingRun) -> str:
@@ -254,12 +256,12 @@ def _part_of_epoch(options: TrainingConfiguration, steps: int, counts: Indices) 
     return float(counts.min()) / options.epoch_episodes
 
 
-def _set_curriculum(run: TrainingRun, collector: Collector) -> None:
+def _set_curriculum(run: TrainingRun, fleet: Fleet) -> None:
     options = run.configuration
     if options.curriculum_epochs:
         grown = min(1.0, run.epoch / options.curriculum_epochs)
         start = options.curriculum_start
-        collector.limit_goal_distance(start + grown * (FARTHEST_GOAL - start))
+        fleet.limit_goal_distance(start + grown * (FARTHEST_GOAL - start))
 
 
 def _learn(run: TrainingRun, fraction: float, measured: list[dict[str, torch.Tensor]]) -> None:
@@ -288,7 +290,7 @@ def _average(measured: list[dict[str, torch.Tensor]]) -> dict[str, Floats]:
     }
 
 
-def _record(run: TrainingRun, episodes: Episodes, losses: dict[str, Floats], collector: Collector) -> None:
+def _record(run: TrainingRun, episodes: Episodes, losses: dict[str, Floats], fleet: Fleet) -> None:
     """Update u and lambda of every seed and write down the epoch.
 
     Raises
@@ -297,7 +299,7 @@ def _record(run: TrainingRun, episodes: Episodes, losses: dict[str, Floats], col
         If a loss is not finite.
     """
     options = run.configuration
-    start = run.learner.start_cost(collector.start_observation)
+    start = run.learner.start_cost(fleet.start_observation)
     for seed in range(options.seeds):
         metrics: dict[str, float] = {"epoch": run.epoch, "seed": seed}
         metrics |= {"steps": run.steps * options.robots, "updates": run.learner.updates}
@@ -377,7 +379,7 @@ def finish_epoch(run: TrainingRun, directory: Path) -> str:
 def _evaluate(run: TrainingRun, rows: list[dict[str, float]]) -> str:
     """Validate all seeds, remember the best candidates, and return the end of the epoch's line."""
     options = run.configuration
-    evaluation = validate(run.actor, run.var, run.world_map, run.scaling, options)
+    evaluation = validate(run.actor, run.var, run.maps, run.scaling, options)
     fresh = []
     for seed, (row, score) in enumerate(zip(rows, evaluation.score(), strict=True)):
         row.update({f"validation_{name}": value for name, value in evaluation.metrics(seed).items()})
@@ -393,12 +395,18 @@ def _evaluate(run: TrainingRun, rows: list[dict[str, float]]) -> str:
 
 def _feed_back(run: TrainingRun, rows: list[dict[str, float]]) -> str:
     """Let coming episodes begin where missions are not proved; return the end of the epoch's line."""
-    found = find_feedback(run.actor, run.var, run.world_map, run.scaling, run.configuration, run.epoch)
-    run.feedback, shares = found
+    options = run.configuration
+    counts = run.maps.shares(options.mission_scenarios)
+    found = [
+        find_feedback(run.actor, run.var, world_map, run.scaling, options, run.epoch, count, number)
+        for number, (world_map, count) in enumerate(zip(run.maps.maps, counts, strict=True))
+    ]
+    run.feedback = [feedback for feedback, _ in found]
+    shares = np.average([share for _, share in found], axis=0, weights=counts)
     for row, share in zip(rows, shares, strict=True):
         row["proved_mission_rate"] = float(share)
-    if run.collector is not None:
-        run.collector.feed_back(run.feedback)
+    if run.fleet is not None:
+        run.fleet.feed_back(run.feedback)
     return f"  missions {' '.join(f'{share:.0%}' for share in shares)}"
 
 
@@ -407,7 +415,7 @@ def _verified(run: TrainingRun, candidate: Candidate, row: dict[str, float]) -> 
     options = run.configuration
     if not options.verification_scenarios:
         return candidate
-    safety = score_safety(candidate.weights, candidate.var, run.world_map, run.scaling, options)
+    safety = score_safety(candidate.weights, candidate.var, run.maps, run.scaling, options)
     row.update(safety.metrics())
     decides = options.select_by == "safety"
     return replace(candidate, safety=(safety.collision, safety.danger)) if decides else candidate
@@ -415,7 +423,7 @@ def _verified(run: TrainingRun, candidate: Candidate, row: dict[str, float]) -> 
 
 def _proved(run: TrainingRun, candidate: Candidate) -> float:
     """Return the share of missions that are proved for a candidate."""
-    return score_missions(candidate.weights, candidate.var, run.world_map, run.scaling, run.configuration)
+    return score_missions(candidate.weights, candidate.var, run.maps, run.scaling, run.configuration)
 
 
 def _finish(run: TrainingRun, directory: Path, progress: Progress, started: float) -> TrainingResult:
@@ -423,13 +431,13 @@ def _finish(run: TrainingRun, directory: Path, progress: Progress, started: floa
     options = run.configuration
     progress("choosing", 1, 1)
     proved = partial(_proved, run) if options.select_by == "missions" else None
-    chosen = choose(run.candidates, run.world_map, run.scaling, options, proved)
+    chosen = choose(run.candidates, run.maps, run.scaling, options, proved)
     training = training_record(options, chosen.seed, chosen.epoch)
-    specification = make_specification(run.world_map.robot, chosen.var, training, run.scaling.layout)
+    specification = make_specification(run.maps.robot, chosen.var, training, run.scaling.layout)
     path = directory / "policy.onnx"
     policy = export_actor(chosen.weights, run.scaling, specification, path)
     progress("testing", 1, 1)
-    evaluation = evaluate_policy(policy, run.world_map, options)
+    evaluation = evaluate_policy(policy, run.maps, options)
     seconds = time.perf_counter() - started
     record: dict[str, Any] = {"seed": chosen.seed, "epoch": chosen.epoch, "seconds": round(seconds, 1)}
     record |= {"score": chosen.score, "safety": list(chosen.safety)}
