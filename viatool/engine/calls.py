@@ -12,10 +12,13 @@ from viatool.arrays import Floats, Indices
 from viatool.engine import library
 from viatool.errors import BoundsError
 
+Passed = NDArray[Any] | ctypes.Structure | int | float | None
+"""What a function of the library takes."""
+
 _READ = {np.dtype(kind) for kind in (np.float64, np.int64, np.uint8, np.bool_)}
 
 
-def call(name: str, asked: ctypes.Structure, *arguments: NDArray[Any] | int | float | None) -> bool:
+def call(name: str, asked: ctypes.Structure, *arguments: Passed) -> bool:
     """Call a function of the library, and return whether it could do its work.
 
     Parameters
@@ -24,8 +27,8 @@ def call(name: str, asked: ctypes.Structure, *arguments: NDArray[Any] | int | fl
         Of the function.
     asked : Structure
         What it takes first.
-    *arguments : ndarray, int, float or None
-        Integers have 64 bits in C, floats are doubles, None is NULL.
+    *arguments : ndarray, Structure, int, float or None
+        Integers have 64 bits in C, floats are doubles, None is NULL, a structure is passed by its address.
 
     Raises
     ------
@@ -35,7 +38,7 @@ def call(name: str, asked: ctypes.Structure, *arguments: NDArray[Any] | int | fl
     return bool(getattr(library(), name)(ctypes.byref(asked), *map(passed, arguments)))
 
 
-def passed(argument: NDArray[Any] | int | float | None) -> Any:
+def passed(argument: Passed) -> Any:
     """Return an argument as C takes it: arrays by the address of their rows, one behind the other, or not at all."""
     if isinstance(argument, np.ndarray):
         if argument.dtype not in _READ or not argument.flags.c_contiguous:
@@ -45,6 +48,8 @@ def passed(argument: NDArray[Any] | int | float | None) -> Any:
         return ctypes.c_void_p(argument.ctypes.data)
     if argument is None:
         return None
+    if isinstance(argument, ctypes.Structure):
+        return ctypes.byref(argument)
     return ctypes.c_double(argument) if isinstance(argument, float) else ctypes.c_int64(argument)
 
 

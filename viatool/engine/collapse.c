@@ -3,8 +3,8 @@
 
 #include "kernel.h"
 
-static void through_affine(const Network *net, const Node *node, const double *centre, const double *radius,
-                           double gamma, Gradient *gradient) {
+void through_affine(const Network *net, const Node *node, const double *centre, const double *radius, double gamma,
+                    Gradient *gradient) {
     for (integer k = 0; k < node->sources; k++) {
         const Source *source = net->source + node->source + k;
         const Node *before = net->node + source->node;
@@ -20,17 +20,20 @@ static void through_affine(const Network *net, const Node *node, const double *c
             }
             continue;
         }
-        double *sums = gradient->sums;
+        double *sums = gradient->sums, *weights = gradient->weights;
+        integer *active = gradient->active, count = 0;
         memset(sums, 0, (size_t)(3 * each) * 8);
-        for (integer i = 0; i < node->size; i++) {
-            if (centre[i] == 0.0 && radius[i] == 0.0) continue;
-            add_scaled(sums, net->numbers + source->weight + i * each, centre[i], each);
-            if (radius[i] != 0.0) add_scaled(sums + each, net->numbers + source->absolute + i * each, radius[i], each);
-            add_scaled(sums + 2 * each, net->numbers + source->merged + i * each, fabs(centre[i]) + radius[i], each);
-        }
+        for (integer i = 0; i < node->size; i++) active[count] = i, count += centre[i] != 0.0 || radius[i] != 0.0;
+        const int alike = source->merged == source->absolute;
+        for (integer i = 0; i < node->size; i++)
+            weights[i] = alike ? radius[i] + gamma * (fabs(centre[i]) + radius[i]) : fabs(centre[i]) + radius[i];
+        add_rows(sums, each, net->numbers + source->weight, centre, active, count);
+        if (!alike) add_rows(sums + each, each, net->numbers + source->absolute, radius, active, count);
+        add_rows(sums + 2 * each, each, net->numbers + source->merged, weights, active, count);
         for (integer j = 0; j < size; j++) {
             c[j] += sums[j];
-            r[j] = outward(net, r[j] + sums[each + j] + gamma * sums[2 * each + j]) + LEAST * net->allow->underflow;
+            const double spread = sums[each + j] + (alike ? 1.0 : gamma) * sums[2 * each + j];
+            r[j] = outward(net, r[j] + spread) + LEAST * net->allow->underflow;
         }
     }
 }
@@ -47,7 +50,8 @@ static int through_activation(const Network *net, const Node *node, const Model 
         if (low == 0.0 && high == 0.0) continue;
         const double middle = low / 2 + high / 2, half = most(high - middle, middle - low);
         const double product = centre[i] * middle;
-        const double rounding = low == 1.0 && high == 1.0 ? 0.0 : 4 * UNIT * net->allow->slopes * fabs(product);
+        const int exact = low == 1.0 && high == 1.0 && c[i] == 0.0;
+        const double rounding = exact ? 0.0 : 4 * UNIT * net->allow->slopes * (fabs(product) + fabs(c[i]));
         c[i] += product;
         r[i] = outward(net, r[i] + fabs(centre[i]) * half + radius[i] * (fabs(middle) + half) + rounding) +
                LEAST * net->allow->underflow;

@@ -17,7 +17,7 @@ typedef struct {
 
 static const double *tail_at(const Network *net, const Curve *curve, double x) {
     if (x >= -GRID_HALF && x <= GRID_HALF) return NULL;
-    return net->numbers + curve->tails + (x > 0 ? OF_TAIL : 0);
+    return net->tables + curve->tails + (x > 0 ? OF_TAIL : 0);
 }
 
 static const double *cell_at(const Network *net, const Curve *curve, double x, double *away) {
@@ -27,7 +27,7 @@ static const double *cell_at(const Network *net, const Curve *curve, double x, d
     if (cell >= cells) cell = cells - 1;
     if (x < (double)cell / steps - GRID_HALF && cell > 0) cell--;
     *away = x - (((double)cell + 0.5) / steps - GRID_HALF);
-    return net->numbers + curve->grid + OF_CELL * cell;
+    return net->tables + curve->grid + OF_CELL * cell;
 }
 
 static Around enclose_value(const Network *net, const Curve *curve, double x) {
@@ -53,13 +53,13 @@ static Around enclose_slope(const Network *net, const Curve *curve, double x) {
 
 static integer cells_below(const Network *net, const Cells *cells, double x) {
     integer cell = 0;
-    while (cell + 1 < cells->count && x > net->numbers[cells->edges + cell + 1]) cell++;
+    while (cell + 1 < cells->count && x > net->tables[cells->edges + cell + 1]) cell++;
     return cell;
 }
 
 static integer cells_up_to(const Network *net, const Cells *cells, double x) {
     integer cell = 0;
-    while (cell + 1 < cells->count && x >= net->numbers[cells->edges + cell + 1]) cell++;
+    while (cell + 1 < cells->count && x >= net->tables[cells->edges + cell + 1]) cell++;
     return cell;
 }
 
@@ -67,8 +67,8 @@ static integer cells_up_to(const Network *net, const Cells *cells, double x) {
 static void hull_over(const Network *net, const Cells *cells, double lower, double upper, Around left, Around right,
                       double *low, double *high) {
     const integer place = cells_below(net, cells, lower) * cells->count + cells_up_to(net, cells, upper);
-    *low = least(least(left.middle - left.error, right.middle - right.error), net->numbers[cells->lowest + place]);
-    *high = most(most(left.middle + left.error, right.middle + right.error), net->numbers[cells->highest + place]);
+    *low = least(least(left.middle - left.error, right.middle - right.error), net->tables[cells->lowest + place]);
+    *high = most(most(left.middle + left.error, right.middle + right.error), net->tables[cells->highest + place]);
 }
 
 int is_known(const Curve *curve, double lower, double upper) {
@@ -82,7 +82,7 @@ double value_on(const Network *net, const Curve *curve, double x) {
 
 double slope_on(const Network *net, const Curve *curve, double x) {
     if (curve->relu) return x >= 0.0 ? 1.0 : 0.0;
-    if (curve->pieces) return net->numbers[curve->slopes + piece_at(net, curve, x)];
+    if (curve->pieces) return net->tables[curve->slopes + piece_at(net, curve, x)];
     return enclose_slope(net, curve, x).middle;
 }
 
@@ -108,7 +108,7 @@ void slopes_on(const Network *net, const Curve *curve, double lower, double uppe
 
 int has_kink(const Network *net, const Curve *curve, double lower, double upper) {
     for (integer k = 0; k < curve->kinks; k++)
-        if (net->numbers[curve->breaks + k] >= lower && net->numbers[curve->breaks + k] <= upper) return 1;
+        if (net->tables[curve->breaks + k] >= lower && net->tables[curve->breaks + k] <= upper) return 1;
     return 0;
 }
 
@@ -157,9 +157,9 @@ static Residual residual_on_curve(const Network *net, const Curve *curve, double
     const integer first = cells_below(net, cells, lower), last = cells_up_to(net, cells, upper);
     double low = INFINITY, high = -INFINITY;
     for (integer k = first; k <= last; k++) {
-        const double left = k > first ? net->numbers[cells->edges + k] : lower;
-        const double right = k < last ? net->numbers[cells->edges + k + 1] : upper;
-        const double kind = net->numbers[cells->kinds + k];
+        const double left = k > first ? net->tables[cells->edges + k] : lower;
+        const double right = k < last ? net->tables[cells->edges + k + 1] : upper;
+        const double kind = net->tables[cells->kinds + k];
         take_in(net, curve, left, slope, &low, &high);
         take_in(net, curve, right, slope, &low, &high);
         if (kind == RISING && right > left) low = least(low, tangent_bound(net, curve, left, right, slope, 1));
@@ -167,8 +167,8 @@ static Residual residual_on_curve(const Network *net, const Curve *curve, double
         if (kind == UNKNOWN) { /* from the left end on the residual keeps to its slopes */
             double from = INFINITY, to = -INFINITY;
             take_in(net, curve, left, slope, &from, &to);
-            const double below = net->numbers[cells->lowest + k * cells->count + k] - slope;
-            const double above = net->numbers[cells->highest + k * cells->count + k] - slope;
+            const double below = net->tables[cells->lowest + k * cells->count + k] - slope;
+            const double above = net->tables[cells->highest + k * cells->count + k] - slope;
             low = least(low, from + outward(net, least(below, 0.0) * (right - left)));
             high = most(high, to + outward(net, most(above, 0.0) * (right - left)));
         }

@@ -17,8 +17,8 @@ static void add_piece(const Network *net, const Curve *curve, const Model *argum
                       integer piece, int shape, Dual *dual) {
     const integer symbols = dual->symbols;
     double *form = dual->forms + dual->count * dual->stride;
-    const double slope = net->numbers[curve->slopes + piece], steep = fabs(slope);
-    const double low = net->numbers[curve->lowest + piece], high = net->numbers[curve->highest + piece];
+    const double slope = net->tables[curve->slopes + piece], steep = fabs(slope);
+    const double low = net->tables[curve->lowest + piece], high = net->tables[curve->highest + piece];
     const double intercept = low / 2 + high / 2;
     form_of(value, i, form, symbols);
     if (slope != 0.0) {
@@ -55,7 +55,7 @@ static void add_conditions(const Network *net, const Model *models, integer inde
         const integer first = piece_at(net, curve, argument->lower[i]), end = piece_at(net, curve, argument->upper[i]);
         int rising = 1, falling = 1;
         for (integer k = first; k < end; k++) {
-            const double step = net->numbers[curve->slopes + k + 1] - net->numbers[curve->slopes + k];
+            const double step = net->tables[curve->slopes + k + 1] - net->tables[curve->slopes + k];
             rising &= step >= 0, falling &= step <= 0;
         }
         if (!rising && !falling) continue;

@@ -29,17 +29,22 @@ typedef struct {
     Gradient gradient;
     Dual dual;
     Back back;
+    Core core;
+    Splitting splitting;
     void *memory;
 } Workspace;
 
-static int begin_work(const Network *net, integer neurons_of_dual, integer known, Workspace *work) {
+static int begin_work(const Network *net, integer neurons_of_dual, integer parts, integer known, Workspace *work) {
     const integer inputs = net->node[0].size, all = neurons_of_trunk(net), each = padded(widest_of(net, net->trunk));
     const integer layers = net->trunk, most_conditions = known + 2 * neurons_of_dual * layers;
     const integer stride = padded(symbols_of(net)), size = (integer)arena_size(net, 0) / 8;
     const integer models = (integer)sizeof(Model) / 8 * net->trunk;
-    const integer search = 2 * all + 3 * inputs + each, gradient = 2 * all + 3 * each;
+    const integer search = 2 * all + 3 * inputs + each, gradient = 2 * all + 5 * each;
     const integer dual = (most_conditions + 5) * stride + 2 * most_conditions;
-    double *next = work->memory = aligned_alloc(64, (size_t)padded(2 * (size + models) + search + gradient + dual + back_size(net)) * 8);
+    const integer examining = parts ? examining_size(net, known, neurons_of_dual) : 0;
+    const integer splitting = examining + splitting_size(parts) + inputs;
+    double *next = work->memory = aligned_alloc(64, (size_t)padded(2 * (size + models) + search + gradient + dual + back_size(net) + core_size(net) + splitting) *
+                                                     8);
     if (!next) return 0;
     work->arena = (Arena){(char *)next, 0, (size_t)size * 8}, next += size;
     work->shrunk_arena = (Arena){(char *)next, 0, (size_t)size * 8}, next += size;
@@ -47,14 +52,18 @@ static int begin_work(const Network *net, integer neurons_of_dual, integer known
     work->shrunk = (Model *)next, next += models;
     memset(next, 0, (size_t)(search + gradient) * 8);
     double *point = next + 2 * all;
-    memset(point + 2 * inputs, 0xff, (size_t)inputs * 8); /* not a number: nothing is evaluated yet */
     work->search = (Search){next, next + all, point, point + inputs, point + 2 * inputs, point + 3 * inputs};
-    next += search;
-    work->gradient = (Gradient){next, next + all, next + 2 * all}, next += gradient;
+    next += search, forget(&work->search, inputs);
+    work->gradient = (Gradient){next, next + all, next + 2 * all, next + 2 * all + 3 * each,
+                                (integer *)(void *)(next + 2 * all + 4 * each)};
+    next += gradient;
     work->dual = (Dual){.neurons = neurons_of_dual, .stride = stride, .objective = next, .tilted = next + stride,
                         .scratch = next + 2 * stride, .breaks = next + 3 * stride, .forms = next + 5 * stride};
     work->dual.slack = next + (most_conditions + 5) * stride, work->dual.beta = work->dual.slack + most_conditions;
-    work->back = begin_back(net, next + dual);
+    work->back = begin_back(net, next + dual), work->core = begin_core(net, next + dual + back_size(net));
+    next += dual + back_size(net) + core_size(net);
+    if (parts) work->splitting = (Splitting){.examining = begin_examining(net, next), .memory = next + examining};
+    if (parts) work->splitting.point = work->splitting.memory + splitting_size(parts);
     return fegetround() == FE_TONEAREST;
 }
 
@@ -77,37 +86,102 @@ static const Model *shrink(const Network *net, Workspace *work, integer rounds, 
     return models;
 }
 
-EXPORTED int viatool_bound(const Network *net, integer count, const double *lower, const double *upper, integer rounds,
-                           integer sweeps, integer neurons_of_dual, integer whole, integer backwards, integer climbs,
-                           double *hull_lower,
-                           double *hull_upper, double *face_lower, double *face_upper, double *bound, double *points,
-                           double *found, uint8_t *done) {
+/* How hard viatool_bound tries; all fields have 8 bytes. */
+typedef struct {
+    integer rounds, sweeps, neurons_of_dual, whole, backwards, climbs; /* see taylor/kernel.py */
+    integer parts, exactly;
+    double tolerance;
+} Effort;
+
+/* Where the answers to all questions about all boxes go. */
+typedef struct {
+    double *face_lower, *face_upper, *bound, *points, *found;
+} Answers;
+
+/* The network that questions about a box are asked of, with its models over the whole box: the core, where there is one. */
+static const Network *inner_network(const Network *net, const double *lower, const double *upper, const Effort *effort,
+                                    Workspace *work) {
+    Core *core = &work->core;
+    if (!effort->rounds || !find_core(net, work->models, &work->gradient, core)) return net;
+    if (arena_size(&core->net, 0) > work->arena.size) return net;
+    if (pass(&core->net, lower, upper, NULL, core->known, work->shrunk, NULL, &work->shrunk_arena)) {
+        Model *models = work->models;
+        const Arena arena = work->arena;
+        work->models = work->shrunk, work->arena = work->shrunk_arena;
+        work->shrunk = models, work->shrunk_arena = arena;
+        return &core->net;
+    }
+    return net;
+}
+
+static void ask(const Network *net, const Effort *effort, integer action, double sign, const double *lower,
+                const double *upper, integer at, const Answers *answers, Workspace *work) {
+    const integer inputs = net->node[0].size;
+    double *left = answers->face_lower + at * inputs, *right = answers->face_upper + at * inputs;
+    double *point = answers->points + at * inputs, *bound = answers->bound + at, *found = answers->found + at;
+    memcpy(left, lower, (size_t)inputs * 8), memcpy(right, upper, (size_t)inputs * 8);
+    *bound = seeded(net, work->models, action, sign);
+    if (effort->whole) /* the dual bound over the whole box, before it is shrunk */
+        *bound = least(*bound, bound_by_duality(net, work->models, action, sign, 1, &work->dual));
+    const Model *models = shrink(net, work, effort->rounds, action, sign, left, right, bound);
+    for (integer i = 0; i < inputs; i++) point[i] = left[i] / 2 + right[i] / 2;
+    *found = climb(net, lower, upper, action, sign, effort->climbs, *bound, point, &work->search);
+    if (effort->sweeps && models && models[0].fresh && *bound > *found + 1e-12 * fabs(*found))
+        *bound = least(*bound, bound_by_duality(net, models, action, sign, effort->sweeps, &work->dual));
+}
+
+/* Split the boxes of questions about one state (of `count`) that stay loose. */
+static void split_loose(const Network *net, const Effort *effort, integer count, integer state, const Answers *answers,
+                        Workspace *work) {
+    const integer inputs = net->node[0].size, actions = net->node[net->trunk - 1].size;
+    Splitting *splitting = &work->splitting;
+    splitting->models = work->shrunk, splitting->arena = &work->shrunk_arena;
+    splitting->dual = &work->dual, splitting->search = &work->search;
+    for (integer q = 0; q < 2 * actions; q++) {
+        const integer at = q * count + state, other = (q + actions) % (2 * actions) * count + state;
+        const double width = answers->found[at] + answers->found[other];
+        const double margin = effort->tolerance * width + 1e-12 * fabs(answers->found[at]);
+        if (!(answers->bound[at] > answers->found[at] + margin)) continue;
+        const Question question = {net, answers->face_lower + at * inputs, answers->face_upper + at * inputs, work->models,
+                                   q < actions ? 1.0 : -1.0, margin, q % actions, effort->sweeps, effort->parts,
+                                   (int)effort->exactly};
+        splitting->found = answers->found[at], splitting->best = answers->points + at * inputs;
+        answers->bound[at] = least(answers->bound[at], split_box(&question, answers->bound[at], splitting));
+        answers->found[at] = splitting->found;
+    }
+}
+
+EXPORTED int viatool_bound(const Network *net, const Effort *effort, integer count, const double *lower,
+                           const double *upper, double *hull_lower, double *hull_upper, double *face_lower,
+                           double *face_upper, double *bound, double *points, double *found, uint8_t *done,
+                           uint8_t *settled) {
     const integer inputs = net->node[0].size, neurons = neurons_of_trunk(net);
     const integer actions = net->node[net->trunk - 1].size;
+    const Answers answers = {face_lower, face_upper, bound, points, found};
     Workspace work;
-    const int ready = begin_work(net, neurons_of_dual, 0, &work);
+    const integer parts = core_size(net) ? effort->parts : 0;
+    const int ready = begin_work(net, effort->neurons_of_dual, parts, parts ? MOST_DEPTH : 0, &work);
     for (integer b = 0; ready && b < count; b++) {
         const double *low = lower + b * inputs, *high = upper + b * inputs;
-        done[b] = (uint8_t)pass(net, low, high, NULL, NULL, work.models, backwards ? &work.back : NULL, &work.arena);
+        done[b] = (uint8_t)pass(net, low, high, NULL, NULL, work.models, effort->backwards ? &work.back : NULL, &work.arena);
         if (!done[b]) continue;
         for (integer k = 0; k < net->trunk; k++) {
             const integer at = b * neurons + net->node[k].offset;
             memcpy(hull_lower + at, work.models[k].lower, (size_t)net->node[k].size * 8);
             memcpy(hull_upper + at, work.models[k].upper, (size_t)net->node[k].size * 8);
         }
+        const Network *inner = inner_network(net, low, high, effort, &work);
+        forget(&work.search, inputs);
+        for (integer q = 0; q < 2 * actions; q++)
+            ask(inner, effort, q % actions, q < actions ? 1.0 : -1.0, low, high, q * count + b, &answers, &work);
+        if (inner == net) continue;
+        settled[b] = parts > 0;
+        if (parts) split_loose(inner, effort, count, b, &answers, &work);
+        forget(&work.search, inputs); /* what is attained is a value of the network itself */
         for (integer q = 0; q < 2 * actions; q++) {
-            const integer at = q * count + b, action = q % actions;
-            const double sign = q < actions ? 1.0 : -1.0;
-            double *left = face_lower + at * inputs, *right = face_upper + at * inputs, *point = points + at * inputs;
-            memcpy(left, low, (size_t)inputs * 8), memcpy(right, high, (size_t)inputs * 8);
-            bound[at] = seeded(net, work.models, action, sign);
-            if (whole) /* the dual bound over the whole box, before it is shrunk */
-                bound[at] = least(bound[at], bound_by_duality(net, work.models, action, sign, 1, &work.dual));
-            const Model *models = shrink(net, &work, rounds, action, sign, left, right, bound + at);
-            for (integer i = 0; i < inputs; i++) point[i] = left[i] / 2 + right[i] / 2;
-            found[at] = climb(net, low, high, action, sign, climbs, bound[at], point, &work.search);
-            if (sweeps && models && models[0].fresh && bound[at] > found[at] + 1e-12 * fabs(found[at]))
-                bound[at] = least(bound[at], bound_by_duality(net, models, action, sign, sweeps, &work.dual));
+            const integer at = q * count + b;
+            found[at] = climb(net, low, high, q % actions, q < actions ? 1.0 : -1.0, 0, INFINITY, points + at * inputs,
+                              &work.search);
         }
     }
     free(work.memory);
@@ -119,7 +193,7 @@ EXPORTED int viatool_back(const Network *net, integer count, const double *lower
                           double *high, uint8_t *done) {
     const integer inputs = net->node[0].size, actions = net->node[net->trunk - 1].size;
     Workspace work;
-    const int ready = begin_work(net, 0, 0, &work);
+    const int ready = begin_work(net, 0, 0, 0, &work);
     for (integer b = 0; ready && b < count; b++) {
         done[b] = (uint8_t)pass(net, lower + b * inputs, upper + b * inputs, NULL, NULL, work.models, NULL, &work.arena);
         for (integer k = 0; done[b] && k < net->trunk; k++) {
@@ -178,83 +252,30 @@ EXPORTED int viatool_linear(const Network *net, integer count, integer shared, c
 
 enum { SOLVED_EXACTLY = 2 }; /* of what is done: no multipliers prove more */
 
-/* Conditions of one part: which neuron of which activation is on which side of what. */
-typedef struct {
-    const integer *node, *neuron, *side;
-    const double *threshold;
-} Conditions;
-
-/* Write limits of arguments, or take them away again; tells whether a neuron is held to nothing. */
-static void limit(const Network *net, const Conditions *known, integer depth, double *lower, double *upper, int away) {
-    for (integer d = 0; d < depth; d++) {
-        if (!known->side[d]) continue;
-        const integer at = net->node[known->node[d]].offset + known->neuron[d];
-        if (away)
-            lower[at] = -INFINITY, upper[at] = INFINITY;
-        else if (known->side[d] > 0)
-            lower[at] = most(lower[at], known->threshold[d]);
-        else
-            upper[at] = least(upper[at], known->threshold[d]);
-    }
-}
-
-static int is_empty(const Network *net, const Conditions *known, integer depth, const Model *models,
-                    const Limits *limits) {
-    for (integer d = 0; d < depth; d++) {
-        if (!known->side[d]) continue;
-        const Node *node = net->node + known->node[d];
-        const Model *argument = models + net->source[node->source].node;
-        const integer i = known->neuron[d], at = node->offset + i;
-        if (limits->lower[at] > argument->upper[i] || limits->upper[at] < argument->lower[i]) return 1;
-    }
-    return 0;
-}
-
 EXPORTED int viatool_examine(const Network *net, integer count, integer depth, const double *lower, const double *upper,
                              const integer *action, const double *sign, const integer *node, const integer *neuron,
                              const integer *side, const double *threshold, integer sweeps, integer neurons_of_dual,
                              integer exactly,
                              double *bound, double *points, integer *next_node, integer *next_neuron,
                              double *next_threshold, uint8_t *done) {
-    const integer inputs = net->node[0].size, neurons = neurons_of_trunk(net);
+    const integer inputs = net->node[0].size;
     Workspace work;
-    const integer most_conditions = depth + 2 * neurons_of_dual * net->trunk, stride = padded(symbols_of(net));
-    double *limits = malloc((size_t)neurons * 16);
-    double *symbols = malloc((size_t)(6 * stride + most_conditions * (most_conditions + 4)) * 8);
-    const int ready = begin_work(net, neurons_of_dual, depth, &work) && limits && symbols;
-    for (integer i = 0; ready && i < neurons; i++) limits[i] = -INFINITY, limits[neurons + i] = INFINITY;
-    const Limits held = {limits, limits + neurons};
-    Dual *dual = &work.dual;
+    double *memory = malloc((size_t)examining_size(net, depth, neurons_of_dual) * 8);
+    const int ready = begin_work(net, neurons_of_dual, 0, depth, &work) && memory;
+    Examining examining = {0};
+    if (ready) examining = begin_examining(net, memory);
     for (integer k = 0; ready && k < count; k++) {
-        const double *low = lower + k * inputs, *high = upper + k * inputs;
         const Conditions known = {node + k * depth, neuron + k * depth, side + k * depth, threshold + k * depth};
-        limit(net, &known, depth, limits, limits + neurons, 0);
-        done[k] = (uint8_t)pass(net, low, high, &held, NULL, work.models, NULL, &work.arena);
-        if (done[k]) {
-            begin_dual(net, work.models, action[k], sign[k], dual);
-            for (integer d = 0; d < depth; d++)
-                if (known.side[d])
-                    add_known(net, work.models + net->source[net->node[known.node[d]].source].node, known.neuron[d],
-                              (double)known.side[d], known.threshold[d], dual);
-            add_pieces(net, work.models, dual);
-            improve(dual, sweeps);
-            const Split split = next_split(net, work.models, &held, dual);
-            next_node[k] = split.node, next_neuron[k] = split.neuron, next_threshold[k] = split.threshold;
-            for (integer s = 0; s < dual->symbols; s++)
-                symbols[s] = dual->tilted[s] > 0 ? 1.0 : dual->tilted[s] < 0 ? -1.0 : 0.0;
-            double proved = least(proved_value(net, dual), INFINITY);
-            if (exactly && !split.node && dual->count) {
-                const int solved = solve_dual(dual, symbols, symbols + stride);
-                proved = least(proved_value(net, dual), proved);
-                if (solved) done[k] = SOLVED_EXACTLY;
-            }
-            relaxed_point(net, work.models, symbols, low, high, points + k * inputs);
-            bound[k] = least(proved, seeded(net, work.models, action[k], sign[k]));
-            if (is_empty(net, &known, depth, work.models, &held)) bound[k] = -INFINITY;
-        }
-        limit(net, &known, depth, limits, limits + neurons, 1);
+        Part part;
+        done[k] = (uint8_t)examine(net, lower + k * inputs, upper + k * inputs, action[k], sign[k], &known, depth, sweeps,
+                                   (int)exactly, NULL, work.models, &work.arena, &work.dual, &examining,
+                                   points + k * inputs, &part);
+        if (!done[k]) continue;
+        if (part.solved) done[k] = SOLVED_EXACTLY;
+        bound[k] = part.bound;
+        next_node[k] = part.next.node, next_neuron[k] = part.next.neuron, next_threshold[k] = part.next.threshold;
     }
-    free(work.memory), free(limits), free(symbols);
+    free(work.memory), free(memory);
     return ready;
 }
 

@@ -55,7 +55,7 @@ typedef struct {
 } Figure;
 
 typedef struct {
-    double sums, lines, underflow, slopes, tilts, program, errors, back; /* 1 each; a test may leave one out */
+    double sums, lines, underflow, slopes, tilts, program, errors, back, core; /* 1 each; a test may leave one out */
 } Allowances;
 
 typedef struct {
@@ -64,7 +64,7 @@ typedef struct {
     const Source *source;
     const Curve *curve;
     const Figure *figure;
-    const double *numbers;
+    const double *numbers, *tables; /* of nodes and of curves */
     const Allowances *allow;
     double gamma; /* relative error of a sum over all neurons, each with what backward counts */
 } Network;
@@ -158,6 +158,7 @@ Strip strip_on(const Network *net, const Curve *curve, double lower, double uppe
 int has_kink(const Network *net, const Curve *curve, double lower, double upper);
 
 /* lines.c */
+integer straight_piece(const Network *net, const Curve *curve, double lower, double upper); /* -1 over a break */
 Residual residual_on_lines(const Network *net, const Curve *curve, double lower, double upper, double slope);
 integer piece_at(const Network *net, const Curve *curve, double x);
 double value_on_lines(const Network *net, const Curve *curve, double x);
@@ -170,6 +171,7 @@ typedef struct {
     double *values, *adjoints;                /* (neurons,), of what was evaluated last */
     double *point, *corner, *evaluated, *sum; /* (inputs,), and one padded node */
 } Search;
+void forget(Search *search, integer inputs); /* of which network values are */
 double climb(const Network *net, const double *lower, const double *upper, integer action, double sign, integer steps,
              double bound, double *best, Search *search);
 
@@ -205,10 +207,29 @@ int pass(const Network *net, const double *lower, const double *upper, const Lim
 
 /* collapse.c */
 typedef struct {
-    double *centre, *radius, *sums; /* (neurons,) twice, and three padded nodes */
+    double *centre, *radius, *sums, *weights; /* (neurons,) twice, three padded nodes, and one */
+    integer *active;                          /* one padded node */
 } Gradient;
+void through_affine(const Network *net, const Node *node, const double *centre, const double *radius, double gamma,
+                    Gradient *gradient);
 int collapse(const Network *net, const Model *models, integer action, double sign, double *lower, double *upper,
              Gradient *gradient); /* tells whether a box became smaller */
+
+/* core.c */
+typedef struct {
+    Network net;
+    integer most, used, sources, roundings; /* kept neurons at most, and what is laid out */
+    Node *node;
+    Source *source;
+    Figure *figure;
+    Model *known;                  /* (nodes,): hulls over the box */
+    double *numbers, *hulls;
+    integer *piece;                /* (neurons,): which piece a neuron lies on, -1 where it is kept */
+    integer *kept, *first, *of;    /* kept neurons, where those of a node begin, and of which node those of the core are */
+} Core;
+integer core_size(const Network *net); /* in numbers */
+Core begin_core(const Network *net, double *memory);
+int find_core(const Network *net, const Model *models, Gradient *gradient, Core *core); /* tells whether it pays */
 
 /* dual.c */
 typedef struct {
@@ -233,6 +254,49 @@ typedef struct {
 Split next_split(const Network *net, const Model *models, const Limits *limits, const Dual *dual);
 void relaxed_point(const Network *net, const Model *models, const double *e, const double *lower, const double *upper,
                    double *point);
+
+/* split.c */
+/* Conditions of one part: which neuron of which activation is on which side of what. */
+typedef struct {
+    const integer *node, *neuron, *side;
+    const double *threshold;
+} Conditions;
+typedef struct {
+    double bound;
+    int solved; /* no multipliers prove more */
+    Split next;
+} Part;
+/* What examining a part needs: limits that hold nothing between calls, symbols, and work for solving. */
+typedef struct {
+    double *limits, *symbols, *work;
+    integer neurons;
+} Examining;
+integer examining_size(const Network *net, integer depth, integer neurons_of_dual); /* in numbers */
+Examining begin_examining(const Network *net, double *memory);
+int examine(const Network *net, const double *lower, const double *upper, integer action, double sign,
+            const Conditions *known, integer depth, integer sweeps, int exactly, const Model *hulls, Model *models,
+            Arena *arena, Dual *dual, Examining *examining, double *point, Part *part);
+
+/* What the largest value of sign times an action over a box is asked with. */
+typedef struct {
+    const Network *net;
+    const double *lower, *upper;
+    const Model *hulls; /* that hold over the box */
+    double sign, margin;
+    integer action, sweeps, parts;
+    int exactly;
+} Question;
+enum { MOST_DEPTH = 64 }; /* of conditions on a part */
+typedef struct {
+    Model *models;
+    Arena *arena;
+    Dual *dual;
+    Search *search;
+    Examining examining;
+    double *memory, *point, *best, found; /* splitting_size; where values were looked for, the best of them, and its value */
+} Splitting;
+integer splitting_size(integer parts);
+double split_box(const Question *question, double bound, Splitting *work);
 
 /* program.c */
 int deviate(const Network *net, const double *lower, const double *upper, double *work, double *low, double *high,

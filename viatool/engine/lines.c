@@ -2,7 +2,7 @@
 #include "kernel.h"
 
 integer piece_at(const Network *net, const Curve *curve, double x) {
-    const double *breaks = net->numbers + curve->breaks;
+    const double *breaks = net->tables + curve->breaks;
     integer piece = 0;
     while (piece + 1 < curve->pieces && x >= breaks[piece]) piece++;
     return piece;
@@ -10,30 +10,35 @@ integer piece_at(const Network *net, const Curve *curve, double x) {
 
 /* The piece that an interval ends with: one that only begins there is left out, since the curve is continuous. */
 static integer piece_below(const Network *net, const Curve *curve, double x) {
-    const double *breaks = net->numbers + curve->breaks;
+    const double *breaks = net->tables + curve->breaks;
     integer piece = 0;
     while (piece + 1 < curve->pieces && x > breaks[piece]) piece++;
     return piece;
 }
 
+integer straight_piece(const Network *net, const Curve *curve, double lower, double upper) {
+    const integer first = piece_at(net, curve, lower);
+    return first >= piece_below(net, curve, upper) ? first : -1;
+}
+
 static integer later(integer one, integer other) { return one > other ? one : other; }
 
 static double middle_shift(const Network *net, const Curve *curve, integer piece) {
-    const double low = net->numbers[curve->lowest + piece], high = net->numbers[curve->highest + piece];
+    const double low = net->tables[curve->lowest + piece], high = net->tables[curve->highest + piece];
     return low / 2 + high / 2;
 }
 
 double value_on_lines(const Network *net, const Curve *curve, double x) {
     const integer piece = piece_at(net, curve, x);
-    const double slope = net->numbers[curve->slopes + piece];
+    const double slope = net->tables[curve->slopes + piece];
     return (slope == 0.0 ? 0.0 : slope * x) + middle_shift(net, curve, piece);
 }
 
 /* What the computed value of a piece at x may be off by. */
 static double slack_at(const Network *net, const Curve *curve, integer piece, double x) {
-    if (!net->numbers[curve->rounded + piece]) return 0.0;
-    const double low = net->numbers[curve->lowest + piece], high = net->numbers[curve->highest + piece];
-    const double moved = fabs(net->numbers[curve->slopes + piece] * x);
+    if (!net->tables[curve->rounded + piece]) return 0.0;
+    const double low = net->tables[curve->lowest + piece], high = net->tables[curve->highest + piece];
+    const double moved = fabs(net->tables[curve->slopes + piece] * x);
     return net->allow->lines * (4 * UNIT * (moved + fabs(low) + fabs(high)) + (high - low)) + LEAST * net->allow->underflow;
 }
 
@@ -44,7 +49,7 @@ static Residual turn_by_turn(const Network *net, const Curve *curve, double lowe
     Residual found = {INFINITY, -INFINITY};
     *rounding = 0.0;
     for (integer k = first; k <= last + 1; k++) {
-        const double x = k == first ? lower : k == last + 1 ? upper : net->numbers[curve->breaks + k - 1];
+        const double x = k == first ? lower : k == last + 1 ? upper : net->tables[curve->breaks + k - 1];
         const integer piece = k == first ? first : k == last + 1 ? last : piece_at(net, curve, x);
         const double value = value_on_lines(net, curve, x), residual = value - slope * x;
         const double size = fabs(value) + fabs(slope * x);
@@ -64,9 +69,9 @@ Residual residual_on_lines(const Network *net, const Curve *curve, double lower,
 Line line_on_lines(const Network *net, const Curve *curve, double lower, double upper) {
     const integer first = piece_at(net, curve, lower), last = piece_below(net, curve, upper);
     if (first >= last) {
-        const double slope = net->numbers[curve->slopes + first], shift = middle_shift(net, curve, first);
-        if (!net->numbers[curve->rounded + first] && slope >= 0.0) return (Line){slope, 0.0, 0.0, 0.0, 1};
-        const double low = net->numbers[curve->lowest + first], high = net->numbers[curve->highest + first];
+        const double slope = net->tables[curve->slopes + first], shift = middle_shift(net, curve, first);
+        if (!net->tables[curve->rounded + first] && slope >= 0.0) return (Line){slope, 0.0, 0.0, 0.0, 1};
+        const double low = net->tables[curve->lowest + first], high = net->tables[curve->highest + first];
         return (Line){slope, shift, 0.0, net->allow->lines * (high - low + 4 * UNIT * fabs(shift)), 0};
     }
     const double at_lower = value_on_lines(net, curve, lower), at_upper = value_on_lines(net, curve, upper);
@@ -86,7 +91,7 @@ void range_on_lines(const Network *net, const Curve *curve, double lower, double
     *low = INFINITY, *high = -INFINITY;
     for (integer k = first; k <= last + 1; k++) {
         if (curve->rising && k != first && k != last + 1) continue;
-        const double x = k == first ? lower : k == last + 1 ? upper : net->numbers[curve->breaks + k - 1];
+        const double x = k == first ? lower : k == last + 1 ? upper : net->tables[curve->breaks + k - 1];
         const integer piece = piece_at(net, curve, x);
         const double value = value_on_lines(net, curve, x), slack = slack_at(net, curve, piece, x);
         *low = least(*low, value - slack), *high = most(*high, value + slack);
@@ -98,7 +103,7 @@ void slopes_on_lines(const Network *net, const Curve *curve, double lower, doubl
     const integer first = piece_below(net, curve, lower), last = piece_at(net, curve, upper);
     *low = INFINITY, *high = -INFINITY;
     for (integer k = first; k <= last; k++) {
-        const double slope = net->numbers[curve->slopes + k];
+        const double slope = net->tables[curve->slopes + k];
         *low = least(*low, slope), *high = most(*high, slope);
     }
 }

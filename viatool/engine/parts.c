@@ -7,7 +7,7 @@ static const double RESERVE = 1e-3, LAST_RESERVE = 1e-9; /* of symbols that the 
 static double threshold_of(const Network *net, const Curve *curve, double lower, double upper) {
     double threshold = lower / 2 + upper / 2;
     for (integer k = 0; k < curve->kinks; k++) {
-        const double kink = net->numbers[curve->breaks + k];
+        const double kink = net->tables[curve->breaks + k];
         if (lower < kink && kink < upper) threshold = kink;
     }
     return threshold;

@@ -31,6 +31,10 @@ static void evaluate(const Network *net, const double *point, Search *search) {
     }
 }
 
+void forget(Search *search, integer inputs) {
+    memset(search->evaluated, 0xff, (size_t)inputs * 8); /* not a number: nothing is evaluated yet */
+}
+
 /* The gradient of one action, times its sign, at what was evaluated; it stands before the other adjoints. */
 static void differentiate(const Network *net, integer action, double sign, Search *search) {
     double *adjoints = search->adjoints;

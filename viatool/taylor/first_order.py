@@ -6,7 +6,6 @@ Both answer the same questions, with bounds that differ by their rounding and in
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -27,9 +26,13 @@ from viatool.taylor.refinement import (
     refine_monotone,
     sees_squares,
 )
+from viatool.taylor.splitting import SplittingEffort
 
 _WIDE, _WIDE_BACKWARDS = 128, 64
 """Neurons of a layer from which on the dual bound, and back-substitution, cost little beside the pass itself."""
+
+_LEAST_PARTS = 8
+"""Parts that the kernel examines in any case of a box that stays loose, as they cost it little."""
 
 
 @dataclass(frozen=True)
@@ -44,11 +47,14 @@ class Effort:
         Whether they are at all, but for what costs little beside the pass.
     one_by_one : bool
         Whether each extremum gets passes of its own.
+    splitting : SplittingEffort
+        When to stop splitting boxes; the kernel does so itself where it finds the core of the network.
     """
 
     rule: Approximation
     refined: bool
     one_by_one: bool
+    splitting: SplittingEffort
 
     @property
     def climbs(self) -> int:
@@ -68,12 +74,15 @@ class FirstOrder:
         ``2 A B`` questions, as `extrema_of` asks them, with their bounds.
     points, found : ndarray
         ``(2 A B, n)`` observations in the boxes and ``(2 A B,)`` the values of ``seed . actions`` there.
+    settled : ndarray
+        ``(B,)`` bool: whether bounds that were loose have been split.
     """
 
     hulls: list[Hull]
     extrema: Extrema
     points: Floats
     found: Floats
+    settled: Booleans
 
     def with_rows(self, rows: Indices, other: FirstOrder) -> FirstOrder:
         """Return the same with what else is known put in the place of some of the boxes."""
@@ -135,15 +144,17 @@ def _by_numpy(trunk: Network, box: Box, effort: Effort) -> FirstOrder:
     if effort.one_by_one:
         extrema = refine_monotone(trunk, extrema, passes, rule=effort.rule)
     points, found = attained_actions(trunk, box, extrema, steps=effort.climbs)
-    return FirstOrder(hulls, extrema, points, found)
+    return FirstOrder(hulls, extrema, points, found, np.zeros(box.lower.shape[0], dtype=bool))
 
 
-def _of_the_kernel(trunk: Network, effort: Effort) -> dict[str, Any]:
+def _of_the_kernel(trunk: Network, effort: Effort) -> dict[str, float]:
     """Return how hard the kernel tries."""
-    backwards = {"backwards": goes_backwards(trunk)}
+    backwards: dict[str, float] = {"backwards": goes_backwards(trunk)}
     if effort.one_by_one:
         thorough = {"rounds": ROUNDS, "sweeps": EFFORT.sweeps, "neurons": EFFORT.neurons}
-        return {**thorough, **backwards, "whole": is_wide(trunk)}
+        parts = max(effort.splitting.parts, _LEAST_PARTS)
+        until = {"parts": parts, "exactly": effort.splitting.exact, "tolerance": effort.splitting.tolerance}
+        return {**thorough, **backwards, **until, "whole": is_wide(trunk)}
     if is_wide(trunk):
         light = effort_in_passing(1, 2 * trunk.output_size)
         return {"sweeps": 2 * light.sweeps, "neurons": light.neurons, **backwards}
@@ -169,7 +180,7 @@ def _read(kernel: Kernel, trunk: Network, box: Box, bounded: Bounded) -> FirstOr
     extrema = Extrema(Box(bounded.face_lower, bounded.face_upper), seed, bounded.bound)
     hulls = kernel.hulls(bounded.lower, bounded.upper)
     found = bounded.found if not is_curved(trunk) else (trunk(bounded.points) * seed).sum(axis=1)
-    return FirstOrder(hulls, extrema, bounded.points, found)
+    return FirstOrder(hulls, extrema, bounded.points, found, bounded.settled)
 
 
 def _clear(values: Floats, done: Booleans) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import ctypes
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import accumulate, pairwise
@@ -39,8 +40,8 @@ class Bounded:
 
     Parameters
     ----------
-    done : ndarray
-        ``(B,)`` bool.
+    done, settled : ndarray
+        ``(B,)`` bool; where settled, loose bounds were split as well.
     lower, upper : ndarray
         ``(B, N)``: hulls of all N neurons of the trunk.
     face_lower, face_upper : ndarray
@@ -52,6 +53,7 @@ class Bounded:
     """
 
     done: Booleans
+    settled: Booleans
     lower: Floats
     upper: Floats
     face_lower: Floats
@@ -59,6 +61,42 @@ class Bounded:
     bound: Floats
     found: Floats
     points: Floats
+
+
+class KernelEffort(ctypes.Structure):
+    """How hard the kernel tries to bound the actions over a box.
+
+    Parameters
+    ----------
+    rounds : int
+        How often the box of a question is shrunk where the action is monotone.
+    sweeps, neurons : int
+        How often each multiplier of the dual bound is improved, 0 for no dual bound; and how many neurons of a
+        layer have conditions in it.
+    whole : int
+        Whether there is a dual bound over the whole box as well, before it is shrunk.
+    backwards : int
+        Whether the actions, and arguments that lie around a kink, are followed back to the inputs as well.
+    climbs : int
+        Corners that the search for attained actions tries.
+    parts, exactly : int
+        Parts of the box of one question at most, where the core of the network is found; and whether the best
+        multipliers are looked for where nothing is left to split.
+    tolerance : float
+        Share of what an action attains within which a bound is not split any more.
+    """
+
+    _fields_ = (
+        *((name, ctypes.c_int64) for name in ("rounds", "sweeps", "neurons", "whole", "backwards", "climbs")),
+        ("parts", ctypes.c_int64),
+        ("exactly", ctypes.c_int64),
+        ("tolerance", ctypes.c_double),
+    )
+
+    @classmethod
+    def of(cls, fields: Mapping[str, float]) -> KernelEffort:
+        """Return an effort of one pass and one climb, but for these fields."""
+        return cls(**{"neurons": 1, "climbs": 1, **fields})
 
 
 EFFORT = DualEffort(sweeps=4)
@@ -139,45 +177,26 @@ class Kernel:
         ends = [0, *self._ends[: self.trunk]]
         return [(lower[:, first:last], upper[:, first:last]) for first, last in pairwise(ends)]
 
-    def bound(
-        self,
-        lower: Floats,
-        upper: Floats,
-        *,
-        rounds: int = 0,
-        sweeps: int = 0,
-        neurons: int = 1,
-        whole: bool = False,
-        backwards: bool = False,
-        climbs: int = 1,
-    ) -> Bounded:
+    def bound(self, lower: Floats, upper: Floats, **effort: float) -> Bounded:
         """Bound every action of the trunk over boxes (B, n).
 
         Parameters
         ----------
         lower, upper : ndarray
             ``(B, n)``.
-        rounds : int
-            How often the box of a question is shrunk where the action is monotone.
-        sweeps, neurons : int
-            How often each multiplier of the dual bound is improved, 0 for no dual bound; and how many neurons of a
-            layer have conditions in it.
-        whole : bool
-            Whether there is a dual bound over the whole box as well, before it is shrunk.
-        backwards : bool
-            Whether the actions, and arguments that lie around a kink, are followed back to the inputs as well.
-        climbs : int
-            Corners that the search for attained actions tries.
+        **effort : float
+            Fields of `KernelEffort` that are not as it has them.
         """
         (batch, inputs), actions = lower.shape, self.network.nodes[self.trunk - 1].size
         size, questions = self._ends[self.trunk - 1], 2 * actions * batch
         faces, values = (questions, inputs), (questions,)
         shapes = ((batch, size), (batch, size), faces, faces, values, values, faces)
-        result = Bounded(np.zeros(batch, dtype=bool), *map(np.empty, shapes))
+        done, settled = np.zeros((2, batch), dtype=bool)
+        result = Bounded(done, settled, *map(np.empty, shapes))
         call(
-            "viatool_bound", self.packed, batch, floats(lower), floats(upper), rounds, sweeps, neurons, int(whole),
-            int(backwards), climbs, result.lower, result.upper, result.face_lower, result.face_upper, result.bound,
-            result.points, result.found, result.done,
+            "viatool_bound", self.packed, KernelEffort.of(effort), batch, floats(lower), floats(upper), result.lower,
+            result.upper, result.face_lower, result.face_upper, result.bound, result.points, result.found, done,
+            settled,
         )  # fmt: skip
         return result
 

@@ -67,7 +67,7 @@ _Figure = _struct(
 )
 Allowances = _struct(
     "Allowances",
-    ("sums", "lines", "underflow", "slopes", "tilts", "program", "errors", "back"),
+    ("sums", "lines", "underflow", "slopes", "tilts", "program", "errors", "back", "core"),
     ctypes.c_double,
 )
 """Factors of the terms that cover rounding, all 1; a test shows that each is needed."""
@@ -85,6 +85,7 @@ class PackedNetwork(ctypes.Structure):
         ("curve", ctypes.c_void_p),
         ("figure", ctypes.c_void_p),
         ("numbers", ctypes.c_void_p),
+        ("tables", ctypes.c_void_p),
         ("allow", ctypes.c_void_p),
         ("gamma", ctypes.c_double),
     )
@@ -198,7 +199,8 @@ class _Packing:
         allow = Allowances(*(1.0 for _ in Allowances._fields_))
         result = PackedNetwork(
             len(self._nodes), trunk, self._offset, *(ctypes.addressof(part) for part in kept),
-            numbers.ctypes.data, ctypes.addressof(allow), float(gamma(self._roundings(), ENGINE_ROUNDOFF)),
+            numbers.ctypes.data, numbers.ctypes.data, ctypes.addressof(allow),
+            float(gamma(self._roundings(), ENGINE_ROUNDOFF)),
         )  # fmt: skip
         result.kept = [*kept, numbers]
         result.allowances = allow

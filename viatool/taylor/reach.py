@@ -368,12 +368,12 @@ def _reach_chunk(network: Network, box: Box, settings: _Settings) -> tuple[Reach
     """Return the reachable sets of some boxes, and observations (K, B, n) in them: the middle, and extreme ones."""
     trunk, head = split_head(network)
     one_by_one = settings.refines_one_by_one(trunk)
-    effort = Effort(settings.rule, settings.refine != "none", one_by_one)
+    effort = Effort(settings.rule, settings.refine != "none", one_by_one, settings.effort)
     first = enclose_first_order(network, trunk, box, effort)
     hulls, extrema, points, found = first.hulls, first.extrema, first.points, first.found
     if one_by_one:
         extrema, found = refine_by_splitting(
-            trunk, extrema, found, rule=settings.rule, effort=settings.effort
+            trunk, extrema, found, rule=settings.rule, effort=settings.effort, settled=first.settled
         )
     if settings.order > 1:
         hulls = higher_hulls(trunk, box, hulls, order=settings.order, rule=settings.rule)

@@ -55,6 +55,7 @@ def refine_by_splitting(
     *,
     rule: Approximation,
     effort: SplittingEffort,
+    settled: Booleans | None = None,
 ) -> tuple[Extrema, Floats]:
     """Tighten one-sided bounds by branch and bound.
 
@@ -70,6 +71,8 @@ def refine_by_splitting(
         How activations are approximated.
     effort : SplittingEffort
         When to stop.
+    settled : ndarray, optional
+        ``(B,)`` bool: states of which no question is split.
 
     Returns
     -------
@@ -86,11 +89,14 @@ def refine_by_splitting(
     margin = effort.tolerance * _attained_widths(found, extrema.seed.shape[1]) + _NEGLIGIBLE * np.abs(found)
     closed = np.full(found.shape, -np.inf)  # largest bound among the parts that are done with
     spent = np.zeros(found.shape, dtype=np.intp)
-    questions = np.flatnonzero(extrema.bound > found + margin)
+    open_ = extrema.bound > found + margin
+    if settled is not None:
+        open_ &= ~np.tile(settled, 2 * extrema.seed.shape[1])
+    questions = np.flatnonzero(open_)
     if not questions.size:
         return extrema, found
     extrema = refine_by_order(network, extrema, questions, order=2, rule=rule, largest=CACHED_FLOATS)
-    questions = np.flatnonzero(extrema.bound > found + margin)
+    questions = questions[(extrema.bound > found + margin)[questions]]
     fresh, waiting = whole_boxes(extrema, questions), whole_boxes(extrema, questions[:0])
     while fresh.owner.size:
         parts = waiting
