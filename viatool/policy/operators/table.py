@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Literal
 
 from viatool.policy.folding import FOLDED
@@ -25,14 +26,9 @@ Every operator of the ONNX standard is treated in exactly one of four ways:
   model); refused where it does.
 - **refused**: by name, with every other unsupported node of the graph, before anything is computed.
 
-An operator is read in the opset versions that are listed and in no other: a newer version is refused until its
-meaning is known. All of them are compared with onnxruntime in the tests, and every loaded policy again before its
+An operator is read in the opset versions that are listed in brackets and in no other: a newer version is refused until
+its meaning is known. All of them are compared with onnxruntime in the tests, and every loaded policy again before its
 first verdict.
-
-## Exact and enclosed
-
-| operator | versions | treatment | limits |
-|---|---|---|---|
 """
 
 _NOTES = """\
@@ -77,8 +73,6 @@ def treatment_of(operator: str, version: int | None = None) -> Verdict:
 def operator_table() -> str:
     """Return docs/operators.md."""
     entries = {entry.operator: entry for entry in registered().values()}
-    bent = [entry for entry in entries.values() if entry.treatment != "folded"]
-    lines = [_row(entry) for entry in sorted(bent, key=lambda entry: entry.operator)]
     conditions = [entry for entry in entries.values() if entry.treatment == "folded"]
     compared = ", ".join(f"`{entry.operator}`" for entry in sorted(conditions, key=lambda e: e.operator))
     own = ", ".join(f"`{name}`" for name in fused_operators() if name != "LayerNormalization")
@@ -90,8 +84,9 @@ def operator_table() -> str:
     ]
     return "\n".join(
         [
-            _HEAD + "\n".join(lines),
-            "",
+            _HEAD,
+            *_read(entries.values(), "exact"),
+            *_read(entries.values(), "enclosed"),
             "## Folded",
             "",
             f"{folded}.",
@@ -114,9 +109,17 @@ def operator_table() -> str:
     )
 
 
-def _row(entry: Entry) -> str:
+def _read(entries: Iterable[Entry], treatment: Verdict) -> list[str]:
+    """Return the section of the operators of a treatment: those without limits, then each of the others."""
+    chosen = sorted((e for e in entries if e.treatment == treatment), key=lambda entry: entry.operator)
+    free = ", ".join(_named(entry) for entry in chosen if not entry.note)
+    limited = [f"- {_named(entry)}: {entry.note}." for entry in chosen if entry.note]
+    return [f"## {treatment.capitalize()}", "", f"{free}.", "", *limited, ""]
+
+
+def _named(entry: Entry) -> str:
     versions = sorted(v for (name, v) in registered() if name == entry.operator)
-    return f"| {entry.operator} | {', '.join(map(str, versions))} | {entry.treatment} | {entry.note} |"
+    return f"`{entry.operator}` ({', '.join(map(str, versions))})"
 
 
 if __name__ == "__main__":
