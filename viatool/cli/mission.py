@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 @options.eps_option
 @options.errors_option
 @options.pose_error_option
+@options.explain_errors_option
 @click.option(
     "--start-error",
     type=PoseErrorType(),
@@ -156,6 +157,7 @@ _PASSED_ON = (
     "arithmetic",
     "time_limit",
     "goal_radius",
+    "explain_errors",
     "clearance",
     "deceleration",
     "interval",

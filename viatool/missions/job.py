@@ -14,12 +14,14 @@ from viatool.errors import ConfigurationError
 from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.elapsed import check_moving_on
 from viatool.loop.told import told_of_time
+from viatool.missions.explaining import with_needs
 from viatool.missions.follow import MissionLimits
 from viatool.missions.verdicts import Mission, Missions
 from viatool.missions.work import MissionExamination, MissionWork
 from viatool.policy import Policy, PolicySpecification, as_policy
 from viatool.schedule import NEVER, Campaign, Deadline, Progress, digest_of, ignore
 from viatool.setting.criteria import PROVING
+from viatool.setting.error_costs import drop_each
 from viatool.setting.rules import Rules
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
@@ -30,6 +32,9 @@ from viatool.versions import result_versions
 from viatool.world import Footprint, Scenario, Scenes, WorldMap, as_map
 
 StrPath = str | os.PathLike[str]
+
+_AFTERWARDS = 0.4
+"""Of a budget in seconds, that is left for examining missions again without errors, where that is asked."""
 
 
 def mission(
@@ -52,6 +57,7 @@ def mission(
     footprint: Footprint | str | float | Sequence[Sequence[float]] | None = None,
     robot: str | None = None,
     prefer: Mapping[str, str] | None = None,
+    explain_errors: bool = False,
     campaign: Campaign | None = None,
     until: Deadline = NEVER,
     seed: int = 0,
@@ -87,6 +93,9 @@ def mission(
         In how many parts, and in which cells; its steps are those of the time limit.
     clearance, deceleration, interval, footprint, robot, prefer
         Instead of what map and robot say, as in `viatool.verify`.
+    explain_errors : bool
+        Also find out which errors missions take that are not proved: examine them again without all of them and, where
+        that proves them, without each.
     campaign : Campaign, optional
         Who does the work, and where finished missions are kept.
     until : Deadline
@@ -150,11 +159,19 @@ def mission(
     # refuses what cannot be enclosed, before any work
     loop = ClosedLoop.of(policy, setting, chosen[0], arithmetic, episode=limits.steps)
     check_moving_on(setting, loop.sensors.quantities)
-    found = (campaign or Campaign()).carry_out(
-        MissionWork(examination, chosen), progress or ignore, until=until
-    )
+    campaign, tell = campaign or Campaign(), progress or ignore
+    first = until.moved(-_AFTERWARDS) if explain_errors else until
+    found = campaign.carry_out(MissionWork(examination, chosen), tell, until=first)
     rest = [Mission.not_begun(one, setting, examination.task(one)) for one in chosen[len(found.part) :]]
-    missions = (*found.part, *rest)
+    missions: tuple[Mission, ...] = (*found.part, *rest)
+    if explain_errors:
+
+        def ask(wished: Wishes, radii: Mapping[str, float]) -> Setting:
+            other = Setting.of(policy, world_map, radii, wished, chosen, job="mission")
+            return told_of_time(other, f"counted down {counted}")
+
+        without = drop_each(setting, wishes, ask)
+        missions = with_needs(missions, examination, without, campaign, tell, until=until)
     seconds = {
         "missions": sum(one.seconds for one in missions),
         "total": time.perf_counter() - begun,

@@ -26,6 +26,29 @@ MISSION_VERDICTS = ("proved", "refuted", "unknown")
 _NOT_BEGUN = "the time was up before it was done"
 
 
+@dataclass(frozen=True)
+class MissionNeeds:
+    """Which errors a mission takes that is not proved.
+
+    Parameters
+    ----------
+    without_errors : str
+        Its verdict without any error.
+    alone : tuple of str
+        Errors without each of which it is proved, all others in place.
+    others : tuple of str
+        Errors without each of which it is not proved; those about which there was no time to ask are in neither.
+    """
+
+    without_errors: str
+    alone: tuple[str, ...]
+    others: tuple[str, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain data."""
+        return {"without_errors": self.without_errors, "alone": list(self.alone), "others": list(self.others)}
+
+
 @dataclass(frozen=True, eq=False)
 class Mission:
     """One mission.
@@ -59,6 +82,8 @@ class Mission:
     flawless : tuple of float or None
         Of the run from the middle of the starts without any error: seconds after which it arrives, infinite if it does
         not, and the least clearance; None where motors and timing err in every run.
+    needs : MissionNeeds, optional
+        Which errors it takes, if that was asked of one that is not proved.
     """
 
     scenario: Scenario
@@ -74,6 +99,7 @@ class Mission:
     driven_arrival: tuple[float, float] | None = None
     near: str = ""
     flawless: tuple[float, float] | None = None
+    needs: MissionNeeds | None = None
 
     @property
     def verdict(self) -> str:
@@ -127,6 +153,7 @@ class Mission:
             "start_parts": proof.start_parts,
             "reason": self.reason,
             "flawless_run": self._flawless,
+            "needs": None if self.needs is None else self.needs.to_json(),
         }
 
     @property

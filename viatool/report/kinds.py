@@ -33,6 +33,7 @@ KINDS: dict[type[Document], tuple[str, str]] = {
 
 STORED: dict[type[Document], tuple[str, str]] = {
     StatesDocument: ("viatool.report.states.stored", "StoredStates"),
+    PlacesDocument: ("viatool.report.places.stored", "StoredPlaces"),
 }
 """Module and name of the document of an archive that holds all of a run; a class of it, for the kinds that have one."""
 
@@ -72,7 +73,7 @@ def load_shown(path: Path, map_path: Path | None = None) -> Document:
         return load_document(path)
     archive = load_archive(path)
     document = _kind_of(archive.report, path)
-    if not archive.asked or type(document) not in STORED:
+    if type(document) not in STORED:
         return document
     module, name = STORED[type(document)]
     return cast(Document, getattr(import_module(module), name)(archive, map_path))

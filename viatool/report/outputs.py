@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from viatool.errors import ConfigurationError
 from viatool.report.files import as_bytes, check_folder, check_writable, write_folder, write_whole
-from viatool.report.kinds import KINDS, STORED, live_of
+from viatool.report.kinds import KINDS, live_of
 
 if TYPE_CHECKING:
     from viatool.report.document import Document
@@ -118,7 +118,7 @@ def _unsupported(name: str, kind: type[Document]) -> ConfigurationError:
     live = live_of(kind)
     if live is not kind and issubclass(live, format_named(name).NEEDS):
         table = ""
-        if kind in STORED and name not in FOLDERS:
+        if kind.COMMAND == "verify" and name not in FOLDERS:
             table = ", or give viatool report the states.npz that --output states wrote"
         return ConfigurationError(
             f"the format '{name}' needs more than the JSON of {kind.WHAT} holds",

@@ -6,7 +6,9 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from pathlib import PurePath
 from typing import TYPE_CHECKING, ClassVar
 
-from viatool.report.document import Annotated, Cased, Document, Drawn, Explorable, Located, Tabled
+from viatool.errors import ConfigurationError
+from viatool.report.document import Annotated, Cased, Document, Drawn, Explained, Explorable, Located, Tabled
+from viatool.report.margins.explained import explain_margin
 from viatool.report.margins.record import ContestedStateRecord, MarginsRecord, PolicyMarginsRecord
 from viatool.report.margins.tables import (
     at_stake,
@@ -31,6 +33,7 @@ from viatool.report.sections import (
     Section,
     Share,
     Survivor,
+    Table,
     Tally,
 )
 from viatool.report.verified import Verified
@@ -56,7 +59,7 @@ COLUMNS = (
 _UNPROVED, _WEAK = "unproved-state", "weak-state"
 
 
-class MarginsDocument(Verified, Cased, Annotated, Located, Tabled, Drawn, Explorable):
+class MarginsDocument(Verified, Explained, Cased, Annotated, Located, Tabled, Drawn, Explorable):
     """Margins; their JSON tells all that most formats need."""
 
     RECORD = MarginsRecord
@@ -72,7 +75,39 @@ class MarginsDocument(Verified, Cased, Annotated, Located, Tabled, Drawn, Explor
         _WEAK: ("note", "The state is not proved safe at the error that the gate asks for."),
     }
 
+    ASKED = ("state", "close")
+
     record: MarginsRecord
+
+    @property
+    def failing(self) -> Table:
+        """Return the states that are not proved even at an error of 0, those that were seen to fail first."""
+        found = sorted(self._unproved(), key=lambda one: one[1].refuted != 0.0)
+        rows = tuple(
+            (self._name(name, one), one.scenario, f"{one.time:.2f}", self._why(one)) for name, one in found
+        )
+        return Table(("what", "scenario", "time [s]", "why"), rows, texts=1)
+
+    def _why(self, state: ContestedStateRecord) -> str:
+        if state.refuted == 0.0:
+            return "fails without any error: the policy has to act otherwise"
+        return f"not proved at an error of 0, refuted {refuted(state.refuted, self.record.varied)}"
+
+    def explain(self, option: str, subject: int) -> str:
+        """Return what a state, or a close place, survives under each policy, by its number."""
+        close = option == "close"
+        told = [
+            explain_margin(self._name(name, one), one, self.record)
+            for name, one in self._states()
+            if one.close == close and one.state == subject
+        ]
+        if told:
+            return "\n\n".join(told)
+        what = "close place" if close else "state"
+        raise ConfigurationError(
+            f"there is no contested {what} {subject} in the report: of others no verdict depends on the policy",
+            "viatool report lists the weakest, and csv all of them",
+        )
 
     @property
     def names(self) -> Sequence[str]:

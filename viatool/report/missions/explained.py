@@ -19,8 +19,29 @@ def explain_mission(mission: MissionRecord, record: MissionsRecord) -> str:
         )
     else:
         told += _followed(mission, record)
-    told.append("Which of the errors it fails by was not asked: give less of each to viatool mission to see")
+    told += _needed(mission)
     return "\n\n".join([f"{head}.", " ".join(f"{one[0].upper()}{one[1:]}." for one in told)])
+
+
+def _needed(mission: MissionRecord) -> list[str]:
+    """Return which errors it takes, and what follows from that."""
+    needs = mission.needs
+    if needs is None:
+        return ["Which of the errors it takes was not asked: --explain-errors of viatool mission does"]
+    if needs.without_errors == "refuted":
+        return ["It fails without any error as well: the policy has to act otherwise"]
+    if needs.without_errors == "unknown":
+        return [
+            "It is not proved without any error either, so that the bounds are what is too wide, and no better sensor "
+            "helps the proof"
+        ]
+    if needs.alone:
+        return [
+            f"It is proved without {' or without '.join(needs.alone)}, each alone, and all other errors in place"
+        ]
+    if not needs.others:
+        return ["It is proved without any error; about single ones there was no time to ask"]
+    return [f"It is proved without any error, and not without one alone of {', '.join(needs.others)}"]
 
 
 def _flawless(mission: MissionRecord, record: MissionsRecord) -> list[str]:

@@ -40,6 +40,18 @@ class FlawlessRun(ReportPart):
     clearance: float | None
 
 
+class MissionNeedsRecord(ReportPart):
+    """Which errors a mission takes that is not proved: its verdict without any, and errors by themselves.
+
+    Without each of those in `alone` it is proved, without those in `others` it is not; about some there may have been
+    no time to ask.
+    """
+
+    without_errors: Literal["proved", "refuted", "unknown"]
+    alone: list[str]
+    others: list[str]
+
+
 class MissionRecord(ReportPart):
     """One mission.
 
@@ -68,6 +80,7 @@ class MissionRecord(ReportPart):
     start_parts: Count
     reason: str
     flawless_run: FlawlessRun | None = None
+    needs: MissionNeedsRecord | None = None
 
 
 class MissionsRecord(VerifiedRecord):
