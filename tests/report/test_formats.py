@@ -10,6 +10,8 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+import shapely
+from matplotlib.figure import Figure
 from pydantic_sarif.model import StaticAnalysisResultsFormatSarifVersion210JsonSchema as SarifLog
 from rich.console import Console
 
@@ -18,9 +20,11 @@ from tests.hall import MAP, write_policy
 from viatool.report import Check, evaluate, formats_of, parse_threshold, print_report
 from viatool.report.gate import Gate
 from viatool.report.outputs import Output, content_of
+from viatool.report.states.closest_call import closest_state, draw_closest_call
 from viatool.report.states.figure import PANELS, choose_episodes
 from viatool.report.states.run import StatesRun
 from viatool.verification.result import Result
+from viatool.world import Scenes
 
 HOSTILE = "<img src=x onerror=alert(1)>\"'`|**bold**\r\n::error::owned\x1b[31m%0A=1+1]]>&amp; @team #1 $x$"
 FAILED = (Check(f"gate {HOSTILE}", passed=False, figures=f"figures {HOSTILE}"),)
@@ -166,3 +170,18 @@ def test_the_console_prints_no_control_characters_of_a_map(
 def test_the_figure_shows_the_episodes_that_matter(plain: Result) -> None:
     assert choose_episodes(plain) == [0, 1]
     assert PANELS >= 10  # the ten fixed scenarios of the lab
+
+
+def test_the_closest_call_is_drawn_with_the_obstacle_that_is_near(plain: Result) -> None:
+    axes = Figure().add_subplot()
+    draw_closest_call(axes, plain)
+    state = closest_state(plain)
+    scenes = Scenes.of(plain.world_map, plain.trajectory.scenarios)
+    blocked = scenes.shapely(int(plain.trajectory.episode[state]))
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    view = shapely.box(left, low, right, high)
+    assert view.contains(shapely.Point(plain.poses[state, :2]))
+    assert view.intersection(blocked).area > 0.02 * view.area
+    told = next(text.get_text() for text in axes.texts if text.get_text() != "20 cm")
+    least = plain.witnesses.clearance[plain.witnesses.state == state].item()
+    assert float(told.removesuffix(" cm")) == pytest.approx(100.0 * least, abs=0.5)

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from viatool.verification.result import Result
 
+_BEYOND = 0.6  # of the way to the nearest obstacle, that is shown behind its border
 _LEAST_VIEW = 0.06  # metres from the middle of the view to its border, at least
 
 
@@ -43,7 +44,9 @@ def closest_state(result: Result) -> int | None:
 
 
 def draw_closest_call(axes: Axes, result: Result) -> None:
-    """Draw one state: the area swept by all reachable commands, the nine samples, and the limits."""
+    """Draw one state: the area swept by all reachable commands, the nine samples, the limits and what is near."""
+    import shapely
+
     axes.set_xticks([])
     axes.set_yticks([])
     state = closest_state(result)
@@ -54,7 +57,8 @@ def draw_closest_call(axes: Axes, result: Result) -> None:
     pose, lower, upper = trajectory.poses[state], result.moving[0][state], result.moving[1][state]
     region = swept_regions(pose[None], lower[None], upper[None], rules.interval, rules.kinematics)[0]
     blocked = _blocked(result, int(trajectory.episode[state]))
-    _frame(axes, region, blocked, result.rules.clearance.collision)
+    way = np.asarray(shapely.shortest_line(region, blocked).coords)
+    _frame(axes, region, way)
     _draw_limits(axes, result, blocked)
     verdict = str(result.verdict[state])
     draw_region(axes, region, facecolor=COLOUR[verdict], edgecolor=COLOUR[verdict], alpha=0.45, zorder=4)
@@ -62,6 +66,7 @@ def draw_closest_call(axes: Axes, result: Result) -> None:
     for arc in arcs:
         axes.plot(*arc.T, color=INK, lw=0.5, alpha=0.7, zorder=5)
     _draw_robot(axes, pose)
+    _draw_way(axes, way, rules)
     _draw_scale(axes)
     axes.set_title(
         f"closest call: episode {trajectory.episode[state]}, t = {trajectory.time[state]:.1f} s, {verdict}",
@@ -80,13 +85,25 @@ def _blocked(result: Result, episode: int) -> BaseGeometry:
     return Scenes.of(result.world_map, [result.trajectory.scenarios[episode]]).shapely(0)
 
 
-def _frame(axes: Axes, region: BaseGeometry, blocked: BaseGeometry, collision: float) -> None:
-    """Show the swept area and the collision limit nearest to it."""
-    x, y = region.centroid.x, region.centroid.y
-    x_min, y_min, x_max, y_max = region.bounds
-    gap = abs(region.distance(blocked) - collision)
-    half = max(0.8 * max(x_max - x_min, y_max - y_min), min(1.2 * gap, 0.6), _LEAST_VIEW)
+def _frame(axes: Axes, region: BaseGeometry, way: Floats) -> None:
+    """Show the swept area, and of the nearest obstacle as much behind its border as there is room before it."""
+    beyond = way[1] + _BEYOND * (way[1] - way[0])
+    corners = np.array([region.bounds[:2], region.bounds[2:], way[1], beyond])
+    lower, upper = corners.min(axis=0), corners.max(axis=0)
+    (x, y), half = 0.5 * (lower + upper), max(0.6 * float((upper - lower).max()), _LEAST_VIEW)
     axes.set(xlim=(x - half, x + half), ylim=(y - half, y + half), aspect="equal", facecolor=FLOOR)
+
+
+def _draw_way(axes: Axes, way: Floats, rules: Rules) -> None:
+    """Draw the way to the nearest obstacle, with its length if that is what the footprint has left."""
+    axes.plot(*way.T, color=INK, lw=0.9, ls=(0, (4, 2)), zorder=5)
+    if rules.footprint.kind == "polygon":
+        return
+    left = float(np.hypot(*(way[1] - way[0]))) - rules.footprint.radius
+    box = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.85}
+    axes.text(
+        *way.mean(axis=0), f"{100.0 * left:.1f} cm", ha="center", va="center", fontsize=7, zorder=8, bbox=box
+    )
 
 
 def _draw_limits(axes: Axes, result: Result, blocked: BaseGeometry) -> None:
@@ -118,7 +135,7 @@ def _nine_arcs(pose: Floats, lower: Floats, upper: Floats, rules: Rules) -> Floa
 def _draw_robot(axes: Axes, pose: Floats) -> None:
     x, y, heading = pose
     marker = (3, 0, float(np.degrees(heading)) - 90.0)
-    axes.plot(x, y, marker=marker, ms=8, mfc="white", mec=INK, mew=1.0, ls="", zorder=6)
+    axes.plot(x, y, marker=marker, ms=8, mfc="none", mec=INK, mew=1.0, ls="", zorder=6)
 
 
 def _draw_scale(axes: Axes) -> None:

@@ -95,8 +95,9 @@ def _overview(figure: SubFigure, result: Result) -> None:
 def _title(result: Result) -> str:
     safe, total = int((result.verdict == "safe").sum()), len(result.verdict)
     policy, world_map = plain(Path(result.policy_path).name), plain(result.world_map.name)
+    stake = StatesDocument(result.to_json()).stake.replace("; ", ";\n")
     return (
-        f"{StatesDocument(result.to_json()).stake}\n"
+        f"{stake}\n"
         f"{policy} on {world_map}, eps {plain(describe_eps(result.eps))}, {result.criterion}\n"
         f"{percentage(safe, total)} of the states proved safe ({count(safe)} of {count(total)})"
     )
