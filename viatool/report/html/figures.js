@@ -10,6 +10,7 @@ const Figures = (() => {
     for (const item of items) {
       const [view] = [...(await Bokeh.embed.embed_item(item))];
       views[view.model.name] = view;
+      for (const layer of [view.canvas_view.primary, view.canvas_view.overlays]) layer.clear = () => clearWhole(layer);
       for (const model of view.model.document.all_models) {
         if (model.name) models.set(model.name, model);
         for (const { theme } of model.tags) {
@@ -18,6 +19,11 @@ const Figures = (() => {
       }
     }
     await twoFrames();
+  }
+
+  // The library's own leaves the first half pixel, and so a trace of what was there.
+  function clearWhole({ ctx, bbox }) {
+    ctx.clearRect(-1, -1, bbox.width + 2, bbox.height + 2);
   }
 
   // What is drawn on an overlay before the figure knows its size leaves a trace at the edge.

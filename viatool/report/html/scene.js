@@ -52,7 +52,7 @@ const Scene = (() => {
   function drawGap(gap) {
     fill("gap", outline(gap ? [gap.from, gap.to] : []));
     const middle = gap ? [0, 1].map((axis) => (gap.from[axis] + gap.to[axis]) / 2) : [];
-    fill("gap-text", { x: middle.slice(0, 1), y: middle.slice(1), text: gap ? [length(gap.away)] : [] });
+    fill("gap-text", { x: middle.slice(0, 1), y: middle.slice(1), text: gap ? [`${(Math.floor(gap.away * 10000) / 100).toFixed(2)} cm`] : [] });
   }
 
   // The near view shows the arcs, the wide one the tubes and the obstacle that is nearest, as far as it can be seen whole.

@@ -24,7 +24,7 @@ _LEAST_VIEW = 0.06  # metres from the middle of the view to its border, at least
 
 
 def closest_state(result: Result) -> int | None:
-    """Return the state to look at: the unsafe one nearest to an obstacle, else the unknown one, else any.
+    """Return the state to look at: the unsafe one whose counterexample comes nearest, else the nearest unknown one.
 
     Returns
     -------
@@ -39,6 +39,7 @@ def closest_state(result: Result) -> int | None:
         return None
     scenes = Scenes.of(result.world_map, trajectory.scenarios)
     clearance = scenes.clearance(trajectory.poses[:, :2], trajectory.episode)
+    clearance[result.witnesses.state] = result.witnesses.clearance
     rank = np.select([result.verdict == "unsafe", result.verdict == "unknown"], [0, 1], 2)
     return int(np.lexsort((clearance, rank, ~bounded))[0])
 
@@ -101,9 +102,8 @@ def _draw_way(axes: Axes, way: Floats, rules: Rules) -> None:
         return
     left = float(np.hypot(*(way[1] - way[0]))) - rules.footprint.radius
     box = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.85}
-    axes.text(
-        *way.mean(axis=0), f"{100.0 * left:.1f} cm", ha="center", va="center", fontsize=7, zorder=8, bbox=box
-    )
+    x, y = way.mean(axis=0).tolist()
+    axes.text(x, y, f"{100.0 * left:.1f} cm", ha="center", va="center", fontsize=7, zorder=8, bbox=box)
 
 
 def _draw_limits(axes: Axes, result: Result, blocked: BaseGeometry) -> None:

@@ -89,7 +89,7 @@ def _overview(figure: SubFigure, result: Result) -> None:
         if scenario is not None:
             draw_task(axes, scenario)
     axes.set(xlabel="x [m]", ylabel="y [m]")
-    axes.set_title(_title(result), fontsize=11, color=INK, loc="left")
+    figure.suptitle(_title(result), fontsize=11, color=INK, x=0.02, ha="left")
 
 
 def _title(result: Result) -> str:
