@@ -182,8 +182,12 @@ class SquareProblem:
         rounding = terms * gamma(terms, ENGINE_ROUNDOFF)
         norms = np.empty_like(self.constant)
         for question in range(self.constant.shape[1]):
-            forms = self.forms / np.sqrt(scale[:, question, None])
-            forms *= np.sqrt(positive[:, question])[:, :, None]
+            weights = positive[:, question]
+            most = int((weights > 0).sum(axis=1).max(initial=0))
+            rows = np.argsort(-weights, axis=1)[:, :most]  # squares of other weights have no part in it
+            forms = self.forms[np.arange(len(rows))[:, None], rows]
+            forms *= np.sqrt(np.take_along_axis(weights, rows, axis=1))[:, :, None]
+            forms /= np.sqrt(scale[:, question, None])
             norms[:, question] = spectral_norm(forms @ np.swapaxes(forms, 1, 2)) + rounding
         return norms
 
