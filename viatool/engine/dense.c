@@ -106,12 +106,24 @@ void six_sums(double *out, integer stride, const double *w, const double *a, con
     }
 }
 
-/* out (padded size) += sum over j of matrix[j] x[j]. */
+/* out (padded size) += sum over j of matrix[j] x[j]; many x are 0. */
 EVERY_PROCESSOR
 void add_product(double *out, integer stride, const double *matrix, const double *x, integer columns) {
-    for (integer i = 0; i < stride; i += 8) {
+    integer i = 0;
+    for (; i + 32 <= stride; i += 32) {
+        eight *o = (eight *)(out + i);
+        eight a = o[0], b = o[1], c = o[2], d = o[3];
+        for (integer j = 0; j < columns; j++) {
+            if (x[j] == 0.0) continue;
+            const eight *row = (const eight *)(matrix + j * stride + i);
+            a += row[0] * x[j], b += row[1] * x[j], c += row[2] * x[j], d += row[3] * x[j];
+        }
+        o[0] = a, o[1] = b, o[2] = c, o[3] = d;
+    }
+    for (; i < stride; i += 8) {
         eight sum = *(const eight *)(out + i);
-        for (integer j = 0; j < columns; j++) sum += *(const eight *)(matrix + j * stride + i) * x[j];
+        for (integer j = 0; j < columns; j++)
+            if (x[j] != 0.0) sum += *(const eight *)(matrix + j * stride + i) * x[j];
         *(eight *)(out + i) = sum;
     }
 }

@@ -114,6 +114,17 @@ static const Network *inner_network(const Network *net, const double *lower, con
     return net;
 }
 
+/* Move a point to where the model of an action alone is largest. */
+static void best_corner(const Network *net, const Model *models, integer action, double sign, const double *lower,
+                        const double *upper, double *point) {
+    const Model *last = models + net->trunk - 1, *input = models;
+    for (integer k = 0; k < input->fresh && last->width; k++) {
+        const double slope = sign * last->rows[action * last->stride + k];
+        const integer i = input->neuron[k];
+        if (slope != 0.0) point[i] = slope > 0.0 ? upper[i] : lower[i];
+    }
+}
+
 static void ask(const Network *net, const Effort *effort, integer action, double sign, const double *lower,
                 const double *upper, integer at, const Answers *answers, Workspace *work) {
     const integer inputs = net->node[0].size;
@@ -125,6 +136,7 @@ static void ask(const Network *net, const Effort *effort, integer action, double
         *bound = least(*bound, bound_by_duality(net, work->models, action, sign, 1, &work->dual));
     const Model *models = shrink(net, work, effort->rounds, action, sign, left, right, bound);
     for (integer i = 0; i < inputs; i++) point[i] = left[i] / 2 + right[i] / 2;
+    if (!effort->rounds) best_corner(net, work->models, action, sign, lower, upper, point);
     *found = climb(net, lower, upper, action, sign, effort->climbs, *bound, point, &work->search);
     if (effort->sweeps && models && models[0].fresh && *bound > *found + 1e-12 * fabs(*found))
         *bound = least(*bound, bound_by_duality(net, models, action, sign, effort->sweeps, &work->dual));

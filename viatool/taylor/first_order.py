@@ -124,7 +124,7 @@ def enclose_first_order(network: Network, trunk: Network, box: Box, effort: Effo
     kernel = kernel_of(network, len(trunk.nodes))
     if kernel is None or effort.rule != "chebyshev" or (effort.refined and sees_squares(trunk, box).size):
         return _by_numpy(trunk, box, effort)
-    bounded = kernel.bound(box.lower, box.upper, climbs=effort.climbs, **_of_the_kernel(trunk, effort))
+    bounded = kernel.bound(box.lower, box.upper, **_of_the_kernel(trunk, effort))
     found = _read(kernel, trunk, box, bounded)
     left = np.flatnonzero(~bounded.done)
     return found.with_rows(left, _by_numpy(trunk, box.rows(left), effort)) if left.size else found
@@ -154,7 +154,7 @@ def _of_the_kernel(trunk: Network, effort: Effort) -> dict[str, float]:
         thorough = {"rounds": ROUNDS, "sweeps": EFFORT.sweeps, "neurons": EFFORT.neurons}
         parts = max(effort.splitting.parts, _LEAST_PARTS)
         until = {"parts": parts, "exactly": effort.splitting.exact, "tolerance": effort.splitting.tolerance}
-        return {**thorough, **backwards, **until, "whole": is_wide(trunk)}
+        return {**thorough, **backwards, **until, "whole": is_wide(trunk), "climbs": effort.climbs}
     if is_wide(trunk):
         light = effort_in_passing(1, 2 * trunk.output_size)
         return {"sweeps": 2 * light.sweeps, "neurons": light.neurons, **backwards}

@@ -78,7 +78,8 @@ class KernelEffort(ctypes.Structure):
     backwards : int
         Whether the actions, and arguments that lie around a kink, are followed back to the inputs as well.
     climbs : int
-        Corners that the search for attained actions tries.
+        Corners that the search for attained actions tries, from the middle of the box that is left, or without
+        `rounds` from the corner where the model of the action alone is largest.
     parts, exactly : int
         Parts of the box of one question at most, where the core of the network is found; and whether the best
         multipliers are looked for where nothing is left to split.
@@ -95,8 +96,8 @@ class KernelEffort(ctypes.Structure):
 
     @classmethod
     def of(cls, fields: Mapping[str, float]) -> KernelEffort:
-        """Return an effort of one pass and one climb, but for these fields."""
-        return cls(**{"neurons": 1, "climbs": 1, **fields})
+        """Return an effort of one pass, but for these fields."""
+        return cls(**{"neurons": 1, **fields})
 
 
 EFFORT = DualEffort(sweeps=4)
