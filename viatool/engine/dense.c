@@ -1,12 +1,6 @@
 /* Sums of products, in whatever order the processor likes best: K2 covers every order. */
 #include "kernel.h"
 
-#if defined(VIATOOL_CLONES)
-#define EVERY_PROCESSOR __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
-#else
-#define EVERY_PROCESSOR
-#endif
-
 typedef double eight __attribute__((vector_size(64), aligned(8), may_alias));
 
 /* out[i] (width) = sum over active j of weight[i, j] in[j], for all rows i; widths are multiples of 8. */

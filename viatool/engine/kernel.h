@@ -15,6 +15,12 @@
 #error "every operation has to be rounded to double at once"
 #endif
 
+#if defined(VIATOOL_CLONES)
+#define EVERY_PROCESSOR __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
+#else
+#define EVERY_PROCESSOR
+#endif
+
 typedef int64_t integer;
 
 enum { INPUT, AFFINE, ACTIVATION };

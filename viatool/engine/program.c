@@ -17,6 +17,26 @@ static double rounded(const Network *net, integer index, double size, double rel
     return size < net->figure[index].largest ? (relative * size + flushed) * net->allow->program : INFINITY;
 }
 
+/* What an affine node adds up: deviations that reach it, sizes, what these err by, its hull, and its least values. */
+typedef struct {
+    const double *rest, *size, *factor, *flushed, *lower, *upper, *floor;
+} Sums;
+
+/* The deviation of each neuron, its own error, and what the program has of it. */
+EVERY_PROCESSOR
+static void conclude_sums(integer count, const Sums *sums, double largest, double program, double outward, double lost,
+                          double *restrict own, double *restrict bound, double *restrict low, double *restrict high) {
+    const double *restrict rest = sums->rest, *restrict size = sums->size, *restrict factor = sums->factor;
+    const double *restrict flushed = sums->flushed, *restrict lower = sums->lower, *restrict upper = sums->upper;
+    const double *restrict floor = sums->floor;
+    for (integer i = 0; i < count; i++) {
+        const double all = size[i] * outward, error = (factor[i] * all + flushed[i]) * program * outward;
+        own[i] = all < largest ? error : INFINITY;
+        bound[i] = (rest[i] + own[i]) * outward + lost;
+        low[i] = most(down(lower[i] - bound[i]), floor[i]), high[i] = up(upper[i] + bound[i]);
+    }
+}
+
 static void enter_affine(const Network *net, integer index, const double *lower, const double *upper, Program *program) {
     const Node *node = net->node + index;
     const integer each = padded(node->size);
@@ -39,22 +59,19 @@ static void enter_affine(const Network *net, integer index, const double *lower,
             add_product(size, each, net->numbers + source->merged_t, held, columns);
         }
     }
-    for (integer i = 0; i < node->size; i++) {
-        const integer at = node->offset + i;
-        const double own = outward(net, rounded(net, index, outward(net, size[i]), factor[i], flushed[i]));
-        const double bound = outward(net, rest[i] + own) + LEAST * net->allow->underflow;
-        double low = down(lower[at] - bound), high = up(upper[at] + bound);
-        if (node->elementwise) { /* what it makes of the program's number itself may be nearer */
-            const Source *source = net->source + node->source;
-            const integer before = net->node[source->node].offset + i;
-            const double w = net->numbers[source->weight + diagonal(i, node->size)];
-            const double one = w * program->low[before], other = w * program->high[before];
-            const double reach = own + net->figure[index].gamma * net->allow->sums * size[i] + LEAST * net->allow->underflow;
-            low = most(low, down(bias[i] + least(one, other) - outward(net, reach)));
-            high = least(high, up(bias[i] + most(one, other) + outward(net, reach)));
-        }
-        program->own[at] = own, program->bound[at] = bound;
-        program->low[at] = most(low, net->numbers[node->floor + i]), program->high[at] = high;
+    const integer at = node->offset;
+    const Sums sums = {rest, size, factor, flushed, lower + at, upper + at, net->numbers + node->floor};
+    const double lost = LEAST * net->allow->underflow;
+    conclude_sums(node->size, &sums, net->figure[index].largest, net->allow->program, outward(net, 1.0), lost,
+                  program->own + at, program->bound + at, program->low + at, program->high + at);
+    for (integer i = 0; node->elementwise && i < node->size; i++) {
+        const Source *source = net->source + node->source; /* what it makes of the program's number itself may be nearer */
+        const integer before = net->node[source->node].offset + i;
+        const double w = net->numbers[source->weight + diagonal(i, node->size)];
+        const double one = w * program->low[before], other = w * program->high[before];
+        const double reach = program->own[at + i] + net->figure[index].gamma * net->allow->sums * size[i] + lost;
+        program->low[at + i] = most(program->low[at + i], down(bias[i] + least(one, other) - outward(net, reach)));
+        program->high[at + i] = least(program->high[at + i], up(bias[i] + most(one, other) + outward(net, reach)));
     }
 }
 
@@ -86,13 +103,31 @@ static int enter_activation(const Network *net, integer index, const double *low
     return 1;
 }
 
+EVERY_PROCESSOR
+static int in_order(const double *restrict lower, const double *restrict upper, integer count) {
+    integer wrong = 0;
+    for (integer i = 0; i < count; i++) wrong |= !((lower[i] <= upper[i]) & (lower[i] >= -DBL_MAX) & (upper[i] <= DBL_MAX));
+    return !wrong;
+}
+
+/* Tells whether a precision holds all that the program may have of a node. */
+EVERY_PROCESSOR
+static int is_held(integer count, const double *restrict lower, const double *restrict upper, const double *restrict bound,
+                   const double *restrict low, const double *restrict high, double largest) {
+    integer wrong = 0;
+    for (integer i = 0; i < count; i++) {
+        wrong |= !(magnitude(lower[i], upper[i]) + bound[i] < largest);
+        wrong |= !((fabs(low[i]) <= DBL_MAX) & (fabs(high[i]) <= DBL_MAX));
+    }
+    return !wrong;
+}
+
 /* Returns 0 where the precision of a node may not hold what the program has. */
 int deviate(const Network *net, const double *lower, const double *upper, double *work, double *low, double *high,
             double *deviation, double *own_of, double *bound_of, integer last_sum) {
     Program program = {work, work + net->neurons, work + 2 * net->neurons, work + 3 * net->neurons,
                        work + 4 * net->neurons};
-    for (integer i = 0; i < net->neurons; i++)
-        if (!is_finite(lower[i]) || !is_finite(upper[i]) || lower[i] > upper[i]) return 0;
+    if (!in_order(lower, upper, net->neurons)) return 0;
     for (integer index = 0; index < net->nodes; index++) {
         const Node *node = net->node + index;
         const Figure *figure = net->figure + index;
@@ -107,10 +142,10 @@ int deviate(const Network *net, const double *lower, const double *upper, double
             enter_affine(net, index, lower, upper, &program);
         else if (!enter_activation(net, index, lower, upper, &program))
             return 0;
-        for (integer i = node->offset; i < node->offset + node->size; i++)
-            if (!(magnitude(lower[i], upper[i]) + program.bound[i] < figure->largest) || !is_finite(program.low[i]) ||
-                !is_finite(program.high[i]))
-                return 0;
+        const integer at = node->offset;
+        if (!is_held(node->size, lower + at, upper + at, program.bound + at, program.low + at, program.high + at,
+                     figure->largest))
+            return 0;
         if (index == last_sum)
             for (integer i = 0; i < node->size; i++)
                 own_of[i] = program.own[node->offset + i], bound_of[i] = program.bound[node->offset + i];
