@@ -16,11 +16,13 @@ from tests.report.page.test_page import Outline
 from viatool.channels import Quantities, View
 from viatool.cli import main
 from viatool.doctor import Diagnosis, diagnose, scenarios_of
+from viatool.doctor.evidence import Driven
 from viatool.doctor.interpretation import Interpretation
 from viatool.errors import ConfigurationError, EmptyEvaluationError, PolicyError, TrajectoryError
 from viatool.policy import Policy, PolicySpecification, load_policy, load_specification
 from viatool.report import Check
 from viatool.report.diagnoses.run import DiagnosisRun
+from viatool.schedule import Deadline
 from viatool.setting.setting import Setting
 from viatool.setting.wishes import Wishes
 from viatool.simulate import drive
@@ -297,3 +299,50 @@ def test_the_command_reports_and_passes(policies: dict[str, Policy], tmp_path: P
     done = CliRunner().invoke(main, [*arguments[:4], *again, "-o", f"figure:{tmp_path}/drive.svg"])
     assert done.exit_code == 0, done.output
     assert (tmp_path / "drive.svg").exists()
+
+
+def wandering(folder: Path) -> Policy:
+    """Write a policy as it is before its training: small random weights."""
+    import stable_baselines3
+    from gymnasium import Env
+    from gymnasium.spaces import Box
+
+    from viatool.importing import ImportRequest, import_policy
+
+    class Yard(Env):
+        observation_space = Box(-10.0, 10.0, (38,), np.float32)
+        action_space = Box(np.float32([0.0, -1.0]), np.float32([0.5, 1.0]))
+
+    model = stable_baselines3.TD3("MlpPolicy", Yard(), policy_kwargs={"net_arch": [8]}, device="cpu", seed=0)
+    model.save(folder / "model.zip")
+    done = import_policy(ImportRequest(folder / "model.zip", None, None), folder / "model.onnx")
+    spec = folder / "spec.yaml"
+    spec.write_text(done.proposal.to_yaml(), encoding="utf-8")
+    return load_policy(folder / "model.onnx", spec)
+
+
+def test_a_policy_that_gets_nowhere_is_left_after_one_change_and_not_called_wrongly_read(
+    tmp_path: Path,
+) -> None:
+    pytest.importorskip("stable_baselines3")
+    policy = wandering(tmp_path)
+    told: list[float] = []
+    diagnosis = diagnose(
+        policy, LAB, SCENARIOS[:8], horizon=40, progress=lambda _, done, *__: told.append(done)
+    )
+    assert diagnosis.verdict == "none"
+    assert diagnosis.ranking.best is diagnosis.ranking.specified
+    assert all(len(one.interpretation.changes) <= 1 for one in diagnosis.ranking.examined)
+    document = DiagnosisRun(diagnosis)
+    assert "no more changes were tried" in dict(document.facts)["not tried"]
+    assert max(told) == len(diagnosis.ranking.examined)
+
+
+def test_readings_with_several_changes_are_begun_while_there_is_time(
+    policies: dict[str, Policy], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Driven, "is_good", False)  # whatever is found, more is wanted
+    policy = policies["plain"]
+    diagnosis = diagnose(policy, LAB, SCENARIOS[:4], horizon=150, until=Deadline.after(0.0))
+    assert all(len(one.interpretation.changes) <= 1 for one in diagnosis.ranking.examined)
+    assert diagnosis.ranking.stopped.startswith("the time was up")

@@ -47,6 +47,13 @@ if TYPE_CHECKING:
 @options.robot_option
 @options.prefer_option
 @click.option(
+    "--budget-seconds",
+    type=options.QuantityType("s"),
+    default=60.0,
+    show_default="60",
+    help="Begin no reading with several changes so long after the start; those with one are always tried.",
+)
+@click.option(
     "--workers",
     type=WorkersType(),
     default=1,
@@ -105,8 +112,10 @@ def _named(text: str) -> str:
 def _diagnose(given: Mapping[str, Any]) -> Diagnosis:
     from viatool.doctor import diagnose, scenarios_of
     from viatool.policy import load_policy
+    from viatool.schedule import Deadline
     from viatool.setting.wishes import Wishes
 
+    until = Deadline.after(given["budget_seconds"])
     bag = bag_settings(given)
     policy = load_policy(given["policy"], given["spec_path"])
     world_map = options.open_map(given["map_path"], given["unknown"])
@@ -121,6 +130,7 @@ def _diagnose(given: Mapping[str, Any]) -> Diagnosis:
             () if recorded else scenarios_of(world_map, given["scenarios"], given["seed"]),
             bag=bag,
             wishes=wishes,
+            until=until,
             progress=progress,
             **{name: given[name] for name in ("trajectory", "noise", "horizon", "seed", "workers")},
         )

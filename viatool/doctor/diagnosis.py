@@ -18,7 +18,7 @@ from viatool.doctor.search import Examine, Examined, Ranking, Repeat, rank
 from viatool.errors import PolicyError, TrajectoryError
 from viatool.policy import Policy
 from viatool.policy.specified import specification_of
-from viatool.schedule import Progress, ignore, open_scheduler
+from viatool.schedule import NEVER, Deadline, Progress, ignore, open_scheduler
 from viatool.setting.asked import Asked
 from viatool.setting.premises import Premise
 from viatool.setting.received import as_received
@@ -104,6 +104,7 @@ def diagnose(
     horizon: int | None = None,
     seed: int = 0,
     workers: int | Literal["auto"] = 1,
+    until: Deadline = NEVER,
     progress: Progress = ignore,
 ) -> Diagnosis:
     """Try other readings of a policy's specification.
@@ -130,6 +131,8 @@ def diagnose(
         Of the noise.
     workers : int or "auto"
         Processes that share the readings; they change nothing but the time.
+    until : Deadline
+        After which no reading with more than one change is begun.
     progress : Progress
         Told how many readings have been examined.
 
@@ -155,7 +158,7 @@ def diagnose(
     if trajectory is not None:
         examine, source = _recorded(policy, setting, trajectory, bag)
     scheduler = open_scheduler(workers)
-    ranking = rank(setting.spec, examine, around, scheduler, progress)
+    ranking = rank(setting.spec, examine, around, scheduler, progress, until)
     contender = ranking.contender
     draws = world_map.generator if trajectory is None and not ranking.is_clear else None
     if contender is not None and draws is not None:

@@ -14,6 +14,8 @@ from viatool.simulate.statistics import sign_test
 
 _GOOD = 0.95
 """Share of goals reached from which on nobody looks for a reading with more changes."""
+_SOME, _FARTHER = 0.1, 0.1
+"""Shares of the goals reached, and of the way that is closed, which are more than a stray drive."""
 _ALIKE = 0.01
 """Of the range of an action: differences of commands that come from rounding, timing and sensor noise."""
 _NOT_RIGHT = 0.5
@@ -65,6 +67,15 @@ class Evidence(Protocol):
         """Tell whether it is so much better than another one that it matters, apart from chance."""
         ...
 
+    @property
+    def gets_somewhere(self) -> bool:
+        """Tell whether it does better than what happens to be right now and then."""
+        ...
+
+    def leads(self, other: Evidence, chance: float) -> bool:
+        """Tell whether it gets somewhere, or farther than another one beyond so much chance."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class Driven:
@@ -111,6 +122,20 @@ class Driven:
         """Tell whether more goals are reached."""
         paired = self.against(other)
         return paired.better > paired.worse
+
+    @property
+    def gets_somewhere(self) -> bool:
+        """Tell whether a tenth of the goals is reached."""
+        return self.share("success").rate >= _SOME
+
+    def leads(self, other: Evidence, chance: float) -> bool:
+        """Tell whether some goals are reached, or clearly more of the way is closed in clearly more scenarios."""
+        assert isinstance(other, Driven)
+        if self.gets_somewhere:
+            return True
+        farther = self.closed - other.closed
+        better, worse = int((farther > _FARTHER).sum()), int((farther < -_FARTHER).sum())
+        return better > worse and Paired(better, worse).chance < chance
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,3 +189,12 @@ class Compared:
     def surpasses(self, other: Evidence) -> bool:
         """Tell whether the mean difference is at most half as large: states of one drive are alike."""
         return self.merit >= _NOT_RIGHT * other.merit
+
+    @property
+    def gets_somewhere(self) -> bool:
+        """Return true: how near commands are is told by figures."""
+        return True
+
+    def leads(self, other: Evidence, chance: float) -> bool:
+        """Return true: recorded commands are compared quickly, however many readings there are."""
+        return True

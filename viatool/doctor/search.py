@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 
 from viatool.doctor.evidence import Evidence, Paired
 from viatool.doctor.interpretation import Background, Interpretation
 from viatool.errors import EmptyEvaluationError
 from viatool.policy import PolicySpecification
-from viatool.schedule import Piece, Progress, Scheduler, Span
+from viatool.schedule import NEVER, Deadline, Piece, Progress, Scheduler, Span
 
 _DEPTH = 3
 """Most changes of a reading."""
@@ -70,19 +71,27 @@ class Ranking:
         The policy's own specification; one of them.
     again : Repeat, optional
         What other scenarios told where these did not.
+    stopped : str
+        Why readings with more changes were not tried, or not all of them, though none is good; empty if they were.
     """
 
     examined: tuple[Examined, ...]
     specified: Examined
     again: Repeat | None = None
+    stopped: str = ""
 
     @property
     def best(self) -> Examined:
         """Return the one with the fewest changes among those that do as well as the best.
 
         A repeat that is clear decides otherwise, and the specification is not preferred to a good reading if it is not
-        good itself.
+        good itself. A reading that gets nowhere either is not preferred to the specification.
         """
+        found = self._best
+        return found if found.evidence.gets_somewhere else self.specified
+
+    @property
+    def _best(self) -> Examined:
         contender = self.contender
         if self.again is not None and self.again.is_clear:
             return self.again.contender
@@ -107,7 +116,7 @@ class Ranking:
     def is_clear(self) -> bool:
         """Tell whether another reading than the specified one is better, not by chance."""
         if self.again is not None and self.again.is_clear:
-            return True
+            return self.best is self.again.contender
         return _is_better(self.best.evidence, self.specified.evidence, _CHANCE / len(self.examined))
 
     @property
@@ -122,6 +131,7 @@ def rank(
     around: Background,
     scheduler: Scheduler,
     progress: Progress,
+    until: Deadline = NEVER,
 ) -> Ranking:
     """Examine a specification and other readings of it.
 
@@ -137,11 +147,14 @@ def rank(
         Who does the work.
     progress : Progress
         Told how many readings have been examined.
+    until : Deadline
+        After which no reading with more than one change is begun.
 
     Returns
     -------
     Ranking
-        Of the specification, of every reading with one change, and of such with more changes as long as none is good.
+        Of the specification, of every reading with one change, and of such with more changes as long as none is good,
+        unless nothing that one change makes gets anywhere.
 
     Raises
     ------
@@ -156,18 +169,26 @@ def rank(
             "nothing of the recording can be compared with the policy",
             "record commands beside the observations",
         )
-    frontier = [base]
+    frontier, stopped, specified = [base], "", examined[0].evidence
     for depth in range(_DEPTH):
         before = max(one.evidence.merit for one in examined)
         fresh = list(_fresh(frontier, around, seen))
-        examined += _examined(fresh, examine, scheduler, progress, len(examined))
+        tried = list(_examined(fresh, examine, scheduler, progress, len(examined), until if depth else NEVER))
+        examined += tried
         examined.sort(key=lambda one: one.order, reverse=True)
         best = examined[0].evidence
         if best.is_good or (depth and best.merit <= before):
             break
+        if depth and until.passed:
+            stopped = "the time was up before all readings with several changes were tried"
+            break
+        if not depth and not any(one.evidence.leads(specified, _CHANCE / len(examined)) for one in examined):
+            stopped = "nothing that one change makes gets clearly farther, so that no more changes were tried"
+            break
         frontier = [one.interpretation for one in examined if len(one.interpretation.changes) == depth + 1]
         frontier = frontier[:_BEAM]
-    return Ranking(tuple(examined), next(one for one in examined if not one.interpretation.changes))
+    own = next(one for one in examined if not one.interpretation.changes)
+    return Ranking(tuple(examined), own, stopped=stopped)
 
 
 def _fewest(examined: Sequence[Examined]) -> Examined:
@@ -196,12 +217,14 @@ def _examined(
     scheduler: Scheduler,
     progress: Progress,
     before: int = 0,
+    until: Deadline = NEVER,
 ) -> Iterator[Examined]:
-    """Yield the evidence of readings in their order, where there is any, whoever was ready first."""
-    pieces = [Piece(Span(i, i + 1), one.name, one.spec) for i, one in enumerate(interpretations)]
+    """Yield the evidence of readings in their order, where there is any, whoever was ready first, and while time is."""
+    named = (Piece(Span(i, i + 1), one.name, one.spec) for i, one in enumerate(interpretations))
+    pieces = takewhile(lambda _: not until.passed, named)
     found: dict[int, Evidence] = {}
     for done, (piece, evidence) in enumerate(scheduler.run(examine, pieces), 1):
-        progress("readings", before + done, before + len(pieces))
+        progress("readings", before + done, before + len(interpretations))
         found[piece.span.first] = evidence
     for place in sorted(found):
         if found[place].is_known:

@@ -120,6 +120,8 @@ class DiagnosisDocument(Annotated, Tabled):
             shares = (again.driven.success.share, again.specified.success.share)
             told = f"{shares[0].of()} against {shares[1].of()} as specified"
             facts.append(("driven again", f"{again.name}: {told}, on scenarios that did not choose it"))
+        if self.record.stopped:
+            facts.append(("not tried", self.record.stopped))
         if self.alike:
             told = ", ".join(self.alike[:_SHOWN]) + (", ..." if len(self.alike) > _SHOWN else "")
             facts.append(("not told apart", f"{told}: {self._as_good}"))

@@ -95,7 +95,10 @@ class RepeatRecord(ReportPart):
 
 
 class DiagnosisRecord(RunRecord):
-    """All that was found: the readings, the best first, and which of them is the specification and which the best."""
+    """All that was found: the readings, the best first, and which of them is the specification and which the best.
+
+    `stopped` says why readings with more changes were not all tried, though none is good.
+    """
 
     method: Literal["driven", "recorded"]
     source: str
@@ -105,6 +108,7 @@ class DiagnosisRecord(RunRecord):
     specified: Count
     best: Count
     again: RepeatRecord | None = None
+    stopped: str = ""
     seconds: Amount
 
     @model_validator(mode="after")

@@ -57,6 +57,7 @@ def _content(diagnosis: Diagnosis) -> dict[str, Any]:
         "readings": [_reading(diagnosis, one, as_good=one in good) for one in ranking.examined],
         "specified": ranking.examined.index(ranking.specified),
         "best": ranking.examined.index(ranking.best),
+        "stopped": ranking.stopped,
         "again": None if ranking.again is None else _again(ranking.again),
         "seconds": round(diagnosis.seconds, 3),
         "versions": installed_versions(),
