@@ -343,6 +343,6 @@ def test_readings_with_several_changes_are_begun_while_there_is_time(
 ) -> None:
     monkeypatch.setattr(Driven, "is_good", False)  # whatever is found, more is wanted
     policy = policies["plain"]
-    diagnosis = diagnose(policy, LAB, SCENARIOS[:4], horizon=150, until=Deadline.after(0.0))
+    diagnosis = diagnose(policy, LAB, SCENARIOS[:4], until=Deadline.after(0.0))
     assert all(len(one.interpretation.changes) <= 1 for one in diagnosis.ranking.examined)
     assert diagnosis.ranking.stopped.startswith("the time was up")
