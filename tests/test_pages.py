@@ -1,4 +1,4 @@
-"""Pages name where their figures come from, and how viatool is installed today."""
+"""Pages name where their figures come from, how viatool is installed today, and what their commands need."""
 
 from __future__ import annotations
 
@@ -23,6 +23,15 @@ DATE = re.compile(r"\b20\d\d-\d\d-\d\d\b")
 NOT_YET = re.compile(r"pip install [^`\n&#]*?(?<![\w./])viatool(?:\[[\w,]+\])?(?! @ )(?![\w\[@/])")
 """Of viatool by its name alone, which works when it has been published."""
 
+NEEDS = {
+    "train": r"(?:train|import|reproduce)\b",
+    "sim": r".*--engine bullet",
+    "ros": r".*(?:\.mcap|\.bag|mcap:)",
+    "cluster": r".*--scheduler",
+    "html": r"(?:.*\\\n)*.*html:",
+}
+"""By extra, how a command of viatool goes on that needs it."""
+
 
 def sections(text: str) -> list[str]:
     """Return the prose under each heading of a page."""
@@ -39,6 +48,20 @@ def test_a_measured_figure_outside_of_an_example_has_a_date_beside_it(page: Path
 @pytest.mark.parametrize("page", [*PAGES, ROOT / "CHANGELOG.md"], ids=lambda page: page.stem)
 def test_no_page_installs_what_is_not_published(page: Path) -> None:
     assert NOT_YET.findall(page.read_text(encoding="utf-8")) == []
+
+
+@pytest.mark.parametrize(
+    "page", [page for page in PAGES if page.name != "messages.md"], ids=lambda page: page.stem
+)
+def test_a_page_says_which_extra_its_commands_need(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    needed = {
+        name
+        for name, rest in NEEDS.items()
+        if re.search(rf"^(?: {{4}}|\$ )viatool {rest}", text, re.MULTILINE)
+    }
+    told = {name for name in NEEDS if re.search(rf"`{name}`|\[[\w,]*\b{name}\b[\w,]*\]", text)}
+    assert needed <= told
 
 
 @pytest.mark.parametrize(
