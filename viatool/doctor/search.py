@@ -177,10 +177,10 @@ def rank(
         examined += tried
         examined.sort(key=lambda one: one.order, reverse=True)
         best = examined[0].evidence
-        if best.is_good or (depth and best.merit <= before):
-            break
-        if depth and until.passed:
+        if not best.is_good and len(tried) < len(fresh) and until.passed:
             stopped = "the time was up before all readings with several changes were tried"
+            break
+        if best.is_good or (depth and best.merit <= before):
             break
         if not depth and not any(one.evidence.leads(specified, _CHANCE / len(examined)) for one in examined):
             stopped = "nothing that one change makes gets clearly farther, so that no more changes were tried"
