@@ -1,12 +1,13 @@
-"""Report documents for the tests of this room."""
+"""Report documents for the tests of this room, and a browser that opens their pages."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 
+from tests.browser import Browser, running_browser
 from viatool.report.states.document import StatesDocument
 
 
@@ -56,3 +57,9 @@ def content(safe: int = 97, unsafe: int = 1, unknown: int = 2) -> dict[str, Any]
 def document() -> Callable[..., StatesDocument]:
     """Build a report with the given numbers of safe, unsafe and unknown states, and with other fields."""
     return lambda *counts, **other: StatesDocument({**content(*counts), **other})
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    with running_browser() as browser:
+        yield browser

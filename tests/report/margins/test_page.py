@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import pytest
 
 import viatool
-from tests.browser import Browser, running_browser
+from tests.browser import Browser
 from viatool.report.gate import Gate, evaluate, parse_threshold
 from viatool.report.margins.html.page import render_page
 from viatool.report.margins.run import MarginsRun
@@ -30,13 +30,12 @@ def checks(document: MarginsRun) -> Sequence[Check]:
 
 @pytest.fixture(scope="module")
 def opened(
-    document: MarginsRun, checks: Sequence[Check], tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[Browser]:
+    browser: Browser, document: MarginsRun, checks: Sequence[Check], tmp_path_factory: pytest.TempPathFactory
+) -> Browser:
     page = tmp_path_factory.mktemp("page") / "margins.html"
     page.write_text(render_page(document, checks), encoding="utf-8")
-    with running_browser() as browser:
-        browser.open(page)
-        yield browser
+    browser.open(page)
+    return browser
 
 
 def shown_rows(browser: Browser) -> list[str]:

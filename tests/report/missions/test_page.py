@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.browser import Browser, running_browser
+from tests.browser import Browser
 from tests.hall import MAP, write_policy
 from tests.missions.dodging import write_dodging_policy
 from viatool import load_map
@@ -41,13 +40,12 @@ def proved(folder: Path) -> Missions:
 
 
 @pytest.fixture(scope="module")
-def opened(proved: Missions, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+def opened(browser: Browser, proved: Missions, tmp_path_factory: pytest.TempPathFactory) -> Browser:
     page = tmp_path_factory.mktemp("page") / "missions.html"
     page.write_text(render_page(MissionsRun(proved), ()), encoding="utf-8")
     assert page.stat().st_size < 10_000_000
-    with running_browser() as browser:
-        browser.open(page)
-        yield browser
+    browser.open(page)
+    return browser
 
 
 def turn_to(browser: Browser, step: int) -> None:

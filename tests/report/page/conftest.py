@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
 
 import viatool
-from tests.browser import Browser, running_browser
+from tests.browser import Browser
 from tests.hall import MAP, write_policy
 from viatool.report import Check
 from viatool.report.html.page import render_page
@@ -46,12 +46,6 @@ def verified(folder: Path) -> Callable[..., Result]:
 @pytest.fixture(scope="session")
 def plain(verified: Callable[..., Result]) -> Result:
     return verified()
-
-
-@pytest.fixture(scope="session")
-def browser() -> Iterator[Browser]:
-    with running_browser() as browser:
-        yield browser
 
 
 @pytest.fixture(scope="session")

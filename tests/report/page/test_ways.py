@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.browser import Browser, running_browser
+from tests.browser import Browser
 from viatool.report.gate import Gate, evaluate, parse_threshold
 from viatool.report.html.page import render_page
 from viatool.report.sections import Check
@@ -58,14 +58,13 @@ def page(write: Callable[..., Path], result: Result, checks: Sequence[Check]) ->
 
 
 @pytest.fixture(scope="module")
-def opened(page: Path) -> Iterator[Browser]:
-    with running_browser() as browser:
-        browser.open(page)
-        yield browser
+def opened(browser: Browser, page: Path) -> Browser:
+    browser.open(page)
+    return browser
 
 
 @pytest.fixture
-def browser(opened: Browser) -> Browser:
+def shown(opened: Browser) -> Browser:
     """The page with all of its states, at the first one."""
     opened.run("document.activeElement.blur()")
     opened.follow("#places=close")
@@ -110,6 +109,7 @@ def test_an_address_opens_its_state(browser: Browser, kind: str) -> None:
     name = "state" if kind == "state" else "close place"
     assert browser.text("where").startswith(f"{name} 33, ")
     assert browser.run("return document.querySelector('#where a').getAttribute('href')") == f"#{kind}=33"
+    assert browser.run("return document.activeElement.id") == "slider"
 
 
 def test_a_page_opened_by_an_address_shows_that_state(opened: Browser, page: Path) -> None:
@@ -119,72 +119,73 @@ def test_a_page_opened_by_an_address_shows_that_state(opened: Browser, page: Pat
     assert opened.text("where").startswith("state 41, ")
 
 
-def test_an_address_is_not_hidden_by_filters(browser: Browser, result: Result) -> None:
-    browser.run("document.querySelector('[data-filter=verdict][value=safe]').click()")
+def test_an_address_is_not_hidden_by_filters(shown: Browser, result: Result) -> None:
+    shown.run("document.querySelector('[data-filter=verdict][value=safe]').click()")
     safe = int(np.flatnonzero(result.verdict == "safe")[3])
-    browser.follow(f"#state={safe}")
-    assert browser.text("where").startswith(f"state {safe}, ")
+    shown.follow(f"#state={safe}")
+    assert shown.text("where").startswith(f"state {safe}, ")
 
 
 @pytest.mark.parametrize("address", ["#state=99999", "#state=", "#state=%E0%A4%A", "#constructor=1", "#x"])
-def test_an_address_of_nothing_shows_nothing_else(browser: Browser, address: str) -> None:
-    browser.follow(address)
-    assert browser.source("here")["x"]
-    assert browser.complaints() == []
+def test_an_address_of_nothing_shows_nothing_else(shown: Browser, address: str) -> None:
+    shown.follow(address)
+    assert shown.source("here")["x"]
+    assert shown.complaints() == []
     if "99999" in address:
-        assert browser.text("where") == "state 99999 is not on this page"
+        assert shown.text("where") == "state 99999 is not on this page"
 
 
-def test_a_condition_shows_its_states_alone(browser: Browser, checks: Sequence[Check]) -> None:
+def test_a_condition_shows_its_states_alone(shown: Browser, checks: Sequence[Check]) -> None:
     for number in (0, 1):
-        browser.follow(f"#fails={number}")
-        assert browser.text("shown").startswith(f"{len(checks[number].failing)} of ")
+        shown.follow(f"#fails={number}")
+        assert shown.text("shown").startswith(f"{len(checks[number].failing)} of ")
 
 
-def test_close_places_can_be_seen_alone(browser: Browser) -> None:
-    browser.follow("#places=close")
-    assert browser.text("shown").startswith("40 of ")
-    assert "Close places" in browser.text("close")
-    assert "40 close places" in browser.run(
+def test_close_places_can_be_seen_alone(shown: Browser) -> None:
+    shown.follow("#places=close")
+    assert shown.text("shown").startswith("40 of ")
+    assert "Close places" in shown.text("close")
+    assert "40 close places" in shown.run(
         "return document.querySelector('[aria-labelledby=close]').innerText"
     )
 
 
-def test_keys_step_jump_and_play(browser: Browser, result: Result) -> None:
-    browser.press("n")
-    browser.press("n")
-    assert browser.text("where").startswith("state 2, ")
-    browser.press("p")
-    assert browser.text("where").startswith("state 1, ")
-    browser.press("j")
+def test_keys_step_jump_and_play(shown: Browser, result: Result) -> None:
+    shown.press("n")
+    shown.press("n")
+    assert shown.text("where").startswith("state 2, ")
+    shown.press("p")
+    assert shown.text("where").startswith("state 1, ")
+    shown.press("j")
     doubtful = np.flatnonzero(result.verdict != "safe")
-    assert browser.text("where").startswith(f"state {doubtful[doubtful > 1][0]}, ")
-    eventually(browser, "location.hash", f"#state={doubtful[doubtful > 1][0]}")
-    browser.press(" ")
-    assert browser.text("play") == "Pause"
-    browser.press(" ")
-    assert browser.text("play") == "Play"
+    assert shown.text("where").startswith(f"state {doubtful[doubtful > 1][0]}, ")
+    eventually(shown, "location.hash", f"#state={doubtful[doubtful > 1][0]}")
+    shown.press(" ")
+    assert shown.text("play") == "Pause"
+    shown.press(" ")
+    assert shown.text("play") == "Play"
 
 
-def test_keys_are_named_and_can_be_switched_off(browser: Browser) -> None:
-    assert browser.run("return [...document.querySelectorAll('kbd')].map((e) => e.textContent)") == [
+def test_keys_are_named_and_can_be_switched_off(shown: Browser) -> None:
+    assert shown.run("return [...document.querySelectorAll('kbd')].map((e) => e.textContent)") == [
         "n",
         "p",
         "j",
         "space",
     ]
-    browser.run("document.getElementById('keys').click()")
-    browser.press("n")
-    assert browser.text("where").startswith("state 0, ")
-    browser.run("document.getElementById('keys').click(); document.getElementById('episode').focus()")
-    browser.press("n")
-    assert browser.text("where").startswith("state 0, ")
+    shown.run("document.getElementById('keys').click()")
+    shown.press("n")
+    assert shown.text("where").startswith("state 0, ")
+    shown.run("document.getElementById('keys').click(); document.getElementById('episode').focus()")
+    shown.press("n")
+    assert shown.text("where").startswith("state 0, ")
 
 
-def test_what_keys_choose_is_said_aloud(browser: Browser) -> None:
-    browser.press("n")
-    eventually(browser, "document.getElementById('said').textContent", browser.text("where"))
-    assert browser.run("return document.getElementById('said').getAttribute('aria-live')") == "polite"
+def test_what_keys_choose_is_said_aloud(shown: Browser) -> None:
+    shown.run("document.activeElement.blur()")
+    shown.press("n")
+    eventually(shown, "document.getElementById('said').textContent", shown.text("where"))
+    assert shown.run("return document.getElementById('said').getAttribute('aria-live')") == "polite"
 
 
 def test_episodes_that_are_not_safe_come_first(opened: Browser, result: Result) -> None:
@@ -216,13 +217,13 @@ def test_histograms_say_of_which_states_they_are(opened: Browser, result: Result
     ]
 
 
-def test_the_nearest_obstacle_is_in_the_picture_of_a_close_call(browser: Browser, result: Result) -> None:
+def test_the_nearest_obstacle_is_in_the_picture_of_a_close_call(shown: Browser, result: Result) -> None:
     row = int(np.argmin(result.witnesses.clearance))
-    browser.follow(f"#state={result.witnesses.state[row]}")
-    gap = browser.source("gap")
+    shown.follow(f"#state={result.witnesses.state[row]}")
+    gap = shown.source("gap")
     (x, end_x), (y, end_y) = gap["x"], gap["y"]
     assert np.hypot(end_x - x, end_y - y) == pytest.approx(result.witnesses.clearance[row], abs=2e-3)
-    ends = browser.run(
+    ends = shown.run(
         "const { x_range: x, y_range: y } = Figures.model('situation'); return [x.start, x.end, y.start, y.end]"
     )
     assert ends[0] < end_x < ends[1]

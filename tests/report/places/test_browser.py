@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.browser import Browser, running_browser
+from tests.browser import Browser
 from tests.report.places.conftest import FAILED
 from viatool.places import Certificate
 from viatool.report.gate import Gate, evaluate, parse_threshold
@@ -31,13 +31,15 @@ def checks(certificate: Certificate) -> Sequence[Check]:
 
 @pytest.fixture(scope="module")
 def opened(
-    certificate: Certificate, checks: Sequence[Check], tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[Browser]:
+    browser: Browser,
+    certificate: Certificate,
+    checks: Sequence[Check],
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Browser:
     page = tmp_path_factory.mktemp("page") / "certificate.html"
     page.write_text(render_page(PlacesRun(certificate), checks), encoding="utf-8")
-    with running_browser() as browser:
-        browser.open(page)
-        yield browser
+    browser.open(page)
+    return browser
 
 
 @pytest.fixture
@@ -199,16 +201,15 @@ def test_every_control_has_a_name_and_hostile_names_are_text(
     opened: Browser, hostile: Certificate, tmp_path: Path
 ) -> None:
     (tmp_path / "hostile.html").write_text(render_page(PlacesRun(hostile), (FAILED,)), encoding="utf-8")
-    with running_browser() as browser:
-        browser.open(tmp_path / "hostile.html")
-        assert browser.complaints() == []
-        assert browser.run("return [typeof owned, document.querySelectorAll('main img').length]") == [
-            "undefined",
-            0,
-        ]
-        nameless = browser.run(
-            "return [...document.querySelectorAll('button, input, select, [role=img]')].filter((e) =>"
-            " !(e.getAttribute('aria-label') || e.textContent.trim() || e.labels?.length)).map((e) => e.outerHTML)"
-        )
-        assert nameless == []
-        assert len(browser.run("return document.getElementById('observation').textContent")) > 100
+    opened.open(tmp_path / "hostile.html")
+    assert opened.complaints() == []
+    assert opened.run("return [typeof owned, document.querySelectorAll('main img').length]") == [
+        "undefined",
+        0,
+    ]
+    nameless = opened.run(
+        "return [...document.querySelectorAll('button, input, select, [role=img]')].filter((e) =>"
+        " !(e.getAttribute('aria-label') || e.textContent.trim() || e.labels?.length)).map((e) => e.outerHTML)"
+    )
+    assert nameless == []
+    assert len(opened.run("return document.getElementById('observation').textContent")) > 100

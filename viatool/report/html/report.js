@@ -72,8 +72,7 @@
   function showEpisode(value) {
     element("episode").value = value;
     applyFilters();
-    element("explorer").scrollIntoView();
-    element("slider").focus();
+    toExplorer();
   }
 
   function play() {
@@ -90,6 +89,12 @@
     for (const list of document.querySelectorAll("#episode, #condition")) list.value = "";
   }
 
+  // The next keys go on from what is shown.
+  function toExplorer() {
+    element("explorer").scrollIntoView();
+    element("slider").focus({ preventScroll: true });
+  }
+
   function goTo(close, text) {
     const row = States.rowOf(close, Number(text));
     if (row < 0) {
@@ -102,21 +107,21 @@
       }
       select(shown.indexOf(row));
     }
-    element("explorer").scrollIntoView();
+    toExplorer();
   }
 
   function goToPlaces(kind) {
     showAll();
     for (const box of document.querySelectorAll("[data-filter=place]")) box.checked = box.value === (kind === "close" ? "1" : "0");
     applyFilters();
-    element("explorer").scrollIntoView();
+    toExplorer();
   }
 
   function goToFailing(condition) {
     showAll();
     element("condition").value = condition;
     applyFilters();
-    element("explorer").scrollIntoView();
+    toExplorer();
   }
 
   // Episodes with the most states that are not safe first.

@@ -189,6 +189,12 @@
   }
 
   // Shows what an address names.
+  // The next keys go on from what is shown.
+  function toExplorer() {
+    element("explorer").scrollIntoView();
+    element("slider").focus({ preventScroll: true });
+  }
+
   function goTo(text) {
     const chosen = Number(text);
     if (!data.missions[chosen]) {
@@ -200,13 +206,13 @@
       }
       show(chosen);
     }
-    element("explorer").scrollIntoView();
+    toExplorer();
   }
 
   function goToFailing(condition) {
     element("condition").value = condition;
     applyFilter();
-    element("explorer").scrollIntoView();
+    toExplorer();
   }
 
   function wire() {

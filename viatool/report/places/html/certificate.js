@@ -155,10 +155,16 @@
     Links.write(addressOf());
   }
 
+  // The next keys go on from what is shown.
+  function toExplorer() {
+    element("explorer").scrollIntoView();
+    element("heading").focus({ preventScroll: true });
+  }
+
   function goTo(text) {
     const [x, y] = text.split(",").map(Number);
     if (Number.isFinite(x) && Number.isFinite(y)) look(x, y);
-    element("explorer").scrollIntoView();
+    toExplorer();
   }
 
   function choose() {
@@ -169,7 +175,7 @@
   function goToFailing(condition) {
     element("condition").value = condition;
     choose();
-    element("explorer").scrollIntoView();
+    toExplorer();
   }
 
   function play() {
@@ -224,7 +230,7 @@
       button.addEventListener("click", () => {
         showWorst(Number(button.dataset.worst));
         Links.write(addressOf());
-        element("explorer").scrollIntoView();
+        toExplorer();
       });
     }
     Figures.model("map").on_event("tap", ({ x, y }) => {
