@@ -49,9 +49,33 @@ def test_blocked_boxes_hold_no_free_pose(name):
     assert free == 0
 
 
+NOTHING = {
+    "extent": lambda boxes: 0.0 * boxes.radius[:, 2],
+    "turn": lambda boxes: 0.0 * boxes.radius[:, 2],
+    "corners": lambda boxes: np.repeat(boxes.centre[:, None, :2], 4, axis=1),
+}
+
+
 @pytest.mark.parametrize(
-    ("name", "rule"), [("point", "extent"), ("disc", "extent"), ("bar", "extent"), ("bar", "turn")]
+    ("name", "rule"),
+    [
+        ("point", "extent"),
+        ("disc", "extent"),
+        ("bar", "extent"),
+        ("bar", "turn"),
+        ("point", "corners"),
+        ("disc", "corners"),
+    ],
 )
 def test_sampling_catches_the_rule_without_one_of_its_terms(monkeypatch, name, rule):
-    monkeypatch.setattr(PoseBoxes, rule, property(lambda boxes: 0.0 * boxes.radius[:, 2]))
+    monkeypatch.setattr(PoseBoxes, rule, property(NOTHING[rule]))
     assert free_poses_of_blocked_boxes(name)[1] > 0
+
+
+def test_a_box_is_blocked_whose_corners_are_all_too_near_to_one_obstacle():
+    """A disc around the box would reach a millimetre farther from the wall than the box does."""
+    asked = ClosedLoop.of(POLICY, Setting.of(POLICY, ROOM, 0.01, Wishes("braking")), SCENARIO)
+    wall, near = ROOM.arena[:, 0].max(), ROOM.clearance.collision
+    centre = np.array([[wall - near + 0.0105, 0.0, 0.0], [wall - near + 0.0095, 0.0, 0.0]])
+    boxes = PoseBoxes(centre, np.array([[0.01, 0.005, 0.1]] * 2))
+    assert asked.blocked(boxes).tolist() == [True, False]

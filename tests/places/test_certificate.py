@@ -10,7 +10,6 @@ import pytest
 from tests.loop.plant import Plant
 from viatool import load_map, load_policy
 from viatool.errors import ConfigurationError, EmptyEvaluationError
-from viatool.loop.refuting import observe
 from viatool.places import STATUSES, Campaign, Resolution, SearchBudget, campaign, certify
 from viatool.safety import ScenePoses
 from viatool.schedule import Deadline, Processes, Serial
@@ -165,7 +164,7 @@ def test_what_a_pose_observes_is_what_the_oracle_casts():
     from tests.loop.test_observation import LAB
     from tests.loop.test_observation import SCENARIO as LAB_SCENARIO
 
-    seen = observe(asked, poses, np.zeros((2, 2)))
+    seen = asked.sensors.measure(poses, np.zeros((2, 2)))
     np.testing.assert_allclose(
         seen[:, :20], scan(poses, LAB.robot.lidar, outlines(LAB, LAB_SCENARIO)), atol=1e-6
     )

@@ -29,6 +29,25 @@ def test_clearance_of_points_and_segments_is_that_of_shapely(arena: str, seed: i
     assert ((segments == 0.0) & (points > 0.0)).any()
 
 
+@pytest.mark.parametrize("arena", ARENAS)
+def test_no_point_of_a_hull_is_farther_from_everything_than_its_corners_are_from_one_thing(
+    arena: str,
+) -> None:
+    rng = np.random.default_rng(5)
+    world, scenarios = random_world(rng, ARENAS[arena], situations=3)
+    scenes = Scenes.of(world, scenarios)
+    corners = rng.uniform(-5, 5, (300, 1, 2)) + rng.uniform(-0.3, 0.3, (300, 4, 2))
+    scene = rng.integers(0, len(scenes), 300)
+    most = scenes.farthest_within(corners, scene)
+    shares = rng.dirichlet(np.ones(4), (300, 20))
+    points = np.concatenate([corners, shares @ corners], axis=1)
+    left = scenes.clearance(points.reshape(-1, 2), np.repeat(scene, 24)).reshape(300, 24).max(axis=1)
+    assert (left <= most + 1e-12).all()
+    assert (np.abs(left - most) < 1e-9).mean() > 0.3  # where one thing is nearest to all of a hull
+    corners[0, 1, 0] = np.nan
+    assert not scenes.farthest_within(corners[:1], scene[:1]) < np.inf
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_clearance_of_a_polygonal_footprint_is_that_of_shapely(seed: int) -> None:
     rng = np.random.default_rng([seed, 3])

@@ -68,6 +68,32 @@ Eyes = Callable[[Fan, "View"], Reals]
 """Gives the ranges (B, R) of a fan's rays in the order of its directions; the caller may overwrite them."""
 
 
+class SharedEyes:
+    """What many robots see that stand at a few poses: rays are cast once for each pose.
+
+    Parameters
+    ----------
+    scenes : Scenes
+        The geometry; its first scene.
+    poses : ndarray
+        (P, 3).
+    """
+
+    def __init__(self, scenes: Scenes, poses: Floats) -> None:
+        self._scenes, self._poses, self._seen = scenes, poses, dict[Fan, Reals]()
+
+    def of(self, which: Indices) -> Eyes:
+        """Return the eyes of B robots, each at one of the poses, (B,) by number."""
+
+        def ranges(fan: Fan, view: View) -> Reals:
+            if fan not in self._seen:
+                scene = np.zeros(len(self._poses), np.int64)
+                self._seen[fan] = self._scenes.cast(self._poses, scene, fan.lidar, directions=fan.directions)
+            return self._seen[fan][which]
+
+        return ranges
+
+
 @dataclass(frozen=True, eq=False)
 class View:
     """B robots, what is around them and what they head for.

@@ -132,15 +132,18 @@ class ClosedLoop:
         return self.around.everything.throughout(boxes.centre, boxes.radius)
 
     def blocked(self, boxes: PoseBoxes) -> Booleans:
-        """Tell which boxes hold no pose that keeps the collision distance, (C,)."""
-        distance = self.geometry.still.footprint_clearance(
-            boxes.checked().centre, self.rules.footprint, np.zeros(len(boxes), np.int64)
-        )
+        """Tell which boxes hold no pose that keeps the collision distance, (C,). **Sound:** yes."""
+        footprint, scene = self.rules.footprint, np.zeros(len(boxes), np.int64)
+        distance = self.geometry.still.footprint_clearance(boxes.checked().centre, footprint, scene)
         moved = boxes.extent + self.rules.footprint.reach * boxes.turn * (
             self.rules.footprint.kind == "polygon"
         )
         slack = SIGHT_ROUNDING * (self.geometry.scale + np.abs(boxes.centre).sum(axis=1))
-        return np.asarray(distance + moved + slack <= self.rules.clearance.collision)
+        most = distance + moved
+        if footprint.kind != "polygon":
+            within = self.geometry.still.farthest_within(boxes.corners, scene) - footprint.radius
+            most = np.minimum(most, within)
+        return np.asarray(most + slack <= self.rules.clearance.collision)
 
     def settled(self, boxes: PoseBoxes) -> Booleans:
         """Tell in which boxes no admissible commands, before and next, endanger a free pose, (C,). **Sound:** yes."""

@@ -9,6 +9,7 @@ import numpy as np
 from viatool.arrays import Booleans, Floats
 from viatool.channels import BoxView, Quantities, Sightings, View, see_precisely
 from viatool.channels.erring import Erring
+from viatool.channels.views import Eyes
 from viatool.loop.told import NOTHING, Recollection, Told
 from viatool.motion.kinematics import DIFFERENTIAL
 from viatool.motion.law import Kinematics
@@ -92,9 +93,9 @@ class Sensors:
         """Return what the network takes of readings (B, n), not yet rounded to its numbers."""
         return self.quantities.inputs.encode(readings)
 
-    def measure(self, poses: Floats, previous: Floats) -> Floats:
+    def measure(self, poses: Floats, previous: Floats, *, eyes: Eyes = see_precisely) -> Floats:
         """Return what the network takes of perfect sensors at poses (B, 3) after commands (B, 2), (B, n)."""
-        return self.quantities.observe(self.read(poses, previous))
+        return self.quantities.observe(self.read(poses, previous, eyes=eyes))
 
     def read(
         self,
@@ -104,18 +105,19 @@ class Sensors:
         told: Told = NOTHING,
         *,
         believed: Floats | None = None,
+        eyes: Eyes = see_precisely,
     ) -> Floats:
         """Return what perfect sensors read at poses (B, 3) after commands (B, A), (B, n) in float64 rays.
 
         Of a robot whose motion has a state, previous is that state (B, S); the command that led there may be given. The
-        robots may believe other poses (B, 3).
+        robots may believe other poses (B, 3), and share what they see with others.
         """
         scene = np.zeros(len(poses), np.int64)
         goals = np.broadcast_to(self.goal, (len(poses), 2))
         command, velocity = self.kinematics.recalled(previous, command)
         recalled = self.recollection.at(told, previous)
         view = View(
-            self.scenes, poses, scene, goals, command, believed=believed, velocity=velocity, eyes=see_precisely,
+            self.scenes, poses, scene, goals, command, believed=believed, velocity=velocity, eyes=eyes,
             **recalled,
         )  # fmt: skip
         return self.quantities.read(view)

@@ -10,7 +10,7 @@ from viatool.arrays import Floats, Indices
 from viatool.loop.certifying import prove_cells
 from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.command_bounds import CommandBounds
-from viatool.loop.refuting import refute
+from viatool.loop.refuting import Refutations, Suspects
 from viatool.motion.manoeuvre import Manoeuvre
 from viatool.places.findings import BLOCKED, CERTIFIED, REFUTED, SETTLED, UNKNOWN, CellFindings
 from viatool.places.tree import Lattice, Nodes
@@ -19,6 +19,8 @@ from viatool.sets.states import StateBoxes
 
 _BATCH = 4096
 _POSE = 3
+_LEFT_BY_HALVING = np.array([2.0 / 3.0, 0.5, 0.5])
+"""Share of what the extent of the pose, of which one of three is halved, and of each other one costs after it."""
 
 
 class Frontier:
@@ -73,8 +75,12 @@ def search(loop: ClosedLoop, lattice: Lattice, roots: Nodes, *, seed: int = 0) -
     while len(nodes := frontier.take(_BATCH)):
         check_time()
         settled, contested = _geometry(loop, lattice, nodes, frontier)
-        judged = [_judge(loop, lattice, contested, frontier, seed)] if len(contested) else []
-        found += [settled, *judged]
+        smallest = lattice.halvings(contested) == 0
+        found += [
+            settled,
+            *_certify(loop, lattice, contested.select(~smallest), frontier),
+            _decide(loop, lattice, contested.select(smallest), seed),
+        ]
     return CellFindings.join(found)
 
 
@@ -98,23 +104,44 @@ def _geometry(
     return found, nodes.select(~(blocked | settled | coarse))
 
 
-def _judge(loop: ClosedLoop, lattice: Lattice, nodes: Nodes, frontier: Frontier, seed: int) -> CellFindings:
-    """Return the nodes that are certified, refuted or smallest; the others are halved."""
-    cells = lattice.cells(nodes)
-    proofs = prove_cells(loop, cells)
-    certified, commands = proofs.holds, proofs.commands
-    smallest = (nodes.level >= lattice.deepest).all(axis=1)
-    open_ = np.flatnonzero(~certified & ~smallest)
+def _certify(loop: ClosedLoop, lattice: Lattice, nodes: Nodes, frontier: Frontier) -> list[CellFindings]:
+    """Return the nodes that are certified; the others are halved, as often as hardly any part is certified."""
+    if not len(nodes):
+        return []
+    proofs = prove_cells(loop, lattice.cells(nodes))
+    certified = nodes.select(proofs.holds)
+    found = [CellFindings.of(certified, np.full(len(certified), CERTIFIED))]
+    open_ = np.flatnonzero(~proofs.holds)
     if len(open_):
-        axis = _loosest_axis(loop, lattice, nodes.select(open_), commands.select(open_))
-        frontier.add(nodes.select(open_).halved(axis))
-    status = np.where(certified, CERTIFIED, UNKNOWN)
-    last = np.flatnonzero(~certified & smallest)
-    found = refute(loop, cells.select(last), commands.select(last), seed=seed) if len(last) else None
-    if found is not None:
-        status[last[found.witnesses.state]] = REFUTED
-    decided = certified | smallest
-    return CellFindings.of(nodes.select(decided), status[decided], found)
+        nodes = nodes.select(open_)
+        cost = _cost_of_extents(loop, lattice, nodes, proofs.commands.select(open_))
+        left = lattice.halvings(nodes)
+        left = np.where(left % 2 > 0, np.maximum(left - 3, 0), left - 2)
+        parts, blocked = _halved(loop, lattice, nodes, cost, left)
+        frontier.add(parts)
+        found += blocked
+    return found
+
+
+def _decide(loop: ClosedLoop, lattice: Lattice, nodes: Nodes, seed: int) -> CellFindings:
+    """Return smallest nodes as certified, refuted or unknown.
+
+    Most of them that fail do so by what is observed without an error: that is tried before anything is bounded.
+    """
+    if not len(nodes):
+        return CellFindings.join([])
+    cells, status = lattice.cells(nodes), np.full(len(nodes), UNKNOWN)
+    suspects = Suspects.of(loop, cells, seed=seed)
+    easily = suspects.as_received()
+    status[easily.witnesses.state] = REFUTED
+    left = np.flatnonzero(status == UNKNOWN)
+    proofs = prove_cells(loop, cells.select(left))
+    status[left[proofs.holds]] = CERTIFIED
+    doubtful = np.flatnonzero(status[suspects.cell] == UNKNOWN)
+    commands = proofs.commands.select(np.searchsorted(left, suspects.cell[doubtful]))
+    hardly = suspects.elsewhere(doubtful, commands, seed=seed)
+    status[hardly.witnesses.state] = REFUTED
+    return CellFindings.of(nodes, status, Refutations.join([easily, hardly]))
 
 
 def _largest_axis(nodes: Nodes, deepest: Indices) -> Indices:
@@ -123,8 +150,40 @@ def _largest_axis(nodes: Nodes, deepest: Indices) -> Indices:
     return np.asarray(_POSE - 1 - level[:, ::-1].argmin(axis=1))  # theta first
 
 
-def _loosest_axis(loop: ClosedLoop, lattice: Lattice, nodes: Nodes, commands: CommandBounds) -> Indices:
-    """Return the axis whose extent costs most: the command box that it widens, or the places that it spreads."""
+def _halved(
+    loop: ClosedLoop, lattice: Lattice, nodes: Nodes, cost: Floats, left: Indices
+) -> tuple[Nodes, list[CellFindings]]:
+    """Return the parts of nodes, cut where extents cost most, until so many halvings are left; and those blocked.
+
+    Parameters
+    ----------
+    loop, lattice, nodes
+        N nodes.
+    cost : ndarray
+        (N, 3) as `_cost_of_extents` gives it.
+    left : ndarray
+        (N,) less than now.
+    """
+    level = nodes.level
+    may = np.column_stack(
+        [(level < lattice.deepest)[:, :_POSE].any(axis=1), (level < lattice.deepest)[:, _POSE:]]
+    )
+    choice = np.where(may, cost, -np.inf).argmax(axis=1)
+    axis = np.where(choice == 0, _largest_axis(nodes, lattice.deepest), _POSE - 1 + choice)
+    parts, left = nodes.halved(axis), np.repeat(left, 2)
+    cost = np.repeat(cost * np.where(choice[:, None] == np.arange(3), _LEFT_BY_HALVING, 1.0), 2, axis=0)
+    more = lattice.halvings(parts) > left
+    if not more.any():
+        return parts, []
+    blocked = more & loop.blocked(lattice.cells(parts).poses)
+    more &= ~blocked
+    found = CellFindings.of(parts.select(blocked), np.full(blocked.sum(), BLOCKED))
+    smaller, others = _halved(loop, lattice, parts.select(more), cost[more], left[more])
+    return Nodes.join([parts.select(~(more | blocked)), smaller]), [found, *others]
+
+
+def _cost_of_extents(loop: ClosedLoop, lattice: Lattice, nodes: Nodes, commands: CommandBounds) -> Floats:
+    """Return what the extents of the pose and of both others cost, (N, 3): command boxes widened, places spread."""
     rules = loop.rules
     cells = lattice.cells(nodes)
     axes = len(rules.kinematics.axes)
@@ -138,12 +197,7 @@ def _loosest_axis(loop: ClosedLoop, lattice: Lattice, nodes: Nodes, commands: Co
             commands.influence[:, 1:3] * loss[:, None] + spread[:, :2],
         ]
     )
-    score = np.column_stack([score, np.zeros((len(score), 3 - score.shape[1]))])  # a state of one number
-    may = np.column_stack(
-        [(nodes.level < lattice.deepest)[:, :_POSE].any(axis=1), (nodes.level < lattice.deepest)[:, _POSE:]]
-    )
-    choice = np.where(may, score, -np.inf).argmax(axis=1)
-    return np.where(choice == 0, _largest_axis(nodes, lattice.deepest), _POSE - 1 + choice)
+    return np.column_stack([score, np.zeros((len(score), 3 - score.shape[1]))])  # a state of one number
 
 
 def _spread_while_waiting(loop: ClosedLoop, cells: StateBoxes) -> Floats:

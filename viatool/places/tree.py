@@ -141,6 +141,10 @@ class Lattice:
         step = self.size * np.exp2(-nodes.level.astype(np.float64))
         return self.origin + nodes.index * step, self.origin + (nodes.index + 1) * step
 
+    def halvings(self, nodes: Nodes) -> Indices:
+        """Return how often nodes can be halved, (N,); 0 for smallest ones."""
+        return np.asarray((self.deepest - nodes.level).sum(axis=1))
+
     def cells(self, nodes: Nodes) -> StateBoxes:
         """Return the cells of nodes, rounded outward."""
         lower, upper = self.bounds(nodes)

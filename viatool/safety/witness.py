@@ -62,6 +62,7 @@ def search_witnesses(
     shared: Indices | None = None,
     aims: JudgedStates | None = None,
     thorough: bool = True,
+    received: bool = True,
     progress: Callable[[int, int], None] | None = None,
 ) -> Witnesses:
     """Look for an observation within each box that makes the robot come nearer than the collision distance.
@@ -90,6 +91,8 @@ def search_witnesses(
     thorough : bool
         Whether everything is tried in every state; else only in those that one climb brought near to failing, where
         nearly all is found of what there is.
+    received : bool
+        Whether observations are tried as they were received; else that has been done.
     progress : callable, optional
         Called with the states that were looked at and the states in all.
 
@@ -114,8 +117,9 @@ def search_witnesses(
     )
     found, left = [], []
     for some in _chunks(doubtful, _AT_ONCE):
-        easy, hard = asked.as_received(some)
+        easy = asked.as_received(some if received else some[:0])
         found.append(easy)
+        hard = asked.may_fail(np.setdiff1d(some, easy.state))
         if not _chooses(policy) and len(hard):
             climbed, hard = asked.climbed_once(hard, thorough=thorough)
             found.append(climbed)
@@ -146,12 +150,14 @@ class _Asked:
     commands: Hull
     shared: Indices | None
 
-    def as_received(self, rows: Indices) -> tuple[Witnesses, Indices]:
-        """Run observations as they were received, (R, n); and return the states that may fail by others."""
-        found = self._confirmed(self.observations[rows][:, None], rows)
-        hard = np.setdiff1d(rows, found.state)
-        ends = self.commands[0][hard], self.commands[1][hard]
-        return found, hard[_may_fail(self.policy, self.states.select(hard), self.aims.select(hard), *ends)]
+    def as_received(self, rows: Indices) -> Witnesses:
+        """Run observations as they were received, (R, n)."""
+        return self._confirmed(self.observations[rows][:, None], rows)
+
+    def may_fail(self, rows: Indices) -> Indices:
+        """Return those of R states that may fail by what else is observed."""
+        ends = self.commands[0][rows], self.commands[1][rows]
+        return rows[_may_fail(self.policy, self.states.select(rows), self.aims.select(rows), *ends)]
 
     def climbed_once(self, rows: Indices, *, thorough: bool) -> tuple[Witnesses, Indices]:
         """Try one climb in each of R states, and return those in which others are to be tried."""
@@ -303,6 +309,8 @@ def confirm(policy: SearchablePolicy, states: JudgedStates, candidates: Floats) 
         At most one for each state.
     """
     count, each, size = candidates.shape
+    if not count:
+        return Witnesses.none(size, len(states.rules.lower))
     raw = np.asarray(policy.run(candidates.reshape(-1, size)), dtype=np.float64)
     actions = states.rules.clip(raw).reshape(count, each, -1)
     clearances, seconds, poses = states.closest_approach(actions)

@@ -55,6 +55,12 @@ class PoseBoxes:
         return np.asarray(self.centre[:, 0] + 1j * self.centre[:, 1])
 
     @property
+    def corners(self) -> Floats:
+        """Return the outermost places x, y of boxes, (C, 4, 2)."""
+        signs = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
+        return np.asarray(self.centre[:, None, :2] + signs * self.radius[:, None, :2])
+
+    @property
     def extent(self) -> Floats:
         """Return how far any place of a box is from its middle at most, (C,) metres."""
         return np.hypot(self.radius[:, 0], self.radius[:, 1])

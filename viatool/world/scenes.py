@@ -205,6 +205,42 @@ class Scenes:
         distances: Floats = self._in_chunks(self._clearance, scene, as_plane(points))
         return distances
 
+    def farthest_within(self, corners: Floats, scene: Indices) -> Floats:
+        """Return how far the hulls of points are at most from the one obstacle or wall that is nearest to all of them.
+
+        Parameters
+        ----------
+        corners : ndarray
+            (B, K, 2) metres.
+        scene : ndarray
+            (B,) indices of the scenes.
+
+        Returns
+        -------
+        ndarray
+            (B,) metres, infinite where there is none: no point of the hull is farther from every obstacle and wall.
+            Cells of a grid do not count.
+
+        Notes
+        -----
+        Sound: under rounding only. Circles, edges and what is behind a wall are convex, so the distance from one is a
+        convex function, which is largest at a corner.
+        """
+
+        def measure(points: Plane, index: Indices) -> Floats:
+            each = index[:, None]
+            away = [np.abs(self._centres[:, each] - points) - self._radii[:, each]]  # (N, B, K)
+            away.append(np.sqrt(point_edge_squared(points, self._first[:, each], self._second[:, each])))
+            if self._convex:
+                away.append(self._offsets[..., None] - dot(self._normals[..., None], points))
+            else:
+                first, second = (end[..., None] for end in self._arena)
+                away.append(np.sqrt(point_edge_squared(points, first, second)))
+            return np.asarray(np.maximum(np.concatenate(away).max(axis=2).min(axis=0), 0.0))
+
+        found: Floats = self._in_chunks(measure, scene, as_plane(corners), rays=corners.shape[1])
+        return found
+
     def segment_clearance(self, starts: Floats, ends: Floats, scene: Indices) -> Floats:
         """Return the smallest distance from any point of segments to an obstacle or wall of the arena.
 
