@@ -55,6 +55,6 @@ class Fan:
             least, most = -np.inf, np.inf
         elif lidar.reduce == "mean":
             ranges = np.clip(ranges, least, most)
-        by_bin = ranges.reshape(len(ranges), ranges.shape[1] // lidar.bins, lidar.bins)
+        by_bin = ranges.reshape(len(ranges), -1, lidar.bins)
         binned: Reals = by_bin.mean(axis=1) if lidar.reduce == "mean" else by_bin.min(axis=1)
         return binned if np.isinf(most) else np.clip(binned, least, most)

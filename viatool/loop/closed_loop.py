@@ -327,10 +327,12 @@ class ClosedLoop:
         if self.driven.choice is None:
             self.watch(sightings.forms.centre, reached)
         pieces = self._sent(sightings, reached.lower, reached.upper, count)
-        influence = reached.influence[:count].copy()
-        np.maximum.at(influence, sightings.cell, reached.influence)
-        moved = influence / np.maximum(influence.sum(axis=1, keepdims=True), 1e-12)
-        moved = moved.max(axis=2)  # (C, 3 + A + n)
+        influence = reached.influence
+        if len(sightings.cell) > count:
+            influence = influence[:count].copy()
+            np.maximum.at(influence, sightings.cell, reached.influence)
+        each = np.moveaxis(influence, 2, 0)  # (A, C, 3 + A + n)
+        moved = np.maximum.reduce([one / np.maximum(one.sum(axis=1, keepdims=True), 1e-12) for one in each])
         pose, before = moved.sum(axis=1), []
         for axis in range(len(self.rules.kinematics.before)):
             before.append(moved[:, [3 + axis, *self._told_of(axis, moved.shape[1])]].sum(axis=1))

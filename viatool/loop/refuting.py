@@ -26,7 +26,7 @@ from viatool.taylor.propagation import Box
 _CORNERS = np.array([(x, y) for x in (-1.0, 0.0, 1.0) for y in (-1.0, 0.0, 1.0)])
 _TURNS = np.array([-1.0, 0.0, 1.0])
 _INSIDE = 1.0 - 1e-6
-_FRACTIONS = np.linspace(0.0, 1.0, 11)
+_INSTANTS = 10
 _BISECTIONS = 20
 _WAYS = 8
 """In which sensors err as a whole, the first of which is not at all, of which the worst is searched."""
@@ -125,6 +125,8 @@ class Suspects:
         stands[row] = np.arange(len(row))
         cell = np.flatnonzero(stands[which] >= 0)
         previous = (0.5 * (cells.previous_lower + cells.previous_upper))[cell]
+        if not len(cell):
+            return cls._none(loop, previous)
         may = _at_headings(boxes.select(row), place)
         eyes = SharedEyes(loop.sensors.scenes, may.reshape(-1, 3))
         heading, left = _worst_headings(loop, may, stands[which[cell]], previous, eyes)
@@ -141,6 +143,22 @@ class Suspects:
         known = known_readings(loop, poses, previous, deceived)
         sets = AdmissibleSets.of(errors, known)
         return cls(loop, cell, poses, previous, _received(sets), sets, deceived, left, known)
+
+    @classmethod
+    def _none(cls, loop: ClosedLoop, previous: Floats) -> Suspects:
+        """Return no robot, where no cell has a free pose."""
+        poses, nothing = np.zeros((0, 3)), np.zeros((0, len(loop.setting.radii)))
+        deceived = Deceptions.none(loop.setting, poses)
+        return cls(
+            loop,
+            np.zeros(0, np.int64),
+            poses,
+            previous,
+            nothing,
+            Box(nothing, nothing),
+            deceived,
+            np.zeros(0),
+        )
 
     def __len__(self) -> int:
         """Return W."""
@@ -233,7 +251,7 @@ def _worst_deceptions(
         check_time()
         known = known_readings(loop, poses, previous, deceived, lossless=True)
         actions = loop.rules.clip(loop.driven(_received(AdmissibleSets.of(setting.reading_errors, known))))
-        left.append(judged.clearance(actions[:, None], _FRACTIONS).min(axis=(1, 2)))
+        left.append(judged.least_clearance(actions[:, None], _INSTANTS)[:, 0])
     return Deceptions.choose(np.argmin(left, axis=0), ways)
 
 
@@ -279,7 +297,7 @@ def _worst_headings(
     actions = rules.clip(loop.driven(loop.sensors.measure(flat, before, eyes=eyes.of(which))))
     under_way, begun = _state_before(rules, before)
     judged = JudgedStates(rules, loop.around.everything.throughout(flat), under_way, begun=begun)
-    left = judged.nominal.clearance(actions[:, None], _FRACTIONS).min(axis=(1, 2)).reshape(-1, len(turns))
+    left = judged.nominal.least_clearance(actions[:, None], _INSTANTS).reshape(-1, len(turns))
     free = _clearance(loop, poses) > rules.clearance.collision + _FREE  # corners may be nearer when turned
     least = np.where(free[at], left, np.inf)
     worst = least.argmin(axis=1)

@@ -135,6 +135,8 @@ def _decide(loop: ClosedLoop, lattice: Lattice, nodes: Nodes, seed: int) -> Cell
     easily = suspects.as_received()
     status[easily.witnesses.state] = REFUTED
     left = np.flatnonzero(status == UNKNOWN)
+    if not len(left):
+        return CellFindings.of(nodes, status, easily)
     proofs = prove_cells(loop, cells.select(left))
     status[left[proofs.holds]] = CERTIFIED
     doubtful = np.flatnonzero(status[suspects.cell] == UNKNOWN)

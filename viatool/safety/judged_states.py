@@ -14,6 +14,7 @@ from viatool.motion.actuated import ActuatedMotion
 from viatool.motion.corner_runs import CORNER_MARGIN, drive_corners
 from viatool.motion.manoeuvre import Manoeuvre
 from viatool.rounding import SIGHT_ROUNDING
+from viatool.safety.compiled import PackedQuestion, nearest, question_of
 from viatool.safety.proof import Proof, prove_clearance
 from viatool.safety.scene_poses import ScenePoses
 from viatool.setting.rules import Rules
@@ -267,6 +268,20 @@ class JudgedStates:
         paths = self.paths(actions, fractions)
         return self._clearance(paths, self._counted(paths, actions, fractions))
 
+    def least_clearance(self, actions: Floats, steps: int) -> Floats:
+        """Return the least of `clearance` at the ends of equal steps of each path, (B, A) metres: to aim with."""
+        question = self._question
+        if question is None:
+            return np.asarray(self.clearance(actions, np.linspace(0.0, 1.0, steps + 1)).min(axis=2))
+        return nearest(question, self.observing, actions, steps)[0]
+
+    @property
+    def _question(self) -> PackedQuestion | None:
+        """Return what the compiled engine is asked about paths; None where numpy follows them."""
+        if self.motion is not None or self.waits or self.begun is not None:
+            return None
+        return question_of(self.observing, self.rules.manoeuvre, self.rules.footprint)
+
     def _counted(self, paths: Floats, actions: Floats, fractions: Floats) -> Floats:
         """Return for how long things have moved at poses of `paths`, where that counts, (B, A, T) seconds.
 
@@ -304,6 +319,15 @@ class JudgedStates:
         Sound: as an upper bound of the least clearance, under rounding only; the instant is found by
         sampling.
         """
+        question = self._question
+        if (
+            question is not None
+        ):  # which of the instants is told apart in no time; how near it is, is then measured
+            step = nearest(question, self.observing, actions, len(DENSE_FRACTIONS) - 1)[1]
+            fractions, move = DENSE_FRACTIONS[step], self.rules.manoeuvre
+            poses = move.path(self.observing.poses[:, None], actions, fractions)
+            left = self._clearance(poses[:, :, None], np.zeros((*step.shape, 1)))[:, :, 0]
+            return left, move.begins + move.clock(actions, fractions), poses
         if self.motion is None:
             paths = self.paths(actions, DENSE_FRACTIONS)
             clock = self._instants(actions, DENSE_FRACTIONS, "clock")

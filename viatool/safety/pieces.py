@@ -100,7 +100,10 @@ class CommandPieces:
         come in the order of their states.
         """
         lower, upper = (np.clip(end, *limits) for end in (pieces.lower, pieces.upper))
-        each = np.column_stack([whole[pieces.state].astype(np.float64), lower, upper])
+        state = whole[pieces.state]
+        if len(state) == count and (state == np.arange(count)).all():
+            return cls(state, lower, upper, count)
+        each = np.column_stack([state.astype(np.float64), lower, upper])
         each = np.unique(each, axis=0)
         state, axes = each[:, 0].astype(np.int64), lower.shape[1]
         return cls(state, each[:, 1 : 1 + axes], each[:, 1 + axes :], count)

@@ -9,6 +9,7 @@ import numpy as np
 from viatool.arrays import Booleans, Floats
 from viatool.motion.manoeuvre import Manoeuvre
 from viatool.motion.profile import VaryingMotion
+from viatool.safety.compiled import decide, question_of
 from viatool.safety.enclosure import MotionBoxes, enclose
 from viatool.safety.scene_poses import ScenePoses
 from viatool.safety.varying import enclose_varying, keep_at_best
@@ -105,6 +106,9 @@ def prove_clearance(
     require_ordered("commands", lower, upper)
     if placed.radii is not None:
         require_ordered("half-widths of poses", np.zeros_like(placed.radii), placed.radii)
+    question = question_of(placed, manoeuvre, footprint, threshold, effort)
+    if question is not None:
+        return Proof(*decide(question, placed, lower, upper))
     proved, refuted = np.ones(len(lower), dtype=bool), np.zeros(len(lower), dtype=bool)
     cells = MotionBoxes.whole(lower, upper, placed.radii)
     for level in range(effort.levels + 1):

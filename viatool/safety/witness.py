@@ -25,15 +25,20 @@ from viatool.taylor.propagation import Box
 MARGIN = 1e-7
 """Metres by which a witness must fail, so that it fails again in whatever order the runtime sums."""
 
-_FRACTIONS = np.linspace(0.0, 1.0, 21)
+_INSTANTS = 20
+"""Equal steps of a path, at whose ends it is looked at."""
 _ROUNDS = 3
 _STEPS = 4
 _CONFIRMED = 6
 _CHUNK = 256
+_NUMBERS = 1_000_000
+"""Numbers of observations from which is climbed at once."""
 _AT_ONCE = 1024
 """States that are tried as they were received, and by one climb."""
 _HOPEFUL = 2.0
-"""Times what one climb brought a state nearer that more of them may bring it."""
+"""Times what one step of a climb brought a state nearer that more of them may bring it."""
+_STILL_HOPEFUL = 0.1
+"""Times what a climb brought a state nearer that others may bring it."""
 _BETWEEN = 1.5
 """Times what the corners and middles of a box of commands differ by that others of its commands may be nearer."""
 
@@ -176,10 +181,11 @@ class _Asked:
         return self._confirmed(self._within(_around_rules(self.policy, points, box), rows), rows)
 
     def _search(self, rows: Indices) -> _Search:
-        ends = self.commands[0][rows], self.commands[1][rows]
+        lower, upper = self.commands[0][rows], self.commands[1][rows]
         return _Search(
-            self.policy, self.aims.select(rows), self.observations[rows], self.box.rows(rows), *ends
-        )
+            self.policy.network, self.aims.select(rows), self.observations[rows], self.box.rows(rows),
+            0.5 * (lower + upper), np.maximum(0.5 * (upper - lower), 1e-9),
+        )  # fmt: skip
 
     def _within(self, points: Floats, rows: Indices) -> Floats:
         """Return points (R, K, n) as sensors may give them and programs receive them."""
@@ -210,8 +216,8 @@ def _may_fail(
     if _chooses(policy):
         return np.ones(len(states), dtype=bool)
     rules = states.rules
-    left = aimed.clearance(rules.clip(_levels(lower, upper)), _FRACTIONS).min(axis=2)
-    middle = states.clearance(rules.clip(0.5 * (lower + upper))[:, None], _FRACTIONS).min(axis=(1, 2))
+    left = aimed.least_clearance(rules.clip(_levels(lower, upper)), _INSTANTS)
+    middle = states.least_clearance(rules.clip(0.5 * (lower + upper))[:, None], _INSTANTS)[:, 0]
     spread = left.max(axis=1) - left.min(axis=1)
     return np.asarray(~(middle - _BETWEEN * spread >= rules.clearance.collision))
 
@@ -326,28 +332,39 @@ def confirm(policy: SearchablePolicy, states: JudgedStates, candidates: Floats) 
     return Witnesses.among_what_stands(rows, *picked, here, here).among(moved)
 
 
+@dataclass(frozen=True, eq=False)
 class _Search:
-    """The search in float64, for a chunk of states."""
+    """The search in float64, for a chunk of B states whose commands lie around centres (B, A), within radii."""
 
-    def __init__(
-        self,
-        policy: SearchablePolicy,
-        states: JudgedStates,
-        observations: Floats,
-        box: Box | AdmissibleSets,
-        lower: Floats,
-        upper: Floats,
-    ) -> None:
-        self.network, self.states = policy.network, states
-        self.observations, self.box = observations, box
-        self.centre, self.radius = 0.5 * (lower + upper), np.maximum(0.5 * (upper - lower), 1e-9)
+    network: Network
+    states: JudgedStates
+    observations: Floats
+    box: Box | AdmissibleSets
+    centre: Floats
+    radius: Floats
+
+    def of(self, rows: Indices) -> _Search:
+        """Return that of some of the states."""
+        return _Search(
+            self.network, self.states.select(rows), self.observations[rows], self.box.rows(rows), self.centre[rows],
+            self.radius[rows],
+        )  # fmt: skip
 
     def once(self) -> tuple[Floats, Booleans]:
-        """Return the observation to which one climb leads, (B, n), and where more may make the state fail, (B,)."""
-        reached = self._climb(self.observations, self._descent(self._nearest_of_box()))
-        actions = self._actions(np.stack([self.observations, reached], axis=1))
-        before, after = self._clearances(actions).T
-        return reached, after - self.states.rules.clearance.collision <= _HOPEFUL * (before - after)
+        """Return the observation to which one climb leads, (B, n), and where more may make the state fail, (B,).
+
+        After its first step it goes on only where it came near to failing.
+        """
+        direction = self._descent(self._nearest_of_box())
+        points = np.stack([self.observations, self._climb(self.observations, direction, steps=1)], axis=1)
+        before, after = self._clearances(self._actions(points)).T
+        limit = self.states.rules.clearance.collision
+        on = np.flatnonzero(after - limit <= _HOPEFUL * (before - after))
+        if len(on):
+            further = self.of(on)
+            points[on, 1] = further._climb(further.observations, direction[on])
+            after[on] = further._clearances(further._actions(points[on, 1:]))[:, 0]
+        return points[:, 1], after - limit <= _STILL_HOPEFUL * (before - after)
 
     def candidates(self, chance: RowChance) -> Floats:
         """Return the most promising observations (B, K, n) of every state."""
@@ -356,7 +373,7 @@ class _Search:
         starts = [self.observations, *(self.box.random_corner(chance) for _ in range(2))]
         for _ in range(_ROUNDS):
             directions = [self._descent(aim), *self._diagonals(aim)]
-            found += [self._climb(start, direction) for start in starts for direction in directions]
+            found += self._climb_each(starts, directions)
             points = np.stack(found, axis=1)
             actions = self._actions(points)
             nearest = self._clearances(actions).argsort(axis=1)[:, :_CONFIRMED]
@@ -382,14 +399,26 @@ class _Search:
         outward = np.sign(action - self.centre) / self.radius
         return [outward, *(outward * axis for axis in np.eye(outward.shape[1]))]
 
-    def _climb(self, start: Floats, direction: Floats) -> Floats:
+    def _climb(self, start: Floats, direction: Floats, *, steps: int = _STEPS) -> Floats:
         """Go from corner to corner along the gradient of a combination of commands, (B, n)."""
-        return climb(self.network, self.box, direction, start, steps=_STEPS)[0]
+        return climb(self.network, self.box, direction, start, steps=steps)[0]
+
+    def _climb_each(self, starts: Sequence[Floats], directions: Sequence[Floats]) -> list[Floats]:
+        """Climb from every start (B, n) in every direction (B, A), as many at once as fit."""
+        rows, found = np.arange(len(self.observations)), []
+        pairs = list(product(starts, directions))
+        step = max(1, _NUMBERS // self.observations.size)
+        for some in (pairs[first : first + step] for first in range(0, len(pairs), step)):
+            start, direction = (np.concatenate(side) for side in zip(*some, strict=True))
+            boxes = self.box.rows(np.tile(rows, len(some)))
+            reached = climb(self.network, boxes, direction, start, steps=_STEPS)[0]
+            found += np.split(reached, len(some))
+        return found
 
     def _actions(self, points: Floats) -> Floats:
         flat = self.network(points.reshape(-1, points.shape[-1]))
-        return flat.reshape(*points.shape[:-1], -1)
+        return flat.reshape(*points.shape[:-1], flat.shape[1])
 
     def _clearances(self, actions: Floats) -> Floats:
         """Return the least clearance (B, K) on the paths of commands (B, K, A)."""
-        return np.asarray(self.states.clearance(self.states.rules.clip(actions), _FRACTIONS).min(axis=2))
+        return self.states.least_clearance(self.states.rules.clip(actions), _INSTANTS)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -41,6 +42,29 @@ _NO_EDGE = (1e9, 1e9, 1e9, 1e9)
 # The shapes of their own of one scene that has none.
 NO_CIRCLES: Floats = np.zeros((1, 0, 3))
 NO_EDGES: Floats = np.zeros((1, 0, 4))
+
+
+@dataclass(frozen=True, eq=False)
+class FlatScenes:
+    """The same as plain numbers, in metres.
+
+    Parameters
+    ----------
+    circles, edges : ndarray
+        (S, K, 3) x, y, radius, and (S, M, 4) both ends, the inside to the left.
+    walls : ndarray
+        (n, 4) both ends of the arena's, the inside to the left.
+    normals : ndarray
+        (n, 3) of a convex arena: outward, and how far outward the wall is.
+    convex : bool
+        Whether the arena is.
+    """
+
+    circles: Floats
+    edges: Floats
+    walls: Floats
+    normals: Floats
+    convex: bool
 
 
 class Scenes:
@@ -115,6 +139,22 @@ class Scenes:
         if edges.shape[1]:
             self._first[self._own[1] :, which] = sides[0] + 1j * sides[1]
             self._second[self._own[1] :, which] = sides[2] + 1j * sides[3]
+
+    @property
+    def flat(self) -> FlatScenes | None:
+        """Return all shapes as plain numbers; None where there is a grid."""
+        if self._grid is not None:
+            return None
+        first, second = (end[:, 0] for end in self._arena)
+        return FlatScenes(
+            np.stack([self._centres.real, self._centres.imag, self._radii], axis=-1).swapaxes(0, 1),
+            np.stack(
+                [self._first.real, self._first.imag, self._second.real, self._second.imag], axis=-1
+            ).swapaxes(0, 1),
+            np.column_stack([first.real, first.imag, second.real, second.imag]),
+            np.column_stack([self._normals.real, self._normals.imag, self._offsets]),
+            self._convex,
+        )
 
     def cast(
         self,
