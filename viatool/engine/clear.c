@@ -117,12 +117,12 @@ static void gather(const Around *around, integer scene, Point p, double limit, N
 
 static double speed_of(double ahead, double left) { return left == 0.0 ? fabs(ahead) : hypot(ahead, left); }
 
-static double seconds_of(const Question *asked, double speed, double turn) {
+static double seconds_of(const Asked *asked, double speed, double turn) {
     if (asked->deceleration == 0.0) return asked->interval;
     return asked->interval + 0.5 * (speed + asked->rim * turn) / asked->deceleration;
 }
 
-static Velocity velocity_of(const Question *asked, const double *command) {
+static Velocity velocity_of(const Asked *asked, const double *command) {
     return (Velocity){asked->ahead < 0 ? 0.0 : command[asked->ahead], asked->left < 0 ? 0.0 : command[asked->left],
                       asked->turn < 0 ? 0.0 : command[asked->turn]};
 }
@@ -140,14 +140,14 @@ static double larger(double a, double b) { return fabs(a) > fabs(b) ? fabs(a) : 
 static double smaller(double a, double b) { return a * b > 0.0 ? least(fabs(a), fabs(b)) : 0.0; }
 
 /* Each part of a path, signed, that goes with the sizes of the other parts. */
-static Velocity path_of(const Question *asked, Velocity part, Velocity others) {
+static Velocity path_of(const Asked *asked, Velocity part, Velocity others) {
     const double turning = fabs(others.turn);
     return (Velocity){part.ahead * seconds_of(asked, speed_of(part.ahead, others.left), turning),
                       part.left * seconds_of(asked, speed_of(others.ahead, part.left), turning),
                       part.turn * seconds_of(asked, speed_of(others.ahead, others.left), fabs(part.turn))};
 }
 
-static void widen_path(const Question *asked, Velocity end, Velocity others, Velocity middle, Velocity *radii) {
+static void widen_path(const Asked *asked, Velocity end, Velocity others, Velocity middle, Velocity *radii) {
     const Velocity at = path_of(asked, end, others);
     radii->ahead = most(radii->ahead, fabs(at.ahead - middle.ahead));
     radii->left = most(radii->left, fabs(at.left - middle.left));
@@ -155,7 +155,7 @@ static void widen_path(const Question *asked, Velocity end, Velocity others, Vel
 }
 
 /* By how much the parts of a path differ from those of the centre, see `path_radii` in viatool/motion/twists.py. */
-static Velocity radii_of(const Question *asked, Velocity lower, Velocity upper, Velocity centre) {
+static Velocity radii_of(const Asked *asked, Velocity lower, Velocity upper, Velocity centre) {
     const Velocity middle = path_of(asked, centre, centre);
     const Velocity large = {larger(lower.ahead, upper.ahead), larger(lower.left, upper.left),
                             larger(lower.turn, upper.turn)};
@@ -168,18 +168,18 @@ static Velocity radii_of(const Question *asked, Velocity lower, Velocity upper, 
 }
 
 /* The longest path of a box of commands, in metres. */
-static double longest_of(const Question *asked, const double *lower, const double *upper) {
+static double longest_of(const Asked *asked, const double *lower, const double *upper) {
     const Velocity low = velocity_of(asked, lower), high = velocity_of(asked, upper);
     const double speed = speed_of(larger(low.ahead, high.ahead), larger(low.left, high.left));
     return speed * seconds_of(asked, speed, larger(low.turn, high.turn));
 }
 
-static double rounding_of(const Question *asked, const double *pose, double way, double turn) {
+static double rounding_of(const Asked *asked, const double *pose, double way, double turn) {
     return asked->rounding * (asked->scale + fabs(pose[0]) + fabs(pose[1]) + fabs(pose[2]) + way + turn + asked->radius);
 }
 
 /* Bounds the clearance over a piece from below, and what its centre attains from above; writes its shares. */
-static void enclose(const Question *asked, const Near *near, const double *pose, int boxed, Piece *piece,
+static void enclose(const Asked *asked, const Near *near, const double *pose, int boxed, Piece *piece,
                     double *least_left, double *attained) {
     const integer axes = asked->axes, fraction = axes, offset = axes + 1;
     const Deviations *of = asked->deviations;
@@ -225,7 +225,7 @@ static void halve(const Piece *piece, integer sides, Piece *first, Piece *second
 enum { UNDECIDED, PROVED, REFUTED };
 
 /* Decides one state; its open pieces stand in one array, and their halves go to the other. */
-static int decide(const Question *asked, const Near *near, const double *pose, int boxed, Piece *open, Piece *halves) {
+static int decide(const Asked *asked, const Near *near, const double *pose, int boxed, Piece *open, Piece *halves) {
     const integer sides = asked->axes + 1 + (boxed ? POSE : 0);
     integer count = 1;
     for (integer level = 0; level <= asked->levels; level++) {
@@ -265,7 +265,7 @@ static int begin_near(const Around *around, Near *near, const double ***memory) 
 }
 
 /* Decides states at poses (count, 3), or at boxes of them; `radius` is NULL for poses alone. */
-EXPORTED int viatool_clear(const Question *asked, integer count, const double *poses, const double *radius,
+EXPORTED int viatool_clear(const Asked *asked, integer count, const double *poses, const double *radius,
                            const integer *scene, const double *lower, const double *upper, uint8_t *proved,
                            uint8_t *refuted) {
     const integer axes = asked->axes;
@@ -323,7 +323,7 @@ static double distance_of(const Near *near, int convex, Point at) {
 }
 
 /* The least distance at the ends of equal steps of one path, and at which of them first. */
-static double nearest_on_path(const Question *asked, integer scene, const double *pose, const double *command,
+static double nearest_on_path(const Asked *asked, integer scene, const double *pose, const double *command,
                               double now, integer steps, Near *near, integer *first) {
     const int convex = (int)asked->around.convex;
     const Velocity u = velocity_of(asked, command);
@@ -348,7 +348,7 @@ static double nearest_on_path(const Question *asked, integer scene, const double
 
 /* The least clearance (count, each) at the ends of equal steps of the paths of commands (count, each, axes), and after
  * how many steps: nothing is proved by it. */
-EXPORTED int viatool_nearest(const Question *asked, integer count, integer each, const double *poses,
+EXPORTED int viatool_nearest(const Asked *asked, integer count, integer each, const double *poses,
                              const integer *scene, const double *commands, integer steps, double *found,
                              integer *step) {
     Near near;

@@ -30,6 +30,6 @@ typedef struct {
     double interval, deceleration, rim; /* deceleration 0 without brakes */
     double rounding;                 /* metres for each metre of scale */
     const Deviations *deviations;
-} Question;
+} Asked;
 
 #endif
