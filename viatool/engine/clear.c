@@ -175,7 +175,8 @@ static double longest_of(const Asked *asked, const double *lower, const double *
 }
 
 static double rounding_of(const Asked *asked, const double *pose, double way, double turn) {
-    return asked->rounding * (asked->scale + fabs(pose[0]) + fabs(pose[1]) + fabs(pose[2]) + way + turn + asked->radius);
+    const double place = fabs(pose[0]) + fabs(pose[1]) + fabs(pose[2]);
+    return asked->rounding * (asked->scale + place + way + turn + asked->radius);
 }
 
 /* Bounds the clearance over a piece from below, and what its centre attains from above; writes its shares. */
@@ -201,13 +202,17 @@ static void enclose(const Asked *asked, const Near *near, const double *pose, in
     const Velocity radii =
         radii_of(asked, velocity_of(asked, piece->lower), velocity_of(asked, piece->upper), u);
     const double heading = end * of->turns * radii.turn;
-    const double away = end * of->speeds * speed_of(radii.ahead, radii.left) + of->sideways * 0.5 * end * length * heading;
+    const double aside = of->sideways * 0.5 * end * length * heading;
+    const double away = end * of->speeds * speed_of(radii.ahead, radii.left) + aside;
     const double elsewhere = of->places * hypot(radius[0], radius[1]), turned = end * length * radius[2];
     for (integer a = 0; a < axes; a++)
         piece->shares[a] = end * (a == asked->turn ? 0.5 * end * length : 1.0) * 0.5 *
                            (piece->upper[a] - piece->lower[a]) * seconds;
     piece->shares[fraction] = sagitta;
-    if (boxed) piece->shares[offset] = radius[0], piece->shares[offset + 1] = radius[1], piece->shares[offset + 2] = turned;
+    if (boxed) {
+        const double shares[POSE] = {radius[0], radius[1], turned};
+        memcpy(piece->shares + offset, shares, sizeof shares);
+    }
     *attained = left + sagitta + rounding;
     *least_left = left - away - elsewhere - of->headings * turned - of->sagitta * sagitta - rounding;
 }
@@ -291,8 +296,8 @@ EXPORTED int viatool_clear(const Asked *asked, integer count, const double *pose
         }
         const double way = longest_of(asked, low, high);
         const double reached = asked->threshold + asked->radius + extent + asked->deviations->way * way;
-        gather(&asked->around, scene[b], (Point){pose[0], pose[1]}, reached + 4.0 * rounding_of(asked, pose, way, extent),
-               &near);
+        const double limit = reached + 4.0 * rounding_of(asked, pose, way, extent);
+        gather(&asked->around, scene[b], (Point){pose[0], pose[1]}, limit, &near);
         const int found = decide(asked, &near, pose, radius != NULL, pieces, pieces + 2 * asked->cells + 1);
         proved[b] = found == PROVED, refuted[b] = found == REFUTED;
     }

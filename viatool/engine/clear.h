@@ -1,7 +1,7 @@
 /* How near a robot whose footprint is a disc comes to what stands around it, one state at a time.
  *
- * The derivation is that of viatool/safety/enclosure.py, whose numpy code is the reference; how rounding is covered stands
- * in docs/kernel.md, K13. Python packs what is around, and what is asked (viatool/safety/compiled.py).
+ * The derivation is that of viatool/safety/enclosure.py, whose numpy code is the reference; how rounding is covered
+ * stands in docs/kernel.md, K13. Python packs what is around, and what is asked (viatool/safety/compiled.py).
  */
 #ifndef VIATOOL_CLEAR_H
 #define VIATOOL_CLEAR_H
