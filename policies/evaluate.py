@@ -48,7 +48,7 @@ def record_of(policy: Policy) -> dict[str, Any]:
     world_map = viatool.load_map(MAP)
     driven = evaluate_policy(
         policy, TrainingMaps((world_map,)), load_configuration(policy.path.with_suffix(".yaml"))
-    )
+    ).metrics
     result = viatool.verify(policy, world_map, eps=EPS)
     width = np.mean(result.upper - result.lower, axis=0)
     training = {name: policy.spec.training.get(name) for name in ("method", "seed", "epoch")}

@@ -77,6 +77,11 @@ from viatool.cli.work import keeping, worker_options
     metavar="DIRECTORY",
     help="Continue an interrupted run, with its own options.",
 )
+@click.option(
+    "--watch",
+    is_flag=True,
+    help="Draw the learning curves after every epoch: success, collisions, cost, lambda, u.",
+)
 @options.quiet_option
 def command(
     preset: str,
@@ -92,6 +97,7 @@ def command(
     scheduler: str | None,
     output: Path | None,
     interrupted: Path | None,
+    watch: bool,
     quiet: bool,
 ) -> None:
     """Train a policy with a CVaR constraint and export it, ready to verify.
@@ -99,13 +105,16 @@ def command(
     Options and metrics are explained in docs/training.md, methods in docs/methods.md. Two runs with the same
     seed on the same machine give the same policy, also when one was interrupted and resumed, and whoever trains.
     """
+    from viatool.report.simulations.failures import draw_failures
     from viatool.schedule import Progress, open_scheduler
     from viatool.train import (
         TrainingResult,
+        failing_scenarios,
         make_configuration,
         resume_seeds,
         train_seeds,
     )
+    from viatool.train.curves import watching
 
     directory = output or Path("runs") / f"{preset}-{time.strftime('%Y%m%d-%H%M%S')}"
 
@@ -127,9 +136,10 @@ def command(
     kept = interrupted or directory
     told = keeping(kept, "what is trained is", f"--resume {kept}")
     with told, show_progress(quiet=quiet, whole="training") as progress:
-        result = run(progress)
+        result = run(watching(progress, kept) if watch else progress)
+    drawn = draw_failures(result.policy, failing_scenarios(kept), kept)
     if quiet:
         return
     console = open_console()
-    for line in result.lines():
+    for line in [*result.lines(), *(f"failures    {path}" for path in drawn)]:
         console.print(line, markup=False, soft_wrap=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from viatool.schedule import Progress
-from viatool.train.batches import complete, resume_seeds, train_seeds
+from viatool.train.batches import complete, failing_scenarios, resume_seeds, train_seeds
 from viatool.train.configuration import TrainingConfiguration, load_configuration, make_configuration
 from viatool.train.export import export_checkpoint
 from viatool.train.maps import TrainingMaps
@@ -18,6 +18,7 @@ __all__ = [
     "TrainingResult",
     "complete",
     "export_checkpoint",
+    "failing_scenarios",
     "load_configuration",
     "make_configuration",
     "resume",

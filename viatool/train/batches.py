@@ -26,11 +26,12 @@ from viatool.schedule import (
     run_in_folder,
 )
 from viatool.train.configuration import TrainingConfiguration, load_configuration
-from viatool.train.maps import TrainingMaps, load_maps
+from viatool.train.maps import TrainingMaps, load_maps, random_scenarios
 from viatool.train.records import write_json, write_text
 from viatool.train.selection import best_candidates
 from viatool.train.trainer import BATCHES, CONFIGURATION, EVALUATION, TrainingResult, resume, train
 from viatool.whole_file import whole_file
+from viatool.world import Scenario, WorldMap
 
 POLICY = "policy.onnx"
 
@@ -160,6 +161,21 @@ def _read_plan(path: Path) -> tuple[TrainingConfiguration, int]:
         raise ConfigurationError(
             f"{path} does not say what is trained here ({error})", "start a new run"
         ) from error
+
+
+def failing_scenarios(run_directory: str | Path) -> list[tuple[WorldMap, tuple[Scenario, ...]]]:
+    """Return the held-out scenarios in which the policy of a finished run does not arrive, of the maps that have any."""
+    directory = Path(run_directory)
+    plan = directory / BATCHES
+    configuration = _read_plan(plan)[0] if plan.exists() else load_configuration(directory / CONFIGURATION)
+    failures = json.loads((directory / EVALUATION).read_text(encoding="utf-8"))["failures"]
+    maps, found = load_maps(configuration), []
+    for name, world_map in zip(maps.names, maps.maps, strict=True):
+        numbers = [number for where, number in failures if where == name]
+        if numbers:
+            drawn = random_scenarios(world_map, configuration.test_scenarios, configuration.test_seed)
+            found.append((world_map, tuple(drawn[number] for number in numbers)))
+    return found
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ import torch
 from viatool.errors import ConfigurationError
 from viatool.whole_file import whole_file
 
+METRICS = "metrics.csv"
 PACKAGES = ("viatool", "numpy", "torch", "onnx", "onnxruntime")
 
 
@@ -32,7 +33,7 @@ class MetricsLog:
     """
 
     def __init__(self, directory: Path, tensorboard: bool, finished: int = 0) -> None:
-        self.path = directory / "metrics.csv"
+        self.path = directory / METRICS
         self._events: Any = None
         if tensorboard:
             from torch.utils.tensorboard import SummaryWriter

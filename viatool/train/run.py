@@ -53,6 +53,8 @@ class TrainingRun:
         Metrics of the finished epochs.
     feedback : list of Feedback, optional
         For each map, where episodes begin again.
+    complained : set of str
+        What has been said to go wrong, see `viatool.train.health`.
     fleet, returns : Fleet and NStepReturns, or None
         The robots on their way; None when they are to be set down anew.
     """
@@ -68,6 +70,7 @@ class TrainingRun:
     candidates: list[Candidate] = field(default_factory=list)
     rows: list[dict[str, float]] = field(default_factory=list)
     feedback: list[Feedback] | None = None
+    complained: set[str] = field(default_factory=set)
     fleet: Fleet | None = None
     returns: NStepReturns | None = None
 

@@ -120,9 +120,23 @@ def validate(
     return drive_on_maps(commands, drawn, options, options.validation_seed)
 
 
-def evaluate_policy(
-    policy: Policy, maps: TrainingMaps, configuration: TrainingConfiguration
-) -> dict[str, dict[str, float]]:
+@dataclass(frozen=True)
+class Tested:
+    """How an exported policy fared.
+
+    Parameters
+    ----------
+    metrics : dict
+        Rates and means on ``fixed`` scenarios and on ``held_out`` ones, see `evaluate_policy`.
+    failures : list of (str, int)
+        The held-out scenarios in which it does not arrive: name of the map, and number among those of its test.
+    """
+
+    metrics: dict[str, dict[str, float]]
+    failures: list[tuple[str, int]]
+
+
+def evaluate_policy(policy: Policy, maps: TrainingMaps, configuration: TrainingConfiguration) -> Tested:
     """Drive an exported policy on every map's ``fixed`` scenarios and on ``held_out`` random ones.
 
     Of several maps both are also told of each map alone, as ``NAME fixed`` and ``NAME held_out``.
@@ -140,7 +154,12 @@ def evaluate_policy(
     if len(maps.maps) > 1:
         for kind, parts in found.items():
             evaluation |= {f"{name} {kind}": _told(outcome) for name, outcome in parts}
-    return evaluation
+    failures = [
+        (name, int(number))
+        for name, outcome in found.get("held_out", [])
+        for number in np.flatnonzero(~outcome.success[0])
+    ]
+    return Tested(evaluation, failures)
 
 
 def _tests(world_map: WorldMap, configuration: TrainingConfiguration) -> dict[str, Sequence[Scenario]]:

@@ -24,6 +24,7 @@ from viatool.train.constraint import update_multiplier, update_var
 from viatool.train.export import export_actor, training_record
 from viatool.train.feedback import find_feedback
 from viatool.train.fleet import Fleet
+from viatool.train.health import complaints, largest_return
 from viatool.train.maps import TrainingMaps
 from viatool.train.methods.method import EpochCosts
 from viatool.train.observation import make_specification
@@ -214,6 +215,8 @@ def _train(run: TrainingRun, directory: Path, progress: Progress) -> TrainingRes
             log.write(run.rows, options.seeds)
             spent = f"{line}  {time.perf_counter() - started:.0f} s"
             progress(_stage(run), run.epoch, options.epochs, spent)
+            for complaint in _new_complaints(run):
+                progress(_stage(run), run.epoch, options.epochs, f"warning: {complaint}")
     finally:
         log.close()
     return _finish(run, directory, progress, started)
@@ -242,6 +245,14 @@ def run_epoch(run: TrainingRun, progress: Progress) -> None:
         progress(_stage(run), run.epoch - 1 + min(part, 1.0), options.epochs)
     run.steps += steps
     _record(run, Episodes.joined(finished), _average(measured), fleet)
+
+
+def _new_complaints(run: TrainingRun) -> list[str]:
+    """Return what goes wrong since this epoch, in words; each is said once."""
+    found = complaints(run.rows, run.configuration, largest_return(run.configuration, run.maps.robot))
+    fresh = [words for kind, words in found.items() if kind not in run.complained]
+    run.complained |= found.keys()
+    return fresh
 
 
 def _stage(run: TrainingRun) -> str:
@@ -437,10 +448,10 @@ def _finish(run: TrainingRun, directory: Path, progress: Progress, started: floa
     path = directory / "policy.onnx"
     policy = export_actor(chosen.weights, run.scaling, specification, path)
     progress("testing", 1, 1)
-    evaluation = evaluate_policy(policy, run.maps, options)
+    tested = evaluate_policy(policy, run.maps, options)
     seconds = time.perf_counter() - started
     record: dict[str, Any] = {"seed": chosen.seed, "epoch": chosen.epoch, "seconds": round(seconds, 1)}
-    record |= {"score": chosen.score, "safety": list(chosen.safety)}
-    write_json(directory / EVALUATION, record | evaluation)
+    record |= {"score": chosen.score, "safety": list(chosen.safety), "failures": tested.failures}
+    write_json(directory / EVALUATION, record | tested.metrics)
     (directory / STATE).unlink(missing_ok=True)  # a finished run needs no resuming, and it is large
-    return TrainingResult(directory, path, policy, chosen.seed, chosen.epoch, evaluation, seconds)
+    return TrainingResult(directory, path, policy, chosen.seed, chosen.epoch, tested.metrics, seconds)

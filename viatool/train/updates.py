@@ -22,6 +22,7 @@ Penalties = dict[str, tuple[float, Tensor]]
 """Weights and ``(S,)`` metrics by name."""
 
 SATURATION = 2.5  # tanh(2.5) = 0.987
+SATURATED = 2.6467  # tanh(2.6467) = 0.99
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +148,7 @@ def update_actor(
     raw = agent.actor.weights(observation)
     inputs = critic_input(features, raw.tanh())
     value = first_value(agent.task_critics.weights, inputs).mean(-1)  # (S,)
-    loss, metrics = -value, {"actor_value": value.detach()}
+    loss, metrics = -value, {"actor_value": value.detach(), "saturated_share": saturated_share(raw.detach())}
     if saturation_penalty:
         loss = loss + saturation_penalty * saturation(raw)
     if agent.cost_critic is not None and bool(multiplier.any()):
@@ -168,6 +169,11 @@ def saturation(raw: Tensor) -> Tensor:
     standstill.
     """
     return (raw.abs() - SATURATION).clamp(min=0.0).square().mean((1, 2))
+
+
+def saturated_share(raw: Tensor) -> Tensor:
+    """Return the share of outputs before tanh ``(S, B, A)`` that command 99 % of the range or more, ``(S,)``."""
+    return (raw.abs() > SATURATED).float().mean((1, 2))
 
 
 def first_value(critics: Weights, inputs: Tensor) -> Tensor:
