@@ -81,6 +81,8 @@ def test_a_line_of_blocks() -> None:
     assert sparkline([0.0, 0.5, 1.0], 10, 1.0) == "▁▅█"
     assert sparkline([2.0, 4.0], 10) == "▅█"
     assert sparkline([0.0, 0.0], 10) == "▁▁"
+    assert sparkline([np.nan, 1.0, np.nan], 10, 1.0) == " █ "
+    assert sparkline([np.nan], 10) == " "
     assert sparkline(np.linspace(0, 1, 100), 4, 1.0) == "▂▄▅▇"
 
 

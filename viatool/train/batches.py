@@ -164,7 +164,7 @@ def _read_plan(path: Path) -> tuple[TrainingConfiguration, int]:
 
 
 def failing_scenarios(run_directory: str | Path) -> list[tuple[WorldMap, tuple[Scenario, ...]]]:
-    """Return the held-out scenarios in which the policy of a finished run does not arrive, of the maps that have any."""
+    """Return by map the held-out scenarios in which the policy of a finished run does not arrive."""
     directory = Path(run_directory)
     plan = directory / BATCHES
     configuration = _read_plan(plan)[0] if plan.exists() else load_configuration(directory / CONFIGURATION)

@@ -55,7 +55,7 @@ def draw_curves(metrics: Path, width: int = WIDTH) -> list[str]:
             last = measured[-1]
             mean, low, high = (format(one, curve.form) for one in (last.mean(), last.min(), last.max()))
             spread = f" ({low} to {high})" if low != high else ""
-            line = sparkline(measured.mean(axis=1), width, curve.top)
+            line = sparkline(values.mean(axis=1), width, curve.top)
             lines.append(f"{curve.title:>12}  {line:<{width}}  {mean}{spread}")
     return lines
 
@@ -75,9 +75,12 @@ def watching(progress: Progress, directory: Path) -> Progress:
 
 
 def sparkline(values: Sequence[float] | Floats, width: int, top: float | None = None) -> str:
-    """Draw values as blocks from 0 to `top`, by default their largest; more than `width` are averaged in groups."""
+    """Draw values as blocks from 0 to `top`, by default their largest, and NaN as a gap; more than `width` are averaged."""
     groups = np.array_split(np.asarray(values, dtype=np.float64), min(width, len(values)))
-    means = np.array([group.mean() for group in groups])
-    highest = float(means.max()) if top is None else top
-    share = np.clip(means / highest, 0.0, 1.0) if highest > 0 else np.zeros(len(means))
-    return "".join(_LEVELS[round(one * (len(_LEVELS) - 1))] for one in share.tolist())
+    known = [group[np.isfinite(group)] for group in groups]
+    means = [float(group.mean()) if len(group) else None for group in known]
+    highest = top or max((mean for mean in means if mean is not None), default=0.0) or 1.0
+    return "".join(
+        " " if mean is None else _LEVELS[round(min(max(mean / highest, 0.0), 1.0) * (len(_LEVELS) - 1))]
+        for mean in means
+    )
