@@ -75,7 +75,7 @@ def watching(progress: Progress, directory: Path) -> Progress:
 
 
 def sparkline(values: Sequence[float] | Floats, width: int, top: float | None = None) -> str:
-    """Draw values as blocks from 0 to `top`, by default their largest, and NaN as a gap; more than `width` are averaged."""
+    """Draw values as blocks from 0 to `top`, by default their largest; NaN is a gap, and groups are averaged."""
     groups = np.array_split(np.asarray(values, dtype=np.float64), min(width, len(values)))
     known = [group[np.isfinite(group)] for group in groups]
     means = [float(group.mean()) if len(group) else None for group in known]
