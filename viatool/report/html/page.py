@@ -18,8 +18,9 @@ from viatool.report.html.views import close_view, doubtful_view, margins_view, s
 from viatool.report.numbers import count, percentage
 from viatool.report.palette import MEANING, VERDICTS
 from viatool.report.sections import Check, Share, Table
-from viatool.report.states.document import OUTCOMES, StatesDocument, by_outcome
+from viatool.report.states.document import StatesDocument, by_outcome
 from viatool.report.states.episodes import Episode, summarise_episodes
+from viatool.report.states.record import OUTCOMES
 from viatool.report.wording import describe_eps
 from viatool.verification.beside import together
 

@@ -31,6 +31,7 @@ from viatool.report.sections import (
 from viatool.report.states.horizon_table import horizon_table
 from viatool.report.states.known import new_states
 from viatool.report.states.record import (
+    OUTCOMES,
     ClosePlacesRecord,
     RateByOutcomeRecord,
     RecordingRecord,
@@ -38,11 +39,11 @@ from viatool.report.states.record import (
     UnsafeState,
     Verdicts,
 )
+from viatool.report.states.stopped import left_out_of, not_judged, stopped_early
 from viatool.report.verified import Verified
 from viatool.report.wording import describe_eps, describe_value
 from viatool.setting.criteria import SAMPLED
 
-OUTCOMES = ("overall", "success", "collision", "timeout")
 TABLES = {"state": "", "close place": "close_"}
 """What stands before the names of the arrays of each."""
 NAMED = 3  # new unsafe states that a message names
@@ -100,17 +101,13 @@ class StatesDocument(Verified, Explained):
     @property
     def incomplete(self) -> str:
         """Say how many states were not judged, because the outcome of the gate was certain before."""
-        left = self.record.not_judged
-        if left is None:
-            return ""
-        number, total = left.overall, left.overall + self.record.states
-        return f"{count(number)} of {counted(total, 'state')} not judged"
+        return not_judged(self.record)
 
     @property
     def left_out(self) -> Mapping[str, LeftOut]:
         """Return how many states that were not judged each rate and limit may yet count."""
         left = self.record.not_judged
-        return {} if left is None else left_out_of({name: getattr(left, name) for name in OUTCOMES})
+        return {} if left is None else left_out_of(left.model_dump())
 
     @property
     def _tested(self) -> str:
@@ -141,7 +138,7 @@ class StatesDocument(Verified, Explained):
         horizon, errors = self.horizon, self.error_costs
         judged = f", of {count(self.record.states)} that were judged" if self.incomplete else ""
         return [
-            *([Facts("Stopped early", self._stopped)] if self.incomplete else []),
+            *stopped_early(self.record),
             Breakdown(("verdict", "states", "share", "meaning"), tuple(map(self._part, VERDICTS))),
             Rates(
                 f"rate of safe states{judged}",
@@ -156,31 +153,6 @@ class StatesDocument(Verified, Explained):
             *([Facts("Recorded readings against the map", self.recording)] if self.recording else []),
             self.widths,
         ]
-
-    @property
-    def _stopped(self) -> tuple[tuple[str, str], ...]:
-        """Return what was left out, and what figures are of."""
-        left = self.record.not_judged
-        assert left is not None
-        by_outcome = [
-            f"{count(getattr(left, name))} in {name}" for name in OUTCOMES[1:] if getattr(left, name)
-        ]
-        return (
-            (
-                "states not judged",
-                " ".join([count(left.overall), *([f"({', '.join(by_outcome)})"] if by_outcome else [])]),
-            ),
-            *(
-                [("close places", self.record.close.reason)]
-                if self.record.close and self.record.close.reason
-                else []
-            ),
-            ("why", "the outcome of the gate was certain before"),
-            (
-                "figures",
-                "of the states that were judged, the first ones; how episodes ended is of all of them",
-            ),
-        )
 
     def _part(self, verdict: str) -> Part:
         number, total = int(getattr(self.record.verdicts, verdict)), self.record.states
@@ -382,18 +354,6 @@ class StatesDocument(Verified, Explained):
         failing = tuple(_known("state", state) for state in new)
         figures = f"{count(len(new))} new{more}"
         return [Check("no unsafe state that the baseline lacks", not new, figures, failing=failing)]
-
-
-def left_out_of(unjudged: Mapping[str, int]) -> Mapping[str, LeftOut]:
-    """Return how many of the states that were not judged each rate and limit may yet count."""
-    left = unjudged["overall"]
-    if not left:
-        return {}
-    return {
-        **{name: LeftOut(left, count=True) for name in ("overall", "danger", "sampled", "horizon")},
-        **{name: LeftOut(left, count=False) for name in ("contested", "unsafe", "unknown")},
-        **{name: LeftOut(unjudged[name], count=True) for name in OUTCOMES[1:]},
-    }
 
 
 def _known(what: str, found: UnsafeState) -> Finding:

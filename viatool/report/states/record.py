@@ -12,6 +12,8 @@ from viatool.report.margins.record import PolicyMarginsRecord, VariedRecord
 from viatool.report.reasons import ReasonRecord
 from viatool.report.records import Count, CountedRecord, Fraction, ReportPart, VerifiedRecord
 
+OUTCOMES = ("overall", "success", "collision", "timeout")
+
 
 class Verdicts(ReportPart):
     """How many states have each verdict."""

@@ -6,7 +6,8 @@ from collections.abc import Iterator, Mapping
 
 from viatool.report.document import LeftOut
 from viatool.report.sections import Count, Finding, Share
-from viatool.report.states.document import StatesDocument, left_out_of
+from viatool.report.states.document import StatesDocument
+from viatool.report.states.stopped import left_out_of
 from viatool.verification.so_far import SoFar
 
 
