@@ -137,6 +137,7 @@ def test_the_page_reaches_for_nothing_and_shows_names_as_text(folder: Path) -> N
     assert "$" not in re.sub(r"<style>.*?</style>", "", text, flags=re.S)
     for place in places:
         assert place.startswith("#") or (folder / place).is_file(), place
+    assert text.index('<section id="gate"') < text.index("of the states are proved safe")
     assert "default-src 'none'" in text
 
 

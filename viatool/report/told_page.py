@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+from viatool.errors import ConfigurationError
 from viatool.report.document import Document, Explained
 from viatool.report.html.plain import inert, plain_page, scrolling
 from viatool.report.numbers import count, seconds
@@ -37,12 +38,22 @@ def told_page(document: Document, checks: Sequence[Check], remark: str = "") -> 
         _gate(checks),
         f"<section><h1>{inert(head[0])}</h1>{''.join(f'<p>{inert(text)}</p>' for text in head[1:])}</section>",
         *map(_section, document.sections),
-        _section(document.failing) if isinstance(document, Explained) and document.failing.rows else "",
+        _failing(document),
         _table("In effect", (), [(one.name, one.value, one.source) for one in record.premises]),
         _table("Assumed", (), [*document.assumptions.items(), *_files(document)]),
     ]
     footer = f"Made by viatool {record.versions.get('viatool', '')}."
     return plain_page(f"viatool: {head[0]}", "\n".join(filter(None, parts)), footer, _OWN)
+
+
+def _failing(document: Document) -> str:
+    """Return why its subjects are not safe; nothing where all are, or an older viatool did not say."""
+    if not isinstance(document, Explained):
+        return ""
+    try:
+        return _section(document.failing)
+    except ConfigurationError:
+        return ""
 
 
 def _files(document: Document) -> Iterable[tuple[str, str]]:
