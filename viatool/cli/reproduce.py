@@ -54,6 +54,13 @@ from viatool.studies import STUDIES
     help="Held-out random scenarios on which every policy is evaluated.",
 )
 @click.option(
+    "--footprint",
+    type=click.FloatRange(min=0.0),
+    default=0.0,
+    metavar="M",
+    help="Radius in metres of a disc from which the verification measures; by default the map's footprint.",
+)
+@click.option(
     "--output",
     "-o",
     type=options.WRITABLE,
@@ -82,6 +89,7 @@ def command(
     seeds: int,
     seed: int,
     scenarios: int,
+    footprint: float,
     output: Path,
     results: Path | None,
     workers: int | Literal["auto"],
@@ -112,6 +120,7 @@ def command(
             seeds=seeds,
             seed=seed,
             scenarios=scenarios,
+            footprint=footprint,
         )
         who = open_scheduler(workers, scheduler)
         kept = keeping(output, "finished tasks and begun trainings are", "the same command")

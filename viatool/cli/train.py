@@ -17,10 +17,11 @@ from viatool.cli.work import keeping, worker_options
 @click.command(cls=Command)
 @click.option(
     "--preset",
-    type=click.Choice(["quick", "paper", "study", "best"]),
+    type=click.Choice(["quick", "paper", "release", "study", "best"]),
     default="quick",
     show_default=True,
-    help="A policy in minutes, the paper's schedule, five seeds to compare methods, or the best policy.",
+    help="A policy in minutes, the paper's schedule (by its text, or as its released code runs it), five seeds to "
+    "compare methods, or the best policy.",
 )
 @click.option(
     "--config", "file", type=options.READABLE, metavar="FILE", help="YAML with any training option."

@@ -34,6 +34,8 @@ class Options:
         Held-out random scenarios of the evaluation.
     eps : float
         Sensor error of the verification.
+    footprint : float
+        Radius in metres of the disc from which the verification measures; 0 is the map's footprint.
     """
 
     preset: str = "study"
@@ -42,6 +44,7 @@ class Options:
     seed: int = 0
     scenarios: int = 500
     eps: float = 0.01
+    footprint: float = 0.0
 
     def command(self, study: str) -> str:
         """Return the command line that gives these options."""
@@ -49,6 +52,7 @@ class Options:
         words += [f"--set {shlex.quote(setting)}" for setting in self.settings]
         words += [f"--seeds {self.seeds}"] + ([f"--seed {self.seed}"] if self.seed else [])
         words += [f"--scenarios {self.scenarios}"] if self.scenarios != Options.scenarios else []
+        words += [f"--footprint {self.footprint:g}"] if self.footprint else []
         return " ".join(words)
 
 

@@ -60,7 +60,7 @@ class TrainVariant(Task):
     def of(cls, setting: TrainingSetting, variant: Variant, options: Options) -> TrainVariant:
         """Build the training of a variant in a setting."""
         from viatool.train import make_configuration
-        from viatool.world import load_map
+        from viatool.train.maps import load_maps
 
         configuration = make_configuration(
             options.preset,
@@ -74,7 +74,7 @@ class TrainVariant(Task):
             finalists=1,  # every seed is evaluated; none is chosen over the others
         )
         every = {"checkpoint_interval": configuration.evaluation_interval}
-        world_map = load_map(configuration.maps[0])
+        world_map = load_maps(configuration).maps[0]
         return cls(f"{setting.name}/{variant.name}", configuration.model_copy(update=every), world_map)
 
     @property
@@ -159,12 +159,15 @@ class EvaluateSeed(Task):
         Held-out random scenarios.
     eps : float
         Sensor error.
+    footprint : float
+        Radius in metres of the disc from which it is verified; 0 is the map's footprint.
     """
 
     training: TrainVariant
     seed: int
     scenarios: int
     eps: float
+    footprint: float = 0.0
 
     @property
     def name(self) -> str:
@@ -184,7 +187,9 @@ class EvaluateSeed(Task):
     def parameters(self) -> dict[str, Any]:
         """Return everything, the training as its digest."""
         training = digest(self.training.parameters())
-        return {"training": training, "seed": self.seed, "scenarios": self.scenarios, "eps": self.eps}
+        return {"training": training, "seed": self.seed, "scenarios": self.scenarios, "eps": self.eps} | (
+            {"footprint": self.footprint} if self.footprint else {}
+        )
 
     def reads(self, output: Path) -> list[Path]:
         """Return the record of the training, and the checkpoint that is chosen there."""
@@ -226,6 +231,8 @@ class EvaluateSeed(Task):
 
         options = self.training.configuration
         trajectory = roll_out(policy, world_map, scenarios, horizon=options.horizon, seed=options.test_seed)
+        if self.footprint:
+            settings["footprint"] = self.footprint
         return verify(
             policy, world_map, eps=self.eps, trajectory=trajectory, seed=options.test_seed, **settings
         )

@@ -89,6 +89,7 @@ def plan(setting: TrainingSetting, variants: Sequence[Variant], options: Options
         training = TrainVariant.of(setting.home(variant), variant, options)
         tasks.append(training)
         tasks += [
-            EvaluateSeed(training, seed, options.scenarios, options.eps) for seed in range(options.seeds)
+            EvaluateSeed(training, seed, options.scenarios, options.eps, options.footprint)
+            for seed in range(options.seeds)
         ]
     return tasks

@@ -18,7 +18,7 @@ from viatool.errors import ConfigurationError
 from viatool.train.constraint import MultiplierRule, VarRule
 from viatool.train.networks import HiddenActivation
 from viatool.train.observation import ActorLayout
-from viatool.train.presets import PRESETS
+from viatool.train.presets import PRESETS, preset_options
 from viatool.train.reachability import ENCLOSED
 
 Count = Annotated[int, Field(ge=1)]
@@ -54,6 +54,9 @@ class TrainingConfiguration(BaseModel):
     robot: str | None = _option(
         None, "known robot whose limits and body count on every map instead of the map's; null is the map's"
     )
+    max_linear: Positive | None = _option(
+        None, "m/s, the largest speed of the robot instead of the map's; null is the map's"
+    )
     engine: Engine = _option(
         "kinematic",
         "exact arcs, or 'bullet', wheels in a physics world (use few robots)",
@@ -70,6 +73,9 @@ class TrainingConfiguration(BaseModel):
     )
     robots: Count = _option(64, "E, simulated robots of each seed")
     updates_per_step: Count = _option(8, "updates of the critics after each step of the robots")
+    updates_per_episode: Count | None = _option(
+        None, "instead of updates_per_step: updates for each episode that a seed finishes, on average"
+    )
     horizon: Count = _option(300, "steps after which an episode is truncated")
     warmup_episodes: Whole = _option(64, "N, episodes of the initial policy whose costs give u0")
     learning_starts: Whole = _option(640, "transitions of each seed to collect before the first update")
@@ -184,8 +190,9 @@ class TrainingConfiguration(BaseModel):
         20.0, "metres, largest distance of the goal at the start of the training"
     )
     curriculum_epochs: Whole = _option(
-        0, "epochs over which that distance grows to 20 m; 0 turns the curriculum off"
+        0, "epochs over which that distance grows to curriculum_end; 0 turns the curriculum off"
     )
+    curriculum_end: Positive = _option(20.0, "metres, largest distance of the goal when it has grown")
 
     # Verification in the loop
     reachability_weight: NonNegative = _option(
@@ -214,6 +221,9 @@ class TrainingConfiguration(BaseModel):
         "success",
         "best 'success', or among those about as good the best 'safety', or of the finalists about as good the most "
         "proved 'missions'",
+    )
+    select_on: Literal["random", "fixed"] = _option(
+        "random", "scenarios that validate and choose: 'random' ones of their own, or the map's 'fixed' ones"
     )
     selection_tolerance: Fraction = _option(
         0.01, "how much success (minus collisions) may lack for about as good"
@@ -329,11 +339,10 @@ def make_configuration(
     """
     if preset not in PRESETS:
         raise ConfigurationError(f"there is no preset '{preset}'", f"choose one of {', '.join(PRESETS)}")
-    values: dict[str, Any] = dict(PRESETS[preset])
-    if file is not None:
-        values |= _read_yaml(Path(file))
-    values |= dict(_parse_setting(setting) for setting in settings)
-    values |= {key: value for key, value in overrides.items() if value is not None}
+    chosen: dict[str, Any] = {} if file is None else _read_yaml(Path(file))
+    chosen |= dict(_parse_setting(setting) for setting in settings)
+    chosen |= {key: value for key, value in overrides.items() if value is not None}
+    values = preset_options(preset, chosen.get("method", "via")) | chosen
     return _validated(values, f"configuration {file}" if file is not None else "training configuration")
 
 

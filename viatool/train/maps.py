@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -73,6 +73,10 @@ class TrainingMaps:
         whole, rest = divmod(count, len(self.maps))
         return tuple(whole + (place < rest) for place in range(len(self.maps)))
 
+    def fixed(self) -> list[tuple[WorldMap, tuple[Scenario, ...]]]:
+        """Return each map with its own scenarios, of the maps that have any."""
+        return [(world_map, world_map.scenarios) for world_map in self.maps if world_map.scenarios]
+
     def draw(self, count: int, seed: int) -> list[tuple[WorldMap, tuple[Scenario, ...]]]:
         """Return `count` scenarios: of each map its share, see `random_scenarios`."""
         shares = zip(self.maps, self.shares(count), strict=True)
@@ -84,6 +88,11 @@ def load_maps(configuration: TrainingConfiguration) -> TrainingMaps:
     worlds = [load_map(path) for path in configuration.maps]
     if configuration.robot is not None:
         worlds = [with_robot(world_map, configuration.robot) for world_map in worlds]
+    if configuration.max_linear is not None:
+        worlds = [
+            world_map.with_robot(replace(world_map.robot, max_linear=configuration.max_linear))
+            for world_map in worlds
+        ]
     return TrainingMaps(tuple(worlds))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from fractions import Fraction
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -55,6 +56,8 @@ class TrainingRun:
         For each map, where episodes begin again.
     complained : set of str
         What has been said to go wrong, see `viatool.train.health`.
+    due : Fraction
+        Updates that are due; a part of one is left over where they go by episodes.
     fleet, returns : Fleet and NStepReturns, or None
         The robots on their way; None when they are to be set down anew.
     """
@@ -71,6 +74,7 @@ class TrainingRun:
     rows: list[dict[str, float]] = field(default_factory=list)
     feedback: list[Feedback] | None = None
     complained: set[str] = field(default_factory=set)
+    due: Fraction = Fraction(0)
     fleet: Fleet | None = None
     returns: NStepReturns | None = None
 
@@ -115,6 +119,11 @@ def begin_run(configuration: TrainingConfiguration, maps: TrainingMaps | None = 
         If a map cannot be trained on, see `TrainingMaps`.
     """
     maps = load_maps(configuration) if maps is None else maps
+    if configuration.select_on == "fixed" and not maps.fixed():
+        raise ConfigurationError(
+            f"{', '.join(configuration.maps)} has no scenarios of its own, on which select_on: fixed chooses",
+            "add some, or set select_on to random",
+        )
     for world_map in maps.maps:
         if configuration.mission_feedback and world_map.generator is None:
             raise ConfigurationError(
@@ -210,6 +219,7 @@ def run_state(run: TrainingRun) -> dict[str, Any]:
         "map_sha256": run.maps.sha256,
         "steps": run.steps,
         "updates": run.learner.updates,
+        "due": str(run.due),
         "generator": run.learner.generator.get_state(),
         "replay": run.learner.replay.state(),
         "value_range": run.learner.agent.value_range,
@@ -239,6 +249,7 @@ def resume_run(state: dict[str, Any], where: Path, maps: TrainingMaps | None = N
     if state.get("feedback") is not None:
         kept = state["feedback"]  # of a map alone in states that were saved before there were several
         run.feedback = [Feedback.of_state(found) for found in (kept if isinstance(kept, list) else [kept])]
+    run.due = Fraction(state.get("due", "0"))
     run.var, run.multiplier = state["var"].numpy(), state["multiplier"].numpy()
     for name, network in run.learner.agent.networks().items():
         network.restore(state["networks"][name])

@@ -98,13 +98,20 @@ def choose(
     """
     if len(candidates) == 1:
         return candidates[0]
-    drawn = maps.draw(configuration.final_scenarios, configuration.validation_seed + 1)
+    drawn = _choosing(maps, configuration, configuration.final_scenarios, configuration.validation_seed + 1)
     commands = [actor_command(one.weights, scaling, one.var) for one in candidates]
     outcome = drive_on_maps(commands, drawn, configuration)
     judged = [replace(one, score=score) for one, score in zip(candidates, outcome.score(), strict=True)]
     if proved is not None:
         judged = [replace(one, safety=(proved(one),)) for one in judged]
     return best_candidates(judged, 1, configuration.selection_tolerance)[0]
+
+
+def _choosing(
+    maps: TrainingMaps, options: TrainingConfiguration, count: int, seed: int
+) -> list[tuple[WorldMap, tuple[Scenario, ...]]]:
+    """Return the scenarios that choose a policy: `count` random ones, or the fixed ones of the maps."""
+    return maps.fixed() if options.select_on == "fixed" else maps.draw(count, seed)
 
 
 def validate(
@@ -115,7 +122,7 @@ def validate(
     options: TrainingConfiguration,
 ) -> Evaluation:
     """Drive the policies of all seeds on the validation scenarios."""
-    drawn = maps.draw(options.validation_scenarios, options.validation_seed)
+    drawn = _choosing(maps, options, options.validation_scenarios, options.validation_seed)
     commands = actor_commands(actor, scaling, budget)
     return drive_on_maps(commands, drawn, options, options.validation_seed)
 

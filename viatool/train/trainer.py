@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import partial
 from pathlib import Path
 from threading import Lock
@@ -41,7 +42,6 @@ from viatool.train.scoring import score_missions, score_safety
 from viatool.train.selection import Candidate, best_candidates, choose, evaluate_policy, validate
 from viatool.whole_file import remove_drafts
 
-FARTHEST_GOAL = 20.0  # metres, beyond any goal: the curriculum's end
 MEASURED_EVERY = 100  # updates between two of which the metrics are recorded
 CONFIGURATION = "configuration.yaml"
 BATCHES = "batches.yaml"  # of a run of several batches
@@ -240,7 +240,7 @@ def run_epoch(run: TrainingRun, progress: Progress) -> None:
         finished.append(episodes)
         counts += np.bincount(episodes.seed, minlength=options.seeds)
         steps += 1
-        _learn(run, (run.epoch - 1 + part) / options.epochs, measured)
+        _learn(run, (run.epoch - 1 + part) / options.epochs, len(episodes), measured)
         part = _part_of_epoch(options, steps, counts)
         progress(_stage(run), run.epoch - 1 + min(part, 1.0), options.epochs)
     run.steps += steps
@@ -272,22 +272,31 @@ def _set_curriculum(run: TrainingRun, fleet: Fleet) -> None:
     if options.curriculum_epochs:
         grown = min(1.0, run.epoch / options.curriculum_epochs)
         start = options.curriculum_start
-        fleet.limit_goal_distance(start + grown * (FARTHEST_GOAL - start))
+        fleet.limit_goal_distance(start + grown * (options.curriculum_end - start))
 
 
-def _learn(run: TrainingRun, fraction: float, measured: list[dict[str, torch.Tensor]]) -> None:
-    """Take the updates that belong to one step of the robots; `fraction` of the run is done."""
+def _learn(run: TrainingRun, fraction: float, episodes: int, measured: list[dict[str, torch.Tensor]]) -> None:
+    """Take the updates that belong to one step of the robots, in which so many episodes ended."""
     options = run.configuration
     if run.learner.replay.size < options.learning_starts:
         return
+    run.due += _updates_due(options, episodes)
     rate = options.learning_rate * (1.0 - (1.0 - options.final_learning_rate) * fraction)
     run.learner.progress = fraction
     multiplier = torch.from_numpy(run.multiplier).to(torch.float32)
-    for _ in range(options.updates_per_step):
+    while run.due >= 1:
+        run.due -= 1
         measure = (run.learner.updates + 1) % MEASURED_EVERY == 0
         metrics = run.learner.update(multiplier, rate, measure=measure)
         if measure:
             measured.append(metrics)
+
+
+def _updates_due(options: TrainingConfiguration, episodes: int) -> Fraction:
+    """Return the updates of all seeds that a step of the robots brings."""
+    if options.updates_per_episode is None:
+        return Fraction(options.updates_per_step)
+    return Fraction(options.updates_per_episode * episodes, options.seeds)
 
 
 def _average(measured: list[dict[str, torch.Tensor]]) -> dict[str, Floats]:
