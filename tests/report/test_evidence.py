@@ -77,7 +77,7 @@ def test_the_checker_runs_without_the_command_line_and_without_the_engine(folder
     program = (
         "import sys\nfrom viatool.recheck.__main__ import main\ncode = main([sys.argv[1]])\n"
         "rooms = {name.split('.')[1] for name in sys.modules if name.startswith('viatool.')}\n"
-        "print(code, rooms)"
+        "print(code, rooms - {'lazy_names'})"  # how the names of the package itself are found
     )
     done = subprocess.run([sys.executable, "-c", program, folder], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "0 {'recheck'}"
