@@ -402,7 +402,10 @@ def test_a_pipe_without_unicode_still_gets_its_report(hall: Path) -> None:
     assert "are proved safe" in run.stdout
 
 
-def test_an_interrupt_leaves_no_file_and_exits_130(hall: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda number: number.name)
+def test_an_interrupt_leaves_no_file_and_exits_130(
+    hall: Path, tmp_path: Path, number: signal.Signals
+) -> None:
     heard = (
         "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"  # shells ignore it for jobs
     )
@@ -418,7 +421,7 @@ def test_an_interrupt_leaves_no_file_and_exits_130(hall: Path, tmp_path: Path) -
     )
     assert process.stderr is not None
     process.stderr.readline()  # the first progress: long after the imports, long before the end
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     stdout, stderr = process.communicate(timeout=60)
     assert process.returncode == 130, stderr
     assert "Traceback" not in stderr

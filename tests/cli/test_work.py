@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from tests.hall import MAP, write_policy
 from viatool.cli import main
 from viatool.safety.pieces import judge_pieces
 from viatool.schedule import Processes
@@ -137,3 +138,43 @@ def test_a_chunk_that_kills_every_worker_is_named(tmp_path: Path) -> None:
     kept = {path.name for path in (tmp_path / "run").glob("units-*")}
     assert "units-00000000-00000001.npz" in kept  # though its worker died as well
     assert "units-00000001-00000002.npz" not in kept
+
+
+def test_an_interrupted_mission_leaves_what_it_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from viatool.missions.work import MissionExamination
+
+    write_policy(tmp_path / "policy.onnx")
+    (tmp_path / "map.yaml").write_text(MAP, encoding="utf-8")
+    examine, asked = MissionExamination.examine, []
+
+    def interrupted(self: MissionExamination, scenario: object) -> object:
+        asked.append(scenario)
+        if len(asked) == 2:
+            raise KeyboardInterrupt
+        return examine(self, scenario)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(MissionExamination, "examine", interrupted)
+    report = tmp_path / "missions.json"
+    words = [
+        "mission",
+        tmp_path / "policy.onnx",
+        "--map",
+        tmp_path / "map.yaml",
+        "--eps",
+        "0",
+        "--time-limit",
+        "1",
+    ]
+    run = CliRunner().invoke(main, [*map(str, words), "-o", f"json:{report}"])
+    assert run.exit_code == 130, run.output
+    assert run.stderr.endswith("interrupted\n")
+    assert "the run was interrupted before it was done" in " ".join(run.stdout.split())
+    done, left = json.loads(report.read_text())["missions"]
+    assert done["driven"] > 0
+    assert (left["verdict"], left["driven"]) == ("unknown", 0)
+    asked.clear()
+    asked.append(None)  # now the first one is interrupted, and nothing is known
+    report.unlink()
+    run = CliRunner().invoke(main, [*map(str, words), "-o", f"json:{report}"])
+    assert (run.exit_code, run.stdout) == (130, "")
+    assert not report.exists()

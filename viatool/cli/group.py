@@ -13,6 +13,7 @@ from typing import Any, NoReturn
 import click
 
 from viatool.cli.failures import compose, explain
+from viatool.cli.interrupts import terminated_as_interrupted
 from viatool.cli.started import begin
 from viatool.errors import PolicyWarning
 
@@ -93,7 +94,8 @@ class CommandGroup(click.Group):
         _accept_any_text()
         _warn_in_own_words()
         try:
-            code = super().main(args, *rest, **extra)
+            with terminated_as_interrupted():
+                code = super().main(args, *rest, **extra)
         except SystemExit:  # shell completion leaves on its own
             raise
         except BaseException as error:  # every exception must become one exit code

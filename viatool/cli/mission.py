@@ -143,11 +143,18 @@ def command(ctx: click.Context, /, **given: Any) -> None:
             campaign=Campaign(scheduler, given["checkpoint"], given["resume"]),
             until=until,
             progress=progress,
+            keep_interrupted=True,
             **{name: given[name] for name in _PASSED_ON},
         )
     document = MissionsRun(missions)
     checks = evaluate(gate, document)
     tell(document, outputs, checks, quiet=given["quiet"])
+    if missions.interrupted:
+        if given["checkpoint"] is not None:
+            click.echo(
+                f"finished missions are kept in '{given['checkpoint']}'; continue with --resume", err=True
+            )
+        raise KeyboardInterrupt
     leave_by_gate(ctx, checks, quiet=given["quiet"])
 
 

@@ -19,7 +19,7 @@ from viatool.missions.follow import MissionLimits
 from viatool.missions.verdicts import Mission, Missions
 from viatool.missions.work import MissionExamination, MissionWork
 from viatool.policy import Policy, PolicySpecification, as_policy
-from viatool.schedule import NEVER, Campaign, Deadline, Progress, digest_of, ignore
+from viatool.schedule import NEVER, Campaign, CutShort, Deadline, Progress, digest_of, ignore
 from viatool.setting.criteria import PROVING
 from viatool.setting.error_costs import drop_each
 from viatool.setting.rules import Rules
@@ -33,6 +33,7 @@ from viatool.world import Footprint, Scenario, Scenes, WorldMap, as_map
 
 StrPath = str | os.PathLike[str]
 
+_INTERRUPTED = "the run was interrupted before it was done"
 _AFTERWARDS = 0.4
 """Of a budget in seconds, that is left for examining missions again without errors, where that is asked."""
 
@@ -58,6 +59,7 @@ def mission(
     robot: str | None = None,
     prefer: Mapping[str, str] | None = None,
     explain_errors: bool = False,
+    keep_interrupted: bool = False,
     campaign: Campaign | None = None,
     until: Deadline = NEVER,
     seed: int = 0,
@@ -93,6 +95,8 @@ def mission(
         In how many parts, and in which cells; its steps are those of the time limit.
     clearance, deceleration, interval, footprint, robot, prefer
         Instead of what map and robot say, as in `viatool.verify`.
+    keep_interrupted : bool
+        Whether a Ctrl-C leaves the missions that are done by then, the others unknown, instead of nothing.
     explain_errors : bool
         Also find out which errors missions take that are not proved: examine them again without all of them and, where
         that proves them, without each.
@@ -161,10 +165,18 @@ def mission(
     check_moving_on(setting, loop.sensors.quantities)
     campaign, tell = campaign or Campaign(), progress or ignore
     first = until.moved(-_AFTERWARDS) if explain_errors else until
-    found = campaign.carry_out(MissionWork(examination, chosen), tell, until=first)
-    rest = [Mission.not_begun(one, setting, examination.task(one)) for one in chosen[len(found.part) :]]
+    interrupted, why = False, {}
+    try:
+        found = campaign.carry_out(MissionWork(examination, chosen), tell, until=first)
+    except CutShort as cut:
+        if not (keep_interrupted and cut.found.units):
+            raise
+        found, interrupted, why = cut.found, True, {"reason": _INTERRUPTED}
+    rest = [
+        Mission.not_begun(one, setting, examination.task(one), **why) for one in chosen[len(found.part) :]
+    ]
     missions: tuple[Mission, ...] = (*found.part, *rest)
-    if explain_errors:
+    if explain_errors and not interrupted:
 
         def ask(wished: Wishes, radii: Mapping[str, float]) -> Setting:
             other = Setting.of(policy, world_map, radii, wished, chosen, job="mission")
@@ -177,7 +189,17 @@ def mission(
         "total": time.perf_counter() - begun,
     }
     return Missions(
-        policy, setting, missions, error, limits, radius, arithmetic, seed, seconds, result_versions()
+        policy,
+        setting,
+        missions,
+        error,
+        limits,
+        radius,
+        arithmetic,
+        seed,
+        seconds,
+        result_versions(),
+        interrupted,
     )
 
 

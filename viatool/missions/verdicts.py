@@ -210,13 +210,15 @@ class Mission:
         return cls(scenario, interval, proof, *driven, seconds, task, *ends, *known)
 
     @classmethod
-    def not_begun(cls, scenario: Scenario, setting: Setting, task: str = "") -> Mission:
-        """Return a mission for which there was no time."""
+    def not_begun(
+        cls, scenario: Scenario, setting: Setting, task: str = "", reason: str = _NOT_BEGUN
+    ) -> Mission:
+        """Return a mission for which there was no time, or another reason not to do it."""
         rules, size = setting.rules, len(setting.radii)
         interval, axes, state = rules.interval, len(rules.lower), len(rules.kinematics.state)
         none = np.zeros((0, 3 + len(rules.carried)))
         tube = MissionTube(np.zeros(0, np.int64), none, none)
-        proof = MissionProof(False, 0, 0, np.inf, 0, 0, _NOT_BEGUN, tube)
+        proof = MissionProof(False, 0, 0, np.inf, 0, 0, reason, tube)
         crashes = Crashes.none(1, size, axes, state)
         driven = np.zeros((0, 1, 2)), np.zeros(0, np.int64), crashes, crashes
         return cls(scenario, interval, proof, *driven, 0.0, task)
@@ -246,6 +248,8 @@ class Missions(Asked):
         Of the runs that were driven against the missions.
     seconds, versions : mapping
         Time by stage, and what a repetition would need.
+    interrupted : bool
+        Whether somebody interrupted the work, so that the last missions are not known.
     """
 
     policy: Policy
@@ -258,6 +262,7 @@ class Missions(Asked):
     seed: int
     seconds: Mapping[str, float]
     versions: Mapping[str, str]
+    interrupted: bool = False
 
     def __iter__(self) -> Iterator[Mission]:
         """Go through the missions."""

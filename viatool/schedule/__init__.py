@@ -6,7 +6,7 @@ the number of workers nor the order in which pieces finish can change anything.
 
 from __future__ import annotations
 
-from viatool.schedule.campaign import Campaign, EvenWork, Found, Work
+from viatool.schedule.campaign import Campaign, CutShort, EvenWork, Found, Work
 from viatool.schedule.checkpoint import Checkpoint
 from viatool.schedule.choice import open_scheduler
 from viatool.schedule.cluster import Cluster
@@ -24,6 +24,7 @@ __all__ = [
     "Campaign",
     "Checkpoint",
     "Cluster",
+    "CutShort",
     "Deadline",
     "EvenWork",
     "Found",

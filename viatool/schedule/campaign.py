@@ -138,6 +138,14 @@ class Found(Generic[Part]):
     units: int
 
 
+class CutShort(KeyboardInterrupt):  # an event, not an error
+    """Somebody interrupts work; `found` is what was found until then."""
+
+    def __init__(self, found: Found[Any]) -> None:
+        super().__init__()
+        self.found = found
+
+
 @dataclass(frozen=True)
 class Campaign:
     """How long work is carried out.
@@ -218,15 +226,18 @@ class Campaign:
         pace = _Pace(until, self.scheduler.workers)
         timed = _Timed(work.function, until.moved(_GRACE))
         pieces = _pieces(work, cut(len(work), front.parts, units), pace)
-        for piece, (part, seconds) in self.scheduler.run(timed, pieces):
-            pace.note(len(piece.span), seconds)
-            if part is None:
-                continue
-            if store is not None and work.whole(piece.span):
-                store.write(piece.span, work.to_arrays(part), piece.name)
-            front.put([(piece.span, part)])
-            if front.satisfied:
-                break
+        try:
+            for piece, (part, seconds) in self.scheduler.run(timed, pieces):
+                pace.note(len(piece.span), seconds)
+                if part is None:
+                    continue
+                if store is not None and work.whole(piece.span):
+                    store.write(piece.span, work.to_arrays(part), piece.name)
+                front.put([(piece.span, part)])
+                if front.satisfied:
+                    break
+        except KeyboardInterrupt as error:
+            raise CutShort(front.found()) from error
         return front.found()
 
     def _units_at_once(self, work: Work[Content, Part]) -> int:
