@@ -187,7 +187,8 @@ def test_the_files_say_what_the_scan_and_nav2_say(folder: Path) -> None:
 
 
 def test_every_question_is_an_option_and_every_answer_counts(folder: Path) -> None:
-    answers = "model.zip\nfloor.png\n0.05\nscan.yaml\n\nlidar,goal_distance,goal_bearing\nlinear,angular\n0.2\n0.02\n"
+    files, kinds = "model.zip\nfloor.png\n0.05\nscan.yaml\n\npoint\n", "lidar,goal_distance,goal_bearing\n"
+    answers = f"{files}{kinds}linear,angular\n0.2\n0.02\n"
     asked = run("init", "--output", "asked", said=answers)
     assert asked.exit_code == 0, asked.output
     assert run(*INIT, "--output", "told", "--interval", 0.2, "--eps", 0.02).exit_code == 0
@@ -197,6 +198,41 @@ def test_every_question_is_an_option_and_every_answer_counts(folder: Path) -> No
     ]  # fmt: skip
     for name in names:
         assert (folder / "asked" / name).read_bytes() == (folder / "told" / name).read_bytes(), name
+
+
+def test_a_wrong_answer_is_asked_again_with_what_was_expected(folder: Path) -> None:
+    answers = {
+        "Policy": ["gone.zip", "model.zip"],
+        "Map": ["nowhere", "floor.png"],
+        "Side": ["wide", "-1", "0.05"],
+        "LaserScan": ["floor.png", "scan.yaml"],
+        "nav2": ["scan.yaml", ""],
+        "Footprint": ["round", "1,2 3", "0.18"],
+        "observation": ["lidar,goal_distance,smell", "lidar,goal_distance,goal_bearing"],
+        "commands": ["linear,sideways", "linear,angular"],
+        "Time": ["now", "0.2"],
+        "error": ["much", "0.02"],
+    }
+    said = "".join(f"{answer}\n" for each in answers.values() for answer in each)
+    asked = run("init", "--output", "asked", said=said)
+    assert asked.exit_code == 0, asked.output
+    for words in (
+        "gone.zip",
+        "the map 'nowhere': there is no such file",
+        "samples: ",
+        "'-1' is not a finite number above 0",
+        "says nothing of a robot",
+        "'round' is neither 'point', a radius, corners",
+        "not 'sideways'",
+        "'much' is not a finite radius",
+    ):
+        assert words in asked.output, words
+    assert asked.output.count("Error: ") == sum(len(each) - 1 for each in answers.values())
+    told = run(*INIT, "--output", "told", "--interval", 0.2, "--eps", 0.02, "--footprint", 0.18)
+    assert told.exit_code == 0, told.output
+    for path in (folder / "told").iterdir():
+        assert (folder / "asked" / path.name).read_bytes() == path.read_bytes(), path.name
+    assert load_map(folder / "told" / "site.yaml").robot.footprint.radius == 0.18
 
 
 def test_nothing_is_overwritten_without_force(folder: Path) -> None:

@@ -97,6 +97,17 @@ def test_what_is_missing_in_one_cell_leaves_the_others_alone(
     jsonschema.validate(summary(folder), schema)
 
 
+def test_one_cause_of_several_cells_is_told_once_with_their_names(
+    folder: Path, write: Callable[..., None]
+) -> None:
+    write('[[check]]\nname = "drive"\nmatrix.seed = [0, 1, 2, 3, 4]\n', ', gone = "gone.onnx"')
+    result = run("-k", "gone")
+    assert result.exit_code == 2
+    assert result.output.count("error: cannot read the policy gone.onnx") == 1
+    line = next(line for line in result.output.splitlines() if "error: cannot read" in line)
+    assert line.startswith("drive/gone/map/seed=0, drive/gone/map/seed=1, drive/gone/map/seed=2 and 2 more: ")
+
+
 def test_a_failed_gate_is_one_and_a_cell_without_states_five(
     folder: Path, write: Callable[..., None]
 ) -> None:

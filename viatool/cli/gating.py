@@ -31,13 +31,14 @@ def gate_options(command: Command) -> Command:
                 "--max-unsafe",
                 type=click.IntRange(min=0),
                 metavar="N",
-                help="Exit 1 if more than N states are unsafe (cells refuted, episodes in collision).",
+                help="Exit 1 if more than N driven states are unsafe (missions or cells refuted, episodes in collision)"
+                "; of close places --fail-under close=RATE decides.",
             ),
             click.option(
                 "--max-unknown",
                 type=click.IntRange(min=0),
                 metavar="N",
-                help="Exit 1 if more than N states or cells are unknown.",
+                help="Exit 1 if more than N driven states, missions or cells are unknown.",
             ),
             click.option(
                 "--baseline",

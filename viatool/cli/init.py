@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import click
 
 from viatool.cli import options
 from viatool.cli.command import Command
-from viatool.cli.shapes import PointType, PoseType
+from viatool.cli.shapes import FootprintType, PointType, PoseType
+
+Read = TypeVar("Read")
 
 
 @click.command(cls=Command)
@@ -78,6 +81,7 @@ from viatool.cli.shapes import PointType, PoseType
     "--eps", multiple=True, metavar="[CHANNEL=]RADIUS", help="Sensor error, as for verify. Repeatable."
 )
 @options.clearance_option
+@options.footprint_option
 @click.option(
     "--start", type=PoseType(), help="Where the robot starts, with --goal; by default ten random courses."
 )
@@ -103,35 +107,55 @@ def command(**given: Any) -> None:
         load_nav2,
         load_scanner,
         read_model,
+        require_readable,
         write_beginning,
     )
 
     ask = _Asker(quiet=given["yes"])
-    policy = ask.path(given["policy"], "Policy (a zip of Stable-Baselines3, TorchScript or ONNX)", "--policy")
-    model = read_model(policy, given["vecnormalize"], given["spec_path"])
-    map_path = ask.path(given["map_path"], "Map (YAML, an image, or a sample such as lab)", "--map")
+    model = ask.read(
+        given["policy"],
+        "Policy (a zip of Stable-Baselines3, TorchScript or ONNX)",
+        "--policy",
+        lambda path: read_model(path, given["vecnormalize"], given["spec_path"]),
+    )
+    map_path = ask.read(
+        given["map_path"], "Map (YAML, an image, or a sample such as lab)", "--map", _existing_map
+    )
     picture = (
         map_path.suffix.lower() not in ("", ".yaml", ".yml") and not map_path.with_suffix(".yaml").is_file()
     )
     resolution = (
         ask.number(given["resolution"], "Side of a pixel in m", 0.05) if picture else given["resolution"]
     )
-    scan = ask.optional(given["scan"], "LaserScan message or bag (empty: none)")
-    nav2 = ask.optional(given["nav2"], "nav2_params.yaml (empty: none)")
-    scanner = None if scan is None else load_scanner(scan, given["scan_topic"])
-    robot = RobotFacts() if nav2 is None else load_nav2(nav2)
+    scanner = ask.optional(
+        given["scan"],
+        "LaserScan message or bag (empty: none)",
+        lambda path: load_scanner(path, given["scan_topic"]),
+    )
+    robot = ask.optional(given["nav2"], "nav2_params.yaml (empty: none)", load_nav2) or RobotFacts()
+    robot = robot.with_more(RobotFacts(ask.footprint(given["footprint"], known=robot.footprint is not None)))
     if given["environment"] is not None:
         robot = robot.with_more(load_environment(given["environment"]))
     proposal = described(model, scanner, robot, Preferences(yaw=given["scan_yaw"])).proposal
     seen, done, interval = given["observation"], given["commands"], given["interval"]
     if proposal is not None:
+
+        def with_kinds(seen: tuple[str, ...] = (), done: tuple[str, ...] = ()) -> None:
+            answers = Preferences(kinds=seen, commands=done, yaw=given["scan_yaw"])
+            require_readable(described(model, scanner, robot, answers))
+
         seen = ask.words(
-            seen, "Kinds of the observation, in order", [c["kind"] for c in proposal.observation]
+            seen, "Kinds of the observation, in order", [c["kind"] for c in proposal.observation], with_kinds
         )
-        done = ask.words(done, "Kinds of the commands, in order", [c["kind"] for c in proposal.action])
+        done = ask.words(
+            done,
+            "Kinds of the commands, in order",
+            [c["kind"] for c in proposal.action],
+            lambda words: with_kinds(done=words),
+        )
         if robot.interval is None:
             interval = ask.number(interval, "Time between two commands in s", 0.1)
-    eps = given["eps"] or (ask.text("Sensor error (RADIUS, or CHANNEL=RADIUS ...)", "0.01"),)
+    eps = given["eps"] or (ask.text("Sensor error (RADIUS, or CHANNEL=RADIUS ...)", "0.01", _check_eps),)
     if (given["start"] is None) != (given["goal"] is None):
         raise click.UsageError("--start and --goal belong together")
     answers = Preferences(
@@ -145,8 +169,7 @@ def command(**given: Any) -> None:
         yaw=given["scan_yaw"],
         course=None if given["start"] is None else (given["start"], given["goal"]),
     )
-    for word in answers.eps:
-        options.EpsType().convert(word, None, None)
+    _check_eps(" ".join(answers.eps))
     beginning = begin(model, map_path, given["output"], scanner, robot, answers)
     write_beginning(beginning, given["output"], force=given["force"])
     if not given["quiet"]:
@@ -154,47 +177,106 @@ def command(**given: Any) -> None:
             click.echo(line)
 
 
+def _existing_map(path: Path) -> Path:
+    """Return a map that is there, or the name of a sample; ConfigurationError if there is none."""
+    from viatool.errors import ConfigurationError
+    from viatool.samples import MAPS
+
+    if not path.is_file() and str(path) not in MAPS.names():
+        raise ConfigurationError(
+            f"the map '{path}': there is no such file",
+            f"give a file, or name one of the samples: {', '.join(MAPS.names())}",
+        )
+    return path
+
+
+def _check_eps(text: str) -> None:
+    for word in text.split():
+        options.EpsType().convert(word, None, None)
+
+
 class _Asker:
-    """Asks for what was not given; where nothing may be asked, takes what is proposed."""
+    """Asks for what was not given, again until the answer can be used; where nothing may be asked, takes proposals."""
 
     def __init__(self, *, quiet: bool) -> None:
         self.quiet = quiet
 
-    def path(self, given: Path | None, text: str, option: str) -> Path:
-        """Return a path that has to be there."""
-        if given is None and self.quiet:
+    def read(self, given: Path | None, text: str, option: str, read: Callable[[Path], Read]) -> Read:
+        """Return what a path holds that has to be there."""
+        if given is not None:
+            return read(given)
+        if self.quiet:
             raise click.UsageError(f"Missing option '{option}', which --yes cannot guess.")
-        return given or Path(_answer(text))
+        found: Read = _answer(text, lambda answer: read(Path(answer)))
+        return found
 
-    def optional(self, given: Path | None, text: str) -> Path | None:
-        """Return a path, or none."""
-        found = given or ("" if self.quiet else _answer(text, default="", show_default=False))
-        return Path(found) if found else None
+    def optional(self, given: Path | None, text: str, read: Callable[[Path], Read]) -> Read | None:
+        """Return what a path holds, or None without one."""
+        if given is not None:
+            return read(given)
+        if self.quiet:
+            return None
+        found: Read | None = _answer(
+            text, lambda answer: read(Path(answer)) if answer else None, default="", show_default=False
+        )
+        return found
+
+    def footprint(self, given: Any, *, known: bool) -> dict[str, Any] | None:
+        """Return a footprint as a map has it; None for a point, and where a file has told it."""
+        if given is None and not (known or self.quiet):
+            words = "Footprint (point, a radius in m, or corners 'x,y x,y x,y')"
+            given = _answer(words, lambda text: FootprintType().convert(text, None, None), default="point")
+        if isinstance(given, float):
+            return {"shape": "circle", "radius": given}
+        return {"shape": "polygon", "points": given} if isinstance(given, list) else None
 
     def number(self, given: float | None, text: str, default: float) -> float | None:
         """Return a number; none where nothing may be asked."""
         if given is not None or self.quiet:
             return given
         unit = options.QuantityType("number")
-        answer: float = _answer(text, default=default, type=unit)
+        answer: float = _answer(text, lambda answer: unit.convert(answer, None, None), default=default)
         return answer
 
-    def words(self, given: str | None, text: str, proposed: list[str]) -> tuple[str, ...]:
+    def words(
+        self, given: str | None, text: str, proposed: list[str], check: Callable[[tuple[str, ...]], None]
+    ) -> tuple[str, ...]:
         """Return words; none where those that are proposed are right."""
-        if given is None and not self.quiet:
-            given = _answer(text, default=",".join(proposed))
-        found = tuple(word.strip() for word in (given or "").split(",") if word.strip())
-        return () if found == tuple(proposed) else found
 
-    def text(self, text: str, default: str) -> str:
+        def read(answer: str) -> tuple[str, ...]:
+            found = tuple(word.strip() for word in answer.split(",") if word.strip())
+            found = () if found == tuple(proposed) else found
+            check(found)
+            return found
+
+        if given is not None:
+            return read(given)
+        chosen: tuple[str, ...] = () if self.quiet else _answer(text, read, default=",".join(proposed))
+        return chosen
+
+    def text(self, text: str, default: str, check: Callable[[str], None]) -> str:
         """Return a text."""
-        return default if self.quiet else str(_answer(text, default=default))
+
+        def read(answer: str) -> str:
+            check(answer)
+            return answer
+
+        return default if self.quiet else str(_answer(text, read, default=default))
 
 
-def _answer(text: str, **more: Any) -> Any:
-    """Return what is answered; nobody may be there to do so."""
+def _answer(text: str, read: Callable[[str], Any], **more: Any) -> Any:
+    """Return what is made of an answer, asked until it can be read; nobody may be there to answer."""
+    from viatool.errors import ViatoolError
+
+    def understood(answer: str) -> Any:
+        try:
+            return read(answer)
+        except ViatoolError as error:
+            hint = f" ({error.hint})" if error.hint else ""
+            raise click.BadParameter(f"{error.message}{hint}") from error
+
     try:
-        return click.prompt(text, **more)
+        return click.prompt(text, value_proc=understood, **more)
     except click.Abort as error:
         if isinstance(error.__context__, EOFError):
             raise click.UsageError(

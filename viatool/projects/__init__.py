@@ -14,7 +14,7 @@ from viatool.projects.run import Request, choose_cells, run_cells
 from viatool.projects.schema import project_schema
 from viatool.projects.selection import Selection
 from viatool.projects.site import Preferences
-from viatool.projects.start import begin, described, read_model, write_beginning
+from viatool.projects.start import begin, described, read_model, require_readable, write_beginning
 from viatool.projects.tables import print_cells, print_summary
 
 __all__ = [
@@ -41,6 +41,7 @@ __all__ = [
     "project_schema",
     "read_model",
     "read_overrides",
+    "require_readable",
     "run_cells",
     "worst",
     "write_beginning",

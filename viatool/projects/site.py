@@ -125,7 +125,8 @@ def site_of(
     name = _name(path, folder)
     files[name] = _yaml(content, "The map with the robot that drives there; see docs/own-map.md.")
     told = outline or answers.clearance is not None
-    guess = f"the robot is a point that keeps {clearance:g} m (its footprint: --nav2, or 'robot' in {name})"
+    known = f"its footprint: --footprint, --nav2, or 'robot' in {name}"
+    guess = f"the robot is a point that keeps {clearance:g} m ({known})"
     return Site(name, files, bool(body), () if told else (guess,))
 
 

@@ -156,6 +156,11 @@ def described(model: Model, scanner: Scanner | None, robot: RobotFacts, answers:
     return replace(model, proposal=proposal)
 
 
+def require_readable(model: Model) -> None:
+    """Refuse a policy whose proposed specification cannot be read, as with kinds that do not exist."""
+    _specification(model)
+
+
 def begin(
     model: Model,
     map_path: Path,

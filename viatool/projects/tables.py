@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -57,9 +57,8 @@ def print_summary(summary: ProjectSummary, page: Path, console: Console) -> None
         grid.add_row(Text(shown(policy)), *(Text("\n").join(map(_entry, row[name])) for name in maps))
     console.print(grid)
     console.print()
-    for record in summary.counted:
-        for text in _complaints(record):
-            console.print(Text(shown(text)), soft_wrap=True)
+    for text in _causes(summary.counted):
+        console.print(Text(shown(text)), soft_wrap=True)
     counts = Counter(record.outcome for record in summary.counted)
     told = ", ".join(f"{number} {outcome}" for outcome, number in counts.items())
     console.print(f"{told}; exit code {summary.exit_code}", soft_wrap=True)
@@ -78,13 +77,26 @@ def _entry(record: CellRecord) -> Text:
     return text
 
 
+_NAMED = 3
+"""Cells of one cause that are named."""
+
+
+def _causes(records: Sequence[CellRecord]) -> Iterator[str]:
+    """Yield what is wrong, a line each; one cause of several cells once."""
+    cells: dict[tuple[str, ...], list[str]] = {}
+    for record in records:
+        if told := tuple(_complaints(record)):
+            cells.setdefault(told, []).append(record.name)
+    for told, names in cells.items():
+        first = (
+            f"{', '.join(names[:_NAMED])}{f' and {len(names) - _NAMED} more' if len(names) > _NAMED else ''}"
+        )
+        yield from (f"{first}: {line}" for line in told)
+
+
 def _complaints(record: CellRecord) -> list[str]:
     """Return what is wrong with a cell, a line each."""
-    failed = [f"{record.name}: {one.condition}: {one.figures}" for one in record.conditions if not one.passed]
+    failed = [f"{one.condition}: {one.figures}" for one in record.conditions if not one.passed]
     if failed or not record.code:
         return failed
-    return [
-        f"{record.name}: {line}"
-        for line in record.message.splitlines()
-        if line.startswith(("error:", "hint:"))
-    ]
+    return [line for line in record.message.splitlines() if line.startswith(("error:", "hint:"))]

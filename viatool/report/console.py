@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 BAR_WIDTH = 60
 MOST_EVIDENCE = 5  # sentences of a condition that failed
 _NAME_WIDTH = 45  # of what may stand in the first column of a table without a break
+_WORD_WIDTH = 24  # of a word of a later column of texts
 _GLYPHS = {"safe": "█", "unknown": "▓", "unsafe": "▒", "": "░"}
 
 
@@ -155,8 +156,8 @@ def _table(section: Table) -> RenderableType:
     for index, name in enumerate(section.head):
         is_text = index == 0 or index >= len(section.head) - section.texts
         # Names in the first column are looked up: they are shown whole, others make room.
-        words = (word for row in section.rows for word in shown(row[0]).split()) if index == 0 else ()
-        least = min(max(map(len, words), default=0), _NAME_WIDTH) or None
+        words = (word for row in section.rows for word in shown(row[index]).split()) if is_text else ()
+        least = min(max(map(len, words), default=0), _NAME_WIDTH if index == 0 else _WORD_WIDTH) or None
         table.add_column(
             Text(shown(name)), justify="left" if is_text else "right", min_width=least, overflow="fold"
         )
