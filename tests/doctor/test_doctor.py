@@ -77,32 +77,6 @@ def test_a_wrong_reading_is_found_and_named(policies: dict[str, Policy], layout:
     assert ("docs/lidar.md" in DiagnosisRun(diagnosis).advice) is what.startswith("ray ")
 
 
-def each_once() -> list[tuple[str, str]]:
-    """Every planted mistake in one of the layouts, in turn; `tests.benchmarks.doctor` takes all of them."""
-    of: dict[str, list[str]] = {}
-    for name, what in PLANTED:
-        of.setdefault(what, []).append(name)
-    return [(names[number % len(names)], what) for number, (what, names) in enumerate(of.items())]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("name", "what"), each_once(), ids=lambda part: str(part))
-def test_every_wrong_reading_is_found_in_one_layout(
-    policies: dict[str, Policy], name: str, what: str
-) -> None:
-    layout = next(one for one in LAYOUTS if one.name == name)
-    spec = PLANTED[name, what]
-    diagnosis = diagnose(replace(policies[name], spec=spec), LAB, scenarios_of(LAB, 60, 1))
-    if Interpretation(spec).meaning == Interpretation(layout.spec).meaning:
-        assert diagnosis.verdict == "specified"
-    elif what == "actions not scaled":  # commands are clipped either way, so it drives as well
-        assert diagnosis.verdict in ("specified", "undecided")
-        assert is_reported(diagnosis, layout)
-    else:
-        assert diagnosis.verdict == "another"
-        assert means(diagnosis, layout)
-
-
 def test_a_right_specification_is_kept(policies: dict[str, Policy]) -> None:
     diagnosis = diagnose(policies["plain"], LAB, SCENARIOS)
     assert diagnosis.verdict == "specified"
