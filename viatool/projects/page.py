@@ -107,8 +107,8 @@ def _cell(record: CellRecord) -> str:
     parts: Iterable[str] = (
         f'<h3 id="{inert(_anchor(record))}">{inert(record.name)}: {inert(record.outcome)}</h3>',
         f"<p>{inert(record.stake)}</p>" if record.stake else "",
-        f"<p>{inert(record.headline)} {f'({inert(record.figures)})' if record.figures else ''}</p>",
         f'<table class="plain"><tbody>{conditions}</tbody></table>' if conditions else "",
+        f"<p>{inert(record.headline)} {f'({inert(record.figures)})' if record.figures else ''}</p>",
         f"<pre>{escape(record.message)}</pre>" if record.message and not conditions else "",
         f"<p>{links}</p>" if links else "",
         f'<p class="quiet"><code>{inert(shlex.join(record.command))}</code></p>',
