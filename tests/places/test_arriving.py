@@ -105,7 +105,7 @@ FOLLOWED = {}
 
 
 def kept_follow(loop, mesh, cells, **more):
-    key = (cells.tobytes(), more["intervals"])
+    key = (cells.tobytes(), more["side"].tobytes(), more["intervals"])
     if key not in FOLLOWED:
         FOLLOWED[key] = follow(loop, mesh, cells, **more)
     return FOLLOWED[key]

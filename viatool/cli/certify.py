@@ -126,6 +126,14 @@ if TYPE_CHECKING:
     "smallest.",
 )
 @click.option(
+    "--finer",
+    type=click.IntRange(0, 3),
+    default=0,
+    show_default=True,
+    metavar="N",
+    help="With --arrive: how often those of these cells are halved that lead nearly into cells that arrive.",
+)
+@click.option(
     "--goal-radius",
     type=options.QuantityType("m"),
     help="With --steps, --forever or --arrive: within this distance the goal is reached and the run is over; by "
@@ -180,6 +188,7 @@ def command(ctx: click.Context, /, **given: Any) -> None:
                 arrive=given["arrive"],
                 intervals=given["lookahead"],
                 coarser=given["coarser"],
+                finer=given["finer"],
                 **{name: given[name] for name in ("steps", "goal_radius") if given[name] is not None},
             ),
             campaign=Campaign(

@@ -17,6 +17,9 @@ The third grows from the goal. After i intervals a run is at a free pose of ``R_
 of F are, or in a cell of ``A_(k-i)``. So by induction every run from ``A_k`` is within the goal at the end of one of
 its first k intervals, unless it was so before. ``A_k`` is part of the second set. M says of what else holds that its
 runs go on moving, for ever or up to the goal or cells that arrive.
+
+Several cells may be followed as one block. It is in one of these sets with all of its cells, or with none of them but
+those that need no proof.
 """
 
 from __future__ import annotations
@@ -27,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viatool.arrays import Booleans, Indices
+from viatool.places.blocks import Blocks
 from viatool.places.mesh import CellSet, Mesh
 from viatool.places.passages import Passages
 from viatool.schedule import check_time, time_is_up
@@ -47,11 +51,22 @@ class CellTransitions:
         (N,) bool: cells whose free poses have all reached the goal, and cells without any.
     passages : Passages
         Where the others lead; nothing is claimed of a cell without parts.
+    side : ndarray, optional
+        (N,) int8, how long the sides of the block are that begins with each cell; by default each cell is one.
     """
 
     mesh: Mesh
     exempt: Booleans
     passages: Passages
+    side: NDArray[np.int8] | None = None
+
+    def blocks(self, first: Indices) -> Blocks:
+        """Return the blocks that begin with cells, (B,)."""
+        return (
+            Blocks.cells_of(self.mesh, first)
+            if self.side is None
+            else Blocks(self.mesh, first, self.side[first])
+        )
 
     def for_ever(self) -> Booleans:
         """Return the greatest set that is left only towards the goal, without the exempt cells, (N,)."""
@@ -75,42 +90,96 @@ class CellTransitions:
 
     def _greatest(self, lasts: NDArray[np.int16], done: Booleans) -> Booleans:
         """Return the greatest set that leads within itself and `done` (N,), each part as long as it `lasts` (P,)."""
-        owner = self.passages.owner
-        members = np.zeros(len(self.mesh), bool)
-        members[owner] = True
-        members |= done
-        rows = np.flatnonzero(~done[owner])
+        owner, followed = self.passages.owner, self._followed
+        members = done.copy()
+        members[followed.cells] = True
+        open_ = self._named(followed.select(~followed.every(done)))
+        rows = np.flatnonzero(open_[owner])
         while True:
             check_time()
-            rows = rows[members[owner[rows]]]
+            rows = rows[open_[owner[rows]]]
             within = CellSet(self.mesh, members)
             lost = rows[~self._leads(rows, [within] * self.passages.intervals, lasts)]
             if not len(lost):
                 return members
-            members[owner[lost]] = False
+            blocks = self.blocks(np.unique(owner[lost]))
+            open_[blocks.first] = False
+            cells = blocks.cells
+            members[cells] = done[cells]
 
     def arrival(self) -> NDArray[np.int16]:
         """Return within how many intervals every run of each cell is in the goal, (N,); 0 where that is not known."""
         passages, kept = self.passages, self.passages.kept
         count = np.zeros(len(self.mesh), np.int16)
         arrived = self.exempt.copy()
-        parts = np.bincount(passages.owner, minlength=len(self.mesh))  # of each cell, that have not arrived
-        followed = parts > 0
+        parts = np.bincount(passages.owner, minlength=len(self.mesh))  # of each block, that have not arrived
         rows, latest = np.arange(len(passages)), 0
         earlier: list[CellSet] = []
         for number in range(1, FOR_EVER):
             earlier = [CellSet(self.mesh, arrived), *earlier][: passages.intervals]
             there = self._leads(rows, earlier, kept)
-            np.subtract.at(parts, passages.owner[rows[there]], 1)
+            new = self._whole(parts, passages.owner[rows[there]]).cells
             rows = rows[~there]
-            new = followed & (parts == 0) & ~arrived
+            new = new[~arrived[new]]
             count[new], arrived[new] = number, True
-            latest = number if new.any() else latest
+            latest = number if len(new) else latest
             if (
                 number - latest >= passages.intervals or time_is_up()
             ):  # fewer cells than there are may be claimed
                 break
         return count
+
+    def spread(self, arrived: Booleans) -> Booleans:
+        """Return the cells that arrive, those of `arrived` (N,) among them, (N,), however many intervals it takes."""
+        passages, followed = self.passages, self._followed
+        arrived = arrived | self.exempt
+        parts = np.bincount(passages.owner, minlength=len(self.mesh))
+        rows = np.flatnonzero(self._named(followed.select(~followed.every(arrived)))[passages.owner])
+        while True:
+            there = self._leads(rows, [CellSet(self.mesh, arrived)] * passages.intervals, passages.kept)
+            new = self._whole(parts, passages.owner[rows[there]]).cells
+            if not len(new) or time_is_up():
+                return arrived
+            arrived[new], rows = True, rows[~there]
+
+    def hopeful(self, arrived: Booleans, share: float) -> Blocks:
+        """Return blocks of more than a cell each part of which leads, with a share of its range, to cells that arrive.
+
+        Parameters
+        ----------
+        arrived : ndarray
+            (N,) bool, which cells arrive, and those that need not.
+        share : float
+            Of the cells of the range in which the share is largest.
+        """
+        owner, within = self.passages.owner, CellSet(self.mesh, arrived)
+        followed = self._followed
+        open_ = followed.select((followed.side > 1) & ~followed.every(arrived))
+        rows = np.flatnonzero(self._named(open_)[owner])
+        best = np.zeros(len(rows))
+        for index, ranges in enumerate(self.passages.ranges):
+            known = np.flatnonzero(np.maximum(self.passages.kept[rows], 1) > index)
+            best[known] = np.maximum(best[known], within.share(ranges.select(rows[known])))
+        hopeless = np.zeros(len(self.mesh), bool)
+        hopeless[owner[rows[~(best >= share)]]] = True
+        return open_.select(~hopeless[open_.first])
+
+    @property
+    def _followed(self) -> Blocks:
+        """Return the blocks that have parts."""
+        return self.blocks(np.unique(self.passages.owner))
+
+    def _named(self, blocks: Blocks) -> Booleans:
+        """Tell which cells name some blocks, (N,)."""
+        named = np.zeros(len(self.mesh), bool)
+        named[blocks.first] = True
+        return named
+
+    def _whole(self, parts: Indices, owner: Indices) -> Blocks:
+        """Count off parts (P,) by their blocks from those of each (N,), and return the blocks that have none left."""
+        np.subtract.at(parts, owner, 1)
+        first = np.unique(owner)
+        return self.blocks(first[parts[first] == 0])
 
     def go_on(self, intervals: int, done: Booleans) -> Booleans:
         """Tell of which cells (N,) more may be known if they are followed for more than some intervals.
@@ -141,7 +210,7 @@ class CellTransitions:
         passages = self.passages
         count = np.where(for_ever | self.exempt, FOR_EVER, 0).astype(np.int16)
         alive = np.zeros(len(self.mesh), bool)
-        alive[passages.owner] = True
+        alive[self._followed.cells] = True
         rows = np.flatnonzero(~for_ever[passages.owner])
         whole = alive | self.exempt  # S_0
         earlier = [CellSet(self.mesh, whole)]
@@ -150,7 +219,7 @@ class CellTransitions:
             lasts = passages.kept[rows] >= number
             rest = rows[~lasts]
             lost = rest[~self._leads(rest, earlier, passages.kept)]
-            alive[passages.owner[lost]] = False
+            alive[self.blocks(np.unique(passages.owner[lost])).cells] = False
             count[alive & (count < number)] = number
             if not len(rows) or time_is_up():  # fewer intervals than there are may be claimed
                 break

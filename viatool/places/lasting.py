@@ -41,6 +41,8 @@ class Lookahead:
     coarser : int
         How often less than the smallest cells those are halved of which the sets consist: a cell is safe if all the
         leaves in it are, so that what is undecided may be cut further than where the loop leads.
+    finer : int
+        How often those of these cells are halved along x, y and theta that lead nearly into cells that arrive.
     """
 
     steps: int = 0
@@ -49,6 +51,7 @@ class Lookahead:
     goal_radius: float = NavigationTask.goal_radius
     coarser: int = 0
     arrive: bool = False
+    finer: int = 0
 
     def __post_init__(self) -> None:
         if not 0 <= self.steps < FOR_EVER:
@@ -62,6 +65,11 @@ class Lookahead:
         if not 0 <= self.coarser <= 3:
             raise ConfigurationError(
                 f"cells cannot be {self.coarser} times coarser than the smallest", "give a number from 0 to 3"
+            )
+        if not 0 <= self.finer <= (3 if self.arrive else 0):
+            raise ConfigurationError(
+                f"cells of the set that arrives cannot be halved {self.finer} times",
+                "give a number from 0 to 3" if self.arrive else "ask which cells arrive: --arrive",
             )
         if not 0.0 <= self.goal_radius < math.inf:
             raise ConfigurationError(
@@ -203,6 +211,7 @@ class LastingCells:
         return {
             "goal_radius": asked.goal_radius,
             "lookahead": asked.intervals,
+            "finer": asked.finer,
             "cell": dict(zip(AXES, self.mesh.size.tolist(), strict=True)),
             **{name: None if part is None else _share(part, total) for name, part in parts.items()},
             "arrive_within": int(self.arrives.max(initial=0)) if asked.arrive else None,

@@ -70,7 +70,10 @@ class Mesh:
 
     @classmethod
     def of(cls, lattice: Lattice, coarser: int = 0) -> Mesh:
-        """Return the cells of a lattice that are `coarser` times halved less along x, y and theta than the smallest."""
+        """Return the cells of a lattice that are `coarser` times halved less along x, y and theta than the smallest.
+
+        A number below 0 gives cells that are halved more often than these.
+        """
         level = lattice.deepest - np.array([coarser, coarser, coarser, 0, 0])
         size = lattice.size * np.exp2(-level.astype(np.float64))
         return cls(lattice.origin, size, lattice.count << level, lattice.beyond)
@@ -84,10 +87,10 @@ class Mesh:
         """Tell whether the numbers of `Ranges` suffice, headings for two turns."""
         return int((self.count * np.where(np.arange(len(AXES)) == _THETA, 2, 1)).max()) <= _MOST
 
-    def bounds(self, number: Indices) -> tuple[Floats, Floats]:
-        """Return lower and upper ends of cells, (C, 5), the same numbers for neighbours."""
+    def bounds(self, number: Indices, span: int | Indices = 1) -> tuple[Floats, Floats]:
+        """Return lower and upper ends of cells, (C, 5), the same numbers for neighbours, or of as many from them on."""
         index = np.stack(np.unravel_index(number, self.count), axis=1)
-        return self.origin + index * self.size, self.origin + (index + 1) * self.size
+        return self.origin + index * self.size, self.origin + (index + span) * self.size
 
     def boxes(self, lower: Floats, upper: Floats) -> StateBoxes:
         """Return states between two ends (C, 5), poses rounded outward."""
@@ -176,14 +179,23 @@ class CellSet:
         ends = np.stack([ranges.first, ranges.last])[:, :, self._axes].astype(np.int64)
         found = self._members[ends @ self._steps].all(axis=0)  # most that are not covered have an end outside
         first, last = ends[:, found]
+        found[found] = self._held(first, last) == np.prod(last - first + 1, axis=1)
+        return np.asarray(found)
+
+    def share(self, ranges: Ranges) -> Floats:
+        """Return the share of the cells of ranges that lie in the set, (P,)."""
+        first, last = np.stack([ranges.first, ranges.last])[:, :, self._axes].astype(np.int64)
+        return np.asarray(self._held(first, last) / np.prod(last - first + 1, axis=1))
+
+    def _held(self, first: Indices, last: Indices) -> Indices:
+        """Count the cells of ranges that are in the set, (P,)."""
         below, above = first * self._strides, (last + 1) * self._strides
         held = np.zeros(len(first), np.int64)
         for corner in itertools.product((False, True), repeat=len(self._axes)):
             place = sum((above if up else below)[:, axis] for axis, up in enumerate(corner))
             sign = (-1) ** (len(corner) - sum(corner))
             held += sign * self._sums[place].astype(np.int64)
-        found[found] = held == np.prod(last - first + 1, axis=1)
-        return np.asarray(found)
+        return held
 
 
 def _pieces(members: Indices, size: int) -> Iterator[Indices]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, field
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from viatool.arrays import Booleans, Indices
 from viatool.errors import ConfigurationError
 from viatool.loop.closed_loop import ClosedLoop
+from viatool.places.blocks import Blocks
 from viatool.places.findings import BLOCKED, CERTIFIED, SETTLED, CellFindings
 from viatool.places.forever import CellTransitions
 from viatool.places.lasting import LastingCells, Lookahead, Round
@@ -41,6 +42,8 @@ _GOAL_ROUNDING = 1e-9
 _LOOPS = 0.1
 """Of a budget in seconds: half of it before the deadline, no cell is followed further, so that what was found can be
 put together; so much after it, that ends as well, with what it has."""
+_HOPEFUL = 0.4
+"""Of where a block may be after some interval, the share from which runs arrive that makes it worth halving."""
 
 
 def check_lookahead(lookahead: Lookahead, rules: Rules, lattice: Lattice, *, moving: bool = False) -> Mesh:
@@ -71,7 +74,7 @@ def check_lookahead(lookahead: Lookahead, rules: Rules, lattice: Lattice, *, mov
             f"how long cells stay certified is not followed for a {rules.kinematics.description}",
             "leave out --steps, --forever and --arrive",
         )
-    mesh = Mesh.of(lattice, lookahead.coarser)
+    mesh = Mesh.of(lattice, lookahead.coarser - lookahead.finer)
     if len(mesh) > _MOST_CELLS:
         raise ConfigurationError(
             f"{len(mesh):,} smallest cells are too many to look ahead", "make the smallest cells larger"
@@ -134,92 +137,168 @@ def look_ahead(
     status = mesh.statuses(lattice, findings)
     status[_without_free_pose(loop, mesh) & (status > BLOCKED)] = BLOCKED  # parts of larger leaves
     reached = _within(mesh, goal, lookahead.goal_radius) & (status != BLOCKED)
-    exempt = reached | (status == BLOCKED)
-    safe = np.flatnonzero(((status == SETTLED) | (status == CERTIFIED)) & ~reached)
-    rounds, open_ = [], safe
-    passages: list[Passages] = []
+    follower = _Follower(loop, mesh, status, reached | (status == BLOCKED), campaign, tell, until)
     held, arrives = np.zeros(len(mesh), bool), np.zeros(len(mesh), np.int16)
+    open_ = first = follower.begin(lookahead.finer)
     for intervals in lookahead.rounds:
         if not len(open_) or until.passed:
             break
         before = time.perf_counter()
-        done = exempt | (arrives > 0 if lookahead.arrive else held)
-        work = FollowWork(loop, mesh, open_, intervals, done)
-        kept = campaign.within(f"follow-{digest_of(work.describe())[:16]}")
-        found = kept.carry_out(work, tell, until=until.moved(-_LOOPS / 2.0))
-        followed = np.zeros(len(mesh), bool)
-        followed[open_[: found.units]] = True
-        passages = [*(part.select(~followed[part.owner]) for part in passages), found.part]
-        loops = CellTransitions(mesh, exempt, join(passages))
+        units = follower.follow(open_, intervals, held | (arrives > 0))
         with within(until.moved(_LOOPS)), suppress(TimeUp):  # what was found before holds still
+            if lookahead.finer:
+                units += follower.halve_hopeful(intervals)
+            loops = follower.transitions
             arrives = loops.arrival() if lookahead.arrive else arrives
             held |= arrives > 0
             held = loops.for_ever()
-            open_ = safe[loops.go_on(intervals, exempt | (arrives > 0 if lookahead.arrive else held))[safe]]
-        rounds.append(
-            Round(
-                intervals,
-                found.units,
-                int(held.sum()),
-                int((arrives > 0).sum()),
-                time.perf_counter() - before,
-            )
+            known = loops.exempt | (arrives > 0 if lookahead.arrive else held)
+            open_ = first.select(loops.go_on(intervals, known)[first.first])
+        arrived = int((arrives > 0).sum())
+        follower.rounds.append(
+            Round(intervals, units, int(held.sum()), arrived, time.perf_counter() - before)
         )
-    loops, moves = CellTransitions(mesh, exempt, join(passages)), np.zeros(len(mesh), bool)
+    loops, moves = follower.transitions, np.zeros(len(mesh), bool)
     with within(until.moved(_LOOPS)):
         count = loops.intervals(lookahead.steps, held)
         if lookahead.arrive:
             with suppress(TimeUp):
                 moves = loops.moving(arrives > 0)
-    return LastingCells(mesh, status, reached, count, lookahead, rounds, arrives, moves)
+    return LastingCells(mesh, status, reached, count, lookahead, follower.rounds, arrives, moves)
 
 
-@dataclass(frozen=True, eq=False)
-class FollowWork(EvenWork[Indices, Passages]):
-    """The cells that one round follows.
+@dataclass(eq=False)
+class _Follower:
+    """Where cells lead, as far as it is known.
 
     Parameters
     ----------
     loop, mesh
         The closed loop, and its cells.
-    cells : ndarray
-        (C,) numbers of those that are followed.
-    intervals : int
-        For how many.
-    known : ndarray
-        (N,) bool, in which cells nothing needs to be followed further.
+    status : ndarray
+        (N,) of the next action.
+    exempt : ndarray
+        (N,) bool, cells that need no proof.
+    campaign, tell, until
+        As in `look_ahead`.
     """
 
     loop: ClosedLoop
     mesh: Mesh
-    cells: Indices
+    status: NDArray[np.int8]
+    exempt: Booleans
+    campaign: Campaign
+    tell: Progress
+    until: Deadline
+    rounds: list[Round] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.side = np.ones(len(self.mesh), np.int8)
+        self.passages = join([])
+
+    @property
+    def transitions(self) -> CellTransitions:
+        """Return the closed loop over the cells, as far as they were followed."""
+        return CellTransitions(self.mesh, self.exempt, self.passages, self.side)
+
+    @cached_property
+    def safe(self) -> Booleans:
+        """Tell which cells are safe in the next interval, (N,)."""
+        return np.asarray((self.status == SETTLED) | (self.status == CERTIFIED))
+
+    def begin(self, finer: int) -> Blocks:
+        """Return what is followed first: safe cells or, where they are halved later, all blocks with a free pose."""
+        if not finer:
+            return Blocks.cells_of(self.mesh, np.flatnonzero(self.safe & ~self.exempt))
+        blocks = Blocks.over(self.mesh, 2**finer)
+        return blocks.select(~blocks.every(self.exempt) & blocks.every(self.status >= BLOCKED))
+
+    def follow(self, blocks: Blocks, intervals: int, known: Booleans, stage: str = "followed") -> int:
+        """Follow blocks for some intervals, or to cells that are known; return how many there was time for."""
+        certified = blocks.every(self.safe | (self.status == BLOCKED))
+        work = FollowWork(self.loop, blocks, certified, intervals, known | self.exempt, stage)
+        kept = self.campaign.within(f"follow-{digest_of(work.describe())[:16]}")
+        found = kept.carry_out(work, self.tell, until=self.until.moved(-_LOOPS / 2.0))
+        done = blocks.first[: found.units]
+        self._forget(done)
+        self.side[done] = blocks.side[: found.units]
+        self.passages = join([self.passages, found.part])
+        return found.units
+
+    def halve_hopeful(self, intervals: int) -> int:
+        """Halve and follow blocks that lead nearly into cells that arrive, until there are none; return how many."""
+        arrived, followed = self.transitions.spread(self.exempt), 0
+        while not self.until.passed:
+            hopeful = self.transitions.hopeful(arrived, _HOPEFUL)
+            if not len(hopeful):
+                break
+            self._forget(hopeful.first)
+            halves = hopeful.halved()
+            halves = halves.select(~halves.every(self.exempt))
+            followed += self.follow(halves, intervals, arrived, "halved and followed")
+            arrived = self.transitions.spread(arrived)
+        return followed
+
+    def _forget(self, first: Indices) -> None:
+        """Forget where blocks lead."""
+        named = np.zeros(len(self.mesh), bool)
+        named[first] = True
+        self.passages = self.passages.select(~named[self.passages.owner])
+
+
+@dataclass(frozen=True, eq=False)
+class FollowWork(EvenWork[tuple[Blocks, Booleans], Passages]):
+    """The blocks that one round follows.
+
+    Parameters
+    ----------
+    loop : ClosedLoop
+        The closed loop.
+    blocks : Blocks
+        C that are followed.
+    certified : ndarray
+        (C,) bool, which keep their clearance in the next interval.
+    intervals : int
+        For how many.
+    known : ndarray
+        (N,) bool, in which cells nothing needs to be followed further.
+    done : str
+        What happens to the cells, in a word.
+    """
+
+    loop: ClosedLoop
+    blocks: Blocks
+    certified: Booleans
     intervals: int
     known: Booleans
+    done: str = "followed"
     piece = 8192
 
     @property
     def stage(self) -> str:
         """Return what the round does."""
-        return f"cells followed for {self.intervals}"
+        return f"cells {self.done} for {self.intervals}"
 
     def __len__(self) -> int:
         """Return C."""
-        return len(self.cells)
+        return len(self.blocks)
 
     @property
-    def function(self) -> Callable[[Indices], Passages]:
-        """Return what follows some cells."""
-        known = CellSet(self.mesh, self.known)
-        return partial(follow, self.loop, self.mesh, intervals=self.intervals, known=known)
+    def function(self) -> Callable[[tuple[Blocks, Booleans]], Passages]:
+        """Return what follows some blocks."""
+        known = CellSet(self.blocks.mesh, self.known)
+        return partial(_follow, self.loop, self.intervals, known)
 
-    def content(self, span: Span) -> Indices:
-        """Return the numbers of some cells."""
-        return self.cells[span.first : span.last]
+    def content(self, span: Span) -> tuple[Blocks, Booleans]:
+        """Return some blocks, and which of them are certified."""
+        some = slice(span.first, span.last)
+        return self.blocks.select(some), self.certified[some]
 
     def describe(self) -> dict[str, str | int]:
         """Return everything that the passages depend on beside the search, in whose folder they are kept."""
         known = np.packbits(self.known)
-        return {"cells": digest_of((self.cells, known)), "intervals": self.intervals}
+        cells = self.blocks.first, self.blocks.side, self.certified
+        return {"cells": digest_of((*cells, known)), "intervals": self.intervals}
 
     def to_arrays(self, part: Passages) -> dict[str, NDArray[Any]]:
         """Return passages as arrays."""
@@ -232,6 +311,19 @@ class FollowWork(EvenWork[Indices, Passages]):
     def join(self, parts: Sequence[Passages]) -> Passages:
         """Return all passages as one."""
         return join(parts)
+
+
+def _follow(loop: ClosedLoop, intervals: int, known: CellSet, some: tuple[Blocks, Booleans]) -> Passages:
+    blocks, certified = some
+    return follow(
+        loop,
+        blocks.mesh,
+        blocks.first,
+        intervals=intervals,
+        known=known,
+        side=blocks.side,
+        certified=certified,
+    )
 
 
 def _without_free_pose(loop: ClosedLoop, mesh: Mesh) -> Booleans:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from viatool.arrays import Booleans, Floats, Indices
 from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.successor import LoopStep, fold, select, states_of, step
+from viatool.places.blocks import Blocks
 from viatool.places.mesh import CellSet, Mesh, Ranges
 from viatool.schedule import check_time
 from viatool.sets.forms import Forms
@@ -39,7 +40,7 @@ class Passages:
     Parameters
     ----------
     owner : ndarray
-        (P,) the cell; its parts are together all of it, and all that may be chosen there.
+        (P,) the cell, or the first one of a block; its parts are together all of it, and all that may be chosen there.
     ranges : sequence of Ranges
         M, one for each interval: where the part is after it.
     kept : ndarray
@@ -89,6 +90,8 @@ def follow(
     intervals: int,
     parts: tuple[int, int, int, int, int] = (1, 1, 1, 1, 1),
     known: CellSet | None = None,
+    side: NDArray[np.int8] | None = None,
+    certified: Booleans | None = None,
 ) -> Passages:
     """Follow the closed loop from cells.
 
@@ -99,13 +102,17 @@ def follow(
     mesh : Mesh
         The cells.
     cells : ndarray
-        (C,) numbers of cells that are certified or uncontested: the next interval keeps its clearance.
+        (C,) numbers of cells.
     intervals : int
         M, for how many control intervals at most.
     parts : tuple
         Into how many parts each side of a cell is cut.
     known : CellSet, optional
         A set in which no cell needs to be followed further.
+    side : ndarray, optional
+        (C,) int8, how many cells along x, y and theta are followed as one from each of these; by default it alone.
+    certified : ndarray, optional
+        (C,) bool, which are certified or uncontested: the next interval keeps its clearance. By default all are.
 
     Returns
     -------
@@ -117,18 +124,21 @@ def follow(
     Sound: yes. From every free pose of a part, with every previous command of it and every observation that the
     sensors may give, the loop keeps its clearance for `kept` intervals and is then in the ranges.
     """
-    lower, upper = mesh.bounds(cells)
+    blocks = Blocks.cells_of(mesh, cells) if side is None else Blocks(mesh, cells, side)
+    proved = np.ones(len(cells), bool) if certified is None else certified
+    lower, upper = blocks.bounds()
     lower, upper = _cut(lower, upper, np.array(parts))
-    found = _Followed.of(np.repeat(cells, int(np.prod(parts))))
+    each = int(np.prod(parts))
+    found, proved = _Followed.of(np.repeat(cells, each)), np.repeat(proved, each)
     start = mesh.boxes(lower, upper)
     states, ends = states_of(start), (lower[:, :3], upper[:, :3])
     going = np.arange(len(found.owner))
-    for number in range(intervals):
+    for _ in range(intervals):
         check_time()
         after = step(loop, states, jumps=0)
-        holds = np.ones(len(after.origin), bool)
-        if number > 0:
-            holds = loop.holds(after.start, after.lower, after.upper)
+        holds = proved[after.origin]
+        rest = np.flatnonzero(~holds)
+        holds[rest] = loop.holds(after.start.select(rest), after.lower[rest], after.upper[rest])
         reached = after.bounds(*ends)
         there = mesh.ranges(*reached)
         going = found.branched(going[after.origin])
@@ -136,7 +146,7 @@ def follow(
         open_ = holds if known is None else holds & ~known.covers(there)
         open_ &= found.few(going) & _narrow(mesh, *reached)
         going = going[open_]
-        states = _shortened(after, open_)
+        states, proved = _shortened(after, open_), np.zeros(len(going), bool)
         ends = reached[0][open_, :3], reached[1][open_, :3]
         if not len(going):
             break

@@ -120,6 +120,7 @@ class OverTime(ReportPart):
 
     goal_radius: Amount
     lookahead: Count
+    finer: Count = 0
     cell: dict[str, float]
     forever: ShareRecord | None
     arrive: ShareRecord | None = None
