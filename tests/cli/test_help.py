@@ -60,3 +60,20 @@ def test_a_command_like_no_other_is_refused() -> None:
     found = CliRunner().invoke(main, ["xyzzy"])
     assert found.exit_code == 2
     assert "did you mean" not in found.output
+
+
+ANOTHER = {"--criterion": "what proves nothing is no criterion where a proof is meant"}
+"""Options that take something else in one of the commands that verify, and why."""
+
+
+def test_an_option_takes_the_same_in_every_command_that_verifies_or_drives() -> None:
+    taken: dict[str, dict[str, tuple[str, str]]] = {}
+    for name in ("verify", "certify", "mission", "margin", "simulate", "doctor"):
+        command = main.get_command(click.Context(main), name)
+        assert command is not None
+        for option in command.params:
+            if isinstance(option, click.Option):
+                what = type(option.type).__name__, option.make_metavar(click.Context(command))
+                taken.setdefault(option.opts[0], {})[name] = what
+    differing = {option: each for option, each in taken.items() if len(set(each.values())) > 1}
+    assert set(differing) == set(ANOTHER), differing

@@ -269,7 +269,7 @@ def test_the_command_reports_and_passes(policies: dict[str, Policy], tmp_path: P
     assert len((tmp_path / "report.csv").read_text(encoding="utf-8").splitlines()) > 10
     right = load_specification(tmp_path / "right.yaml")
     assert Interpretation(right).meaning == Interpretation(PLAIN.spec).meaning
-    again = ["--spec", str(tmp_path / "right.yaml"), "--scenarios", "2", "--horizon", "5", "-q"]
+    again = ["--spec", str(tmp_path / "right.yaml"), "--scenarios", "2", "--time-limit", "0.5", "-q"]
     done = CliRunner().invoke(main, [*arguments[:4], *again, "-o", f"figure:{tmp_path}/drive.svg"])
     assert done.exit_code == 0, done.output
     assert (tmp_path / "drive.svg").exists()

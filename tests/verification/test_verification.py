@@ -348,3 +348,14 @@ def test_a_trajectory_carries_the_obstacles_of_its_episodes(result, tmp_path, po
     for left, right in zip(load_trajectory(path).scenarios, result.trajectory.scenarios, strict=True):
         np.testing.assert_array_equal(left.obstacles.circles, right.obstacles.circles)
         assert (left.name, left.start, left.goal) == (right.name, right.start, right.goal)
+
+
+def test_a_recording_that_lies_off_the_map_as_a_whole_is_refused(policy, tmp_path):
+    here, far = np.zeros((2, 3)), np.full((2, 3), 500.0)
+    seen = np.ones((2, policy.input_size))
+    np.savez(tmp_path / "far.npz", pose=far, observation=seen)
+    with pytest.raises(TrajectoryError, match=r"every pose lies off the map .*x 500 to 500 m") as refused:
+        verify(policy, LAB, eps=0.01, trajectory=tmp_path / "far.npz", close=0)
+    assert "frame of the map" in refused.value.hint
+    np.savez(tmp_path / "some.npz", pose=np.stack([here[0], far[0]]), observation=seen)
+    assert len(verify(policy, LAB, eps=0.01, trajectory=tmp_path / "some.npz", close=0).verdict) == 2

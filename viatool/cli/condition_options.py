@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 import click
 
 from viatool.cli.options import QuantityType
+from viatool.cli.work import WorkersType
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -38,11 +39,10 @@ def engine_options(command: Command) -> Command:
             ),
             click.option(
                 "--workers",
-                type=click.IntRange(min=1),
+                type=WorkersType(),
                 default=1,
                 show_default=True,
-                metavar="N",
-                help="Processes of the bullet engine; they do not change the result.",
+                help="Processes of the bullet engine; auto takes one for each core. The result is the same.",
             ),
         )
     ):

@@ -35,10 +35,9 @@ if TYPE_CHECKING:
 @options.seed_option
 @options.noise_option
 @click.option(
-    "--horizon",
-    type=click.IntRange(min=1),
-    metavar="N",
-    help="Most steps of an episode; by default the task's 300.",
+    "--time-limit",
+    type=options.QuantityType("s"),
+    help="Simulated time after which an episode has taken too long; by default the task's 300 control intervals.",
 )
 @recording_options
 @options.clearance_option
@@ -132,5 +131,5 @@ def _diagnose(given: Mapping[str, Any]) -> Diagnosis:
             wishes=wishes,
             until=until,
             progress=progress,
-            **{name: given[name] for name in ("trajectory", "noise", "horizon", "seed", "workers")},
+            **{name: given[name] for name in ("trajectory", "noise", "time_limit", "seed", "workers")},
         )

@@ -137,6 +137,10 @@ def _simulate(given: Mapping[str, Any]) -> Simulation:
     )
     asked = {"engine": given["engine"], "conditions": _conditions(given)}
     asked |= {name: given[name] for name in ("seed", "workers", "lidar", "adversary")}
+    if asked["workers"] == "auto":
+        from viatool.schedule.processes import available_cores
+
+        asked["workers"] = available_cores()
     if given["time_limit"] is not None:
         asked["horizon"] = setting.rules.intervals_within(given["time_limit"])
     with show_progress(quiet=given["quiet"]) as progress:

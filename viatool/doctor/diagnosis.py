@@ -102,6 +102,7 @@ def diagnose(
     wishes: Wishes | None = None,
     noise: float | None = None,
     horizon: int | None = None,
+    time_limit: float | None = None,
     seed: int = 0,
     workers: int | Literal["auto"] = 1,
     until: Deadline = NEVER,
@@ -127,6 +128,8 @@ def diagnose(
         Of the LiDAR, in metres; None is the map's.
     horizon : int, optional
         Most steps of an episode; None is the task's.
+    time_limit : float, optional
+        The same in seconds of simulated time.
     seed : int
         Of the noise.
     workers : int or "auto"
@@ -152,6 +155,8 @@ def diagnose(
     wishes = replace(wishes, prefer={"lidar": "policy", **wishes.prefer})
     course = Course(policy, world_map, tuple(scenarios), wishes, noise, seed, horizon)
     setting = course.setting(specification_of(policy))
+    if time_limit is not None:
+        course = replace(course, horizon=setting.rules.intervals_within(time_limit))
     around = Background(setting.robot, Extent(*setting.world_map.bounds))
     examine: Examine = course
     source = f"{len(course.scenarios):,} scenarios, seed {seed}"

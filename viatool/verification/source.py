@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, replace
 
-from viatool.errors import ConfigurationError
+from viatool.errors import ConfigurationError, TrajectoryError
 from viatool.policy import Policy
 from viatool.setting.recalled import recalled
 from viatool.setting.received import as_received
@@ -67,7 +67,9 @@ class Source:
             return drive(policy, setting, conditions=conditions, errors=motors, seed=self.seed).trajectory
         if isinstance(self.trajectory, Trajectory):
             return recalled(policy, setting, self.trajectory)
-        return recalled(policy, setting, load_trajectory(self.trajectory, setting.spec, self.bag))
+        recorded = load_trajectory(self.trajectory, setting.spec, self.bag)
+        _require_on_map(recorded, setting, self.trajectory)
+        return recalled(policy, setting, recorded)
 
     def compared(self, setting: Setting, states: Trajectory) -> tuple[Agreement, ...]:
         """Return how the LiDAR readings of recorded states agree with the map; nothing of states that are simulated."""
@@ -110,3 +112,25 @@ def _motors(setting: Setting) -> ErrorModel:
     shows it; so neither is drawn.
     """
     return setting.uncertainty.only("actuation", "timing")
+
+
+def _require_on_map(recorded: Trajectory, setting: Setting, path: StrPath) -> None:
+    """Refuse a recording of which every pose lies off the map: it is in another frame, and no verdict is about it.
+
+    Raises
+    ------
+    TrajectoryError
+        Says where the poses are, and where the map is.
+    """
+    if not len(recorded):
+        return
+    x_min, y_min, x_max, y_max = setting.world_map.bounds
+    x, y = recorded.poses[:, 0], recorded.poses[:, 1]
+    if ((x_min <= x) & (x <= x_max) & (y_min <= y) & (y <= y_max)).any():
+        return
+    raise TrajectoryError(
+        f"{os.fspath(path)}: every pose lies off the map '{setting.world_map.path}': x {x.min():.4g} to {x.max():.4g} "
+        f"m, y {y.min():.4g} to {y.max():.4g} m, and the map is x {x_min:.4g} to {x_max:.4g} m, y {y_min:.4g} to "
+        f"{y_max:.4g} m",
+        "give poses in the frame of the map, or the map that the robot was on",
+    )
