@@ -47,7 +47,7 @@ from viatool.taylor.reach import Arithmetic, networks_of
 from viatool.taylor.watch import require_program_within
 from viatool.world import Scenario
 
-_CHUNK = 256
+_CHUNK = 1024
 _CHUNK_PAIRS = 400_000
 """Cells, and cells times shapes, that are enclosed together, so that the arrays stay in the cache."""
 _CHUNK_NUMBERS = 8_000_000
@@ -209,7 +209,7 @@ class ClosedLoop:
         Boxes of which a part is not free are not settled.
         """
         kept, rules = np.zeros(len(boxes), dtype=bool), self.rules
-        for some in self._chunks(len(boxes), 16 * _CHUNK):
+        for some in self._chunks(len(boxes), 4 * _CHUNK):
             check_time()
             kept[some] = prove_clearance(
                 self.among_all(boxes.select(some)),
@@ -254,7 +254,7 @@ class ClosedLoop:
         """
         shapes, rules, moving = self.sensors.shapes.certain, self.rules, self.around.moving
         kept = np.zeros(len(boxes), dtype=bool)
-        for some in self._chunks(len(boxes), 16 * _CHUNK):
+        for some in self._chunks(len(boxes), 4 * _CHUNK):
             check_time()
             kept[some] = keep_away(boxes.select(some), shapes, rules, manoeuvre, lower[some], upper[some])
         rest = np.flatnonzero(~kept)
