@@ -1,4 +1,4 @@
-"""``viatool verify --stop-early``: the exit code of the whole run, and a report that says what was left out."""
+"""``--stop-early``: the exit code of the whole run, and a report that says what was left out."""
 
 from __future__ import annotations
 
@@ -82,3 +82,42 @@ def test_what_needs_every_state_is_refused(
     assert found.exit_code == 2
     assert named in found.output
     assert "hint: " in found.output
+
+
+MISSIONS = ("mission", "policy.onnx", "--map", "map.yaml", "--eps", "0.01", "--time-limit", "3")
+"""The first one collides, the second one is late."""
+
+
+def test_a_report_of_missions_says_what_was_left_out(run: Callable[..., Result], tmp_path: Path) -> None:
+    names = {"json": "m.json", "junit": "m.xml", "html": "m.html", "markdown": "m.md"}
+    outputs = [f"--output={one}:{tmp_path / name}" for one, name in names.items()]
+    found = run(*MISSIONS, "--max-unsafe", "0", "--stop-early", *outputs)
+    assert run(*MISSIONS, "--max-unsafe", "0", "-q").exit_code == found.exit_code == 1, found.output
+    told = "stopped early, 1 of 2 missions not judged; of the others: 0 of 1 proved"
+    assert found.output.splitlines()[0] == told
+    for name in ("m.xml", "m.html", "m.md"):
+        assert told in (tmp_path / name).read_text(), name
+    report = json.loads((tmp_path / "m.json").read_text())
+    assert report["not_judged"] == {"overall": 1, "scenarios": ["clear"]}
+    assert report["mission_verdicts"] == {"proved": 0, "refuted": 1, "unknown": 0}
+    assert ElementTree.parse(tmp_path / "m.xml").getroot().get("skipped") == "1"
+    again = run("gate", tmp_path / "m.json", "--fail-under", "0.5")
+    assert (again.exit_code, "NOT DECIDED" in again.output) == (1, True)
+    assert "was not judged" in run("explain", tmp_path / "m.json", "--scenario", "clear").output
+
+
+@pytest.mark.parametrize(
+    ("more", "named"),
+    [
+        ((), "there is no gate"),
+        (("--max-unsafe", "0", "--explain-errors"), "--explain-errors"),
+        (("--max-unsafe", "0", "--baseline", "map.yaml"), "--baseline"),
+        (("--max-unsafe", "0", "--accepted", "map.yaml"), "--accepted"),
+    ],
+)
+def test_what_needs_every_mission_is_refused(
+    run: Callable[..., Result], more: tuple[str, ...], named: str
+) -> None:
+    found = run(*MISSIONS, "--stop-early", *more)
+    assert found.exit_code == 2
+    assert named in found.output

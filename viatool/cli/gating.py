@@ -75,7 +75,7 @@ def stop_early_option(command: Command) -> Command:
         "--stop-early",
         is_flag=True,
         help="Stop once no later verdict can change whether the gate passes: the same exit code, sooner. The report "
-        "says how many states were not judged, and is of the others.",
+        "says how much was not judged, and is of the rest.",
     )(command)
 
 

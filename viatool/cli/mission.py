@@ -9,9 +9,10 @@ import click
 
 from viatool.cli import options
 from viatool.cli.command import Command
-from viatool.cli.gating import build_gate, gate_options, leave_by_gate
+from viatool.cli.gating import build_gate, gate_options, leave_by_gate, stop_early_option
 from viatool.cli.reporting import read_outputs, tell
 from viatool.cli.shapes import PointType, PoseErrorType, PoseType
+from viatool.cli.stopping import certain, require_stoppable
 from viatool.cli.terminal import show_progress
 from viatool.cli.work import keeping, work_options
 from viatool.setting.criteria import PROVING
@@ -103,6 +104,7 @@ if TYPE_CHECKING:
     "junit, sarif or github; PATH - is stdout. Repeatable.",
 )
 @gate_options
+@stop_early_option
 @work_options
 @options.threads_option
 @options.quiet_option
@@ -117,8 +119,11 @@ def command(ctx: click.Context, /, **given: Any) -> None:
     from viatool.policy import load_policy
     from viatool.report import evaluate
     from viatool.report.missions.run import MissionsRun
+    from viatool.report.missions.so_far import MissionsSoFar
     from viatool.schedule import NEVER, Campaign, Deadline, open_scheduler
 
+    if given["stop_early"]:
+        require_stoppable(given)
     budget = given["budget_seconds"]
     until = NEVER if budget is None else Deadline.after(budget)
     outputs = read_outputs(given["output"], MissionsRun)
@@ -144,6 +149,7 @@ def command(ctx: click.Context, /, **given: Any) -> None:
             until=until,
             progress=progress,
             keep_interrupted=True,
+            enough=certain(gate, MissionsSoFar) if given["stop_early"] else None,
             **{name: given[name] for name in _PASSED_ON},
         )
     document = MissionsRun(missions)

@@ -1,24 +1,23 @@
-"""When ``--stop-early`` stops: once the gate ends in the same way whatever is found in the states that are left."""
+"""When ``--stop-early`` stops: once the gate ends in the same way whatever is found in what is left."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from viatool.report import Gate
-    from viatool.verification.so_far import Enough, SoFar
+    from viatool.report import Document, Gate
 
 WITHOUT = "the gate does not ask for them, and its outcome was certain (--stop-early)"
 """Why there are no close places then."""
 
 _NEED_ALL = ("baseline", "accepted", "margins", "explain_errors")
-"""Options about every state, or about every finding."""
+"""Options about everything that is judged, or about every finding; not every command has each."""
 
 
 def require_stoppable(given: Mapping[str, Any]) -> None:
-    """Refuse to stop early where there is nothing to stop for, or something is asked of every state.
+    """Refuse to stop early where there is nothing to stop for, or something is asked of all.
 
     Raises
     ------
@@ -27,14 +26,14 @@ def require_stoppable(given: Mapping[str, Any]) -> None:
     """
     from viatool.errors import ConfigurationError
 
-    needing = [f"--{name.replace('_', '-')}" for name in _NEED_ALL if given[name]]
+    needing = [f"--{name.replace('_', '-')}" for name in _NEED_ALL if given.get(name)]
     needing += ["--output evidence" for text in given["output"] if text.startswith("evidence:")]
     if needing:
         raise ConfigurationError(
-            f"--stop-early leaves states out, and {needing[0]} is about every one",
+            f"--stop-early leaves out what cannot change the gate, and {needing[0]} is about all",
             f"leave {needing[0]} out, or --stop-early",
         )
-    limits = (given["max_unsafe"], given["max_unknown"], given["min_contested"])
+    limits = (given.get(name) for name in ("max_unsafe", "max_unknown", "min_contested"))
     if not given["fail_under"] and all(limit is None for limit in limits):
         raise ConfigurationError(
             "--stop-early stops when the outcome of the gate is certain, and there is no gate",
@@ -47,15 +46,13 @@ def asks_for_close_places(gate: Gate) -> bool:
     return any(threshold.name == "close" for threshold in gate.thresholds)
 
 
-def certain(gate: Gate) -> Enough:
-    """Return what tells whether a gate is certain; conditions on close places are decided when these are judged."""
+def without_close_places(gate: Gate) -> Gate:
+    """Return the conditions that driven states decide; the others are decided when close places are judged."""
+    return replace(gate, thresholds=tuple(one for one in gate.thresholds if one.name != "close"))
+
+
+def certain(gate: Gate, kind: Callable[[Any], Document]) -> Callable[[Any], bool]:
+    """Return what tells whether a gate is certain, of what is known so far; `kind` makes a document of that."""
     from viatool.report.gate import evaluate, is_certain
-    from viatool.report.states.so_far import StatesSoFar
 
-    driven = tuple(threshold for threshold in gate.thresholds if threshold.name != "close")
-    asked = replace(gate, thresholds=driven)
-
-    def enough(found: SoFar) -> bool:
-        return is_certain(evaluate(asked, StatesSoFar(found)))
-
-    return enough
+    return lambda found: is_certain(evaluate(gate, kind(found)))

@@ -21,7 +21,13 @@ from viatool.cli.gating import (
 from viatool.cli.reporting import read_outputs, tell
 from viatool.cli.started import seconds_since_start
 from viatool.cli.states import bag_settings, choose_scenarios, close_option, sampled_places, state_options
-from viatool.cli.stopping import WITHOUT, asks_for_close_places, certain, require_stoppable
+from viatool.cli.stopping import (
+    WITHOUT,
+    asks_for_close_places,
+    certain,
+    require_stoppable,
+    without_close_places,
+)
 from viatool.cli.terminal import show_progress
 from viatool.cli.work import keeping, work_options
 from viatool.setting.criteria import CRITERIA, PROVING
@@ -201,6 +207,7 @@ def _horizon(given: Mapping[str, Any]) -> Horizon | None:
 
 
 def _verify(given: Mapping[str, Any], gate: Gate, progress: Progress) -> Result:
+    from viatool.report.states.so_far import StatesSoFar
     from viatool.verification import verify
 
     bag, places = bag_settings(given), sampled_places(given)
@@ -220,7 +227,7 @@ def _verify(given: Mapping[str, Any], gate: Gate, progress: Progress) -> Result:
         horizon=_horizon(given),
         errors=options.stated_errors(given),
         progress=progress,
-        enough=certain(gate) if stopping else None,
+        enough=certain(without_close_places(gate), StatesSoFar) if stopping else None,
         **passed_on,
     )
     if without_close and given["close"]:

@@ -16,6 +16,7 @@ from viatool.loop.elapsed import check_moving_on
 from viatool.loop.told import told_of_time
 from viatool.missions.explaining import with_needs
 from viatool.missions.follow import MissionLimits
+from viatool.missions.so_far import Enough, MissionsKnown
 from viatool.missions.verdicts import Mission, Missions
 from viatool.missions.work import MissionExamination, MissionWork
 from viatool.policy import Policy, PolicySpecification, as_policy
@@ -64,6 +65,7 @@ def mission(
     until: Deadline = NEVER,
     seed: int = 0,
     progress: Progress | None = None,
+    enough: Enough | None = None,
 ) -> Missions:
     """Prove or refute that every run reaches its goal and keeps its clearance on the way.
 
@@ -108,11 +110,14 @@ def mission(
         Of the runs that are driven against the missions.
     progress : callable, optional
         Called with the stage, the units done and the units in all.
+    enough : callable, optional
+        Called after each mission with what is known, a `viatool.missions.so_far.MissionsKnown`; once it is true the
+        missions behind are not judged, see `Missions.unjudged`.
 
     Returns
     -------
     Missions
-        One for each scenario.
+        One for each scenario that was judged.
 
     Raises
     ------
@@ -166,16 +171,24 @@ def mission(
     campaign, tell = campaign or Campaign(), progress or ignore
     first = until.moved(-_AFTERWARDS) if explain_errors else until
     interrupted, why = False, {}
+
+    def certain(judged: Sequence[Mission]) -> bool:
+        return enough is not None and enough(MissionsKnown.of(judged, len(chosen)))
+
+    work = MissionWork(examination, chosen)
     try:
-        found = campaign.carry_out(MissionWork(examination, chosen), tell, until=first)
+        found = campaign.carry_out(
+            work, tell, until=first, enough=lambda parts: certain([one for part in parts for one in part])
+        )
     except CutShort as cut:
         if not (keep_interrupted and cut.found.units):
             raise
         found, interrupted, why = cut.found, True, {"reason": _INTERRUPTED}
-    rest = [
-        Mission.not_begun(one, setting, examination.task(one), **why) for one in chosen[len(found.part) :]
-    ]
-    missions: tuple[Mission, ...] = (*found.part, *rest)
+    rest = chosen[len(found.part) :]
+    unjudged = rest if found.part and certain(found.part) else ()
+    missions: tuple[Mission, ...] = found.part
+    if not unjudged:
+        missions += tuple(Mission.not_begun(one, setting, examination.task(one), **why) for one in rest)
     if explain_errors and not interrupted:
 
         def ask(wished: Wishes, radii: Mapping[str, float]) -> Setting:
@@ -200,6 +213,7 @@ def mission(
         seconds,
         result_versions(),
         interrupted,
+        unjudged,
     )
 
 

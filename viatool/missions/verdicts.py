@@ -250,6 +250,8 @@ class Missions(Asked):
         Time by stage, and what a repetition would need.
     interrupted : bool
         Whether somebody interrupted the work, so that the last missions are not known.
+    unjudged : tuple of Scenario
+        Those behind, of which nobody judged a mission, as it was enough: they count into nothing.
     """
 
     policy: Policy
@@ -263,6 +265,7 @@ class Missions(Asked):
     seconds: Mapping[str, float]
     versions: Mapping[str, str]
     interrupted: bool = False
+    unjudged: tuple[Scenario, ...] = ()
 
     def __iter__(self) -> Iterator[Mission]:
         """Go through the missions."""
@@ -279,8 +282,7 @@ class Missions(Asked):
     @cached_property
     def counts(self) -> dict[str, int]:
         """Return how many missions have each verdict."""
-        found = [mission.verdict for mission in self.missions]
-        return {verdict: found.count(verdict) for verdict in MISSION_VERDICTS}
+        return count_verdicts(self.missions)
 
     def to_json(self) -> dict[str, Any]:
         """Return the report as plain data."""
@@ -304,12 +306,19 @@ class Missions(Asked):
             },
             "mission_verdicts": self.counts,
             "mission_rate": {"safe": proved, "total": total, "rate": proved / total if total else None},
+            **self._not_judged,
             "missions": [mission.to_json() for mission in self.missions],
             "seed": self.seed,
             "seconds": dict(self.seconds),
             "versions": dict(self.versions),
             "premises": [premise.to_json() for premise in self.premises],
         }
+
+    @property
+    def _not_judged(self) -> dict[str, Any]:
+        """Return which missions were left out; nothing if none was."""
+        names = [scenario.name for scenario in self.unjudged]
+        return {"not_judged": {"overall": len(names), "scenarios": names}} if names else {}
 
     def tube_table(self) -> dict[str, NDArray[Any]]:
         """Return the parts of all tubes: scenario and interval (P,), ends (P, 3 + A)."""
@@ -329,6 +338,12 @@ class Missions(Asked):
             "lower": _joined([tube.lower.reshape(-1, axes) for tube in tubes], np.zeros((0, axes))),
             "upper": _joined([tube.upper.reshape(-1, axes) for tube in tubes], np.zeros((0, axes))),
         }
+
+
+def count_verdicts(missions: Sequence[Mission]) -> dict[str, int]:
+    """Return how many missions have each verdict."""
+    found = [mission.verdict for mission in missions]
+    return {verdict: found.count(verdict) for verdict in MISSION_VERDICTS}
 
 
 def late_run(found: MissionRuns) -> Crashes:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import ClassVar
 
 from viatool.errors import ConfigurationError
-from viatool.report.document import Annotated, Cased, Document, Explained, Located, Tabled
+from viatool.report.document import Annotated, Cased, Document, Explained, LeftOut, Located, Tabled
 from viatool.report.missions.explained import explain_mission
 from viatool.report.missions.record import MissionRecord, MissionsRecord
 from viatool.report.numbers import MISSING, count, counted
@@ -26,6 +26,7 @@ from viatool.report.sections import (
     Table,
     Tally,
 )
+from viatool.report.stopped import CERTAIN, behind, not_judged, stopped
 from viatool.report.verified import Verified
 from viatool.report.wording import describe_eps
 
@@ -67,9 +68,27 @@ class MissionsDocument(Verified, Explained, Cased, Annotated, Located, Tabled):
 
     @property
     def headline(self) -> Headline:
-        """Return how many missions are proved."""
-        share = self.record.mission_rate.share
-        return Headline(share.percentage(), f"of {counted(share.total, 'mission')} are proved", share.of())
+        """Return how many missions are proved, behind what was left out."""
+        share, left = self.record.mission_rate.share, self.incomplete
+        of = f"of {counted(share.total, 'mission')}{' judged' if left else ''} are proved"
+        return Headline(
+            share.percentage(), of, share.of(), behind(left, f"{share.of()} proved") if left else ""
+        )
+
+    @property
+    def incomplete(self) -> str:
+        """Say how many missions were not judged, because the outcome of the gate was certain before."""
+        return not_judged(len(self._left), self.size, "mission")
+
+    @property
+    def left_out(self) -> Mapping[str, LeftOut]:
+        """Return how many missions that were not judged each rate and limit may yet count."""
+        return left_out_of(len(self._left))
+
+    @property
+    def _left(self) -> Sequence[str]:
+        """Return the scenarios of the missions that were not judged."""
+        return [] if self.record.not_judged is None else self.record.not_judged.scenarios
 
     @property
     def subject(self) -> Sequence[str]:
@@ -97,9 +116,14 @@ class MissionsDocument(Verified, Explained, Cased, Annotated, Located, Tabled):
 
     @property
     def sections(self) -> Sequence[Section]:
-        """Return the missions by verdict, and each of them."""
-        head = ("verdict", "missions", "meaning")
-        return [Breakdown(head, tuple(self._part(name) for name in TONES)), self.missions_table]
+        """Return what was left out, the missions by verdict, and each of them."""
+        head, left = ("verdict", "missions", "meaning"), self._left
+        told = f"{count(len(left))}: {', '.join(left)}" if left else ""
+        return [
+            *stopped("missions", told),
+            Breakdown(head, tuple(self._part(name) for name in TONES)),
+            self.missions_table,
+        ]
 
     @property
     def missions_table(self) -> Table:
@@ -159,12 +183,15 @@ class MissionsDocument(Verified, Explained, Cased, Annotated, Located, Tabled):
         return f"exact{slip}; {acts}" + (f", but for {driven}" if driven else "")
 
     @property
+    def terms(self) -> Mapping[str, str]:
+        """Return what was asked, and what was left out."""
+        return {**super().terms, **({"stopped early": self.incomplete} if self.incomplete else {})}
+
+    @property
     def settings(self) -> Mapping[str, str]:
         """Return what was asked, with the missions and where they start."""
-        return {
-            **super().settings,
-            "missions": ", ".join(mission.scenario for mission in self.record.missions),
-        }
+        asked = [*(mission.scenario for mission in self.record.missions), *self._left]
+        return {**super().settings, "missions": ", ".join(asked)}
 
     @property
     def rates(self) -> Mapping[str, Share]:
@@ -222,6 +249,10 @@ class MissionsDocument(Verified, Explained, Cased, Annotated, Located, Tabled):
     def explain(self, option: str, subject: str) -> str:
         """Return why a mission is not proved, by the name of its scenario."""
         missions = {mission.scenario: mission for mission in self.record.missions}
+        if subject not in missions and subject in self._left:
+            raise ConfigurationError(
+                f"mission '{subject}' was not judged: {CERTAIN}", "run viatool mission without --stop-early"
+            )
         if subject not in missions:
             raise ConfigurationError(
                 f"there is no mission '{subject}': the report is on {', '.join(missions)}",
@@ -230,10 +261,11 @@ class MissionsDocument(Verified, Explained, Cased, Annotated, Located, Tabled):
         return explain_mission(missions[subject], self.record)
 
     def cases(self) -> Sequence[Case]:
-        """Return every mission."""
-        return [
+        """Return every mission, those that were not judged as skipped."""
+        group = "viatool.mission"
+        judged = [
             Case(
-                "viatool.mission",
+                group,
                 mission.scenario,
                 "passed" if mission.verdict == "proved" else "warning",
                 f"{mission.verdict}: {mission.reason}",
@@ -242,6 +274,7 @@ class MissionsDocument(Verified, Explained, Cased, Annotated, Located, Tabled):
             )
             for row, mission in enumerate(self.record.missions)
         ]
+        return [*judged, *(Case(group, name, "skipped", f"not judged: {CERTAIN}") for name in self._left)]
 
     def annotations(self) -> Sequence[Annotation]:
         """Return a remark on each mission that is not proved, the refuted ones first."""
@@ -271,6 +304,16 @@ class MissionsDocument(Verified, Explained, Cased, Annotated, Located, Tabled):
         """Yield a row for each mission."""
         for mission in self.record.missions:
             yield [getattr(mission, name) for name in COLUMNS]
+
+
+def left_out_of(unjudged: int) -> Mapping[str, LeftOut]:
+    """Return how many of the missions that were not judged each rate and limit may yet count."""
+    if not unjudged:
+        return {}
+    return {
+        **{name: LeftOut(unjudged, count=True) for name in MissionsDocument.RATES},
+        **{name: LeftOut(unjudged, count=False) for name in ("unsafe", "unknown")},
+    }
 
 
 def _finding(row: int, mission: MissionRecord) -> Finding:

@@ -34,7 +34,7 @@ def draw_missions(missions: Missions, headline: Headline) -> Figure:
     for place, mission in enumerate(shown):
         _draw(figure.add_subplot(rows, columns, place + 1), mission, missions)
     rest = len(missions.missions) - len(shown)
-    title = f"{headline}" + (f"; {rest} more are not drawn" if rest else "")
+    title = (headline.stake or f"{headline}") + (f"; {rest} more are not drawn" if rest else "")
     figure.suptitle(one_line(title), fontsize=10, color=INK)
     return figure
 

@@ -83,6 +83,13 @@ class MissionRecord(ReportPart):
     needs: MissionNeedsRecord | None = None
 
 
+class NotJudgedMissions(ReportPart):
+    """Which missions were left out once the outcome of the gate was certain: they count into no other figure."""
+
+    overall: Count
+    scenarios: list[str]
+
+
 class MissionsRecord(VerifiedRecord):
     """All missions of a run."""
 
@@ -93,5 +100,6 @@ class MissionsRecord(VerifiedRecord):
     limits: MissionLimitsRecord
     mission_verdicts: MissionVerdicts
     mission_rate: MissionShare
+    not_judged: NotJudgedMissions | None = None
     missions: list[MissionRecord]
     seed: int

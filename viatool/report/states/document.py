@@ -39,7 +39,8 @@ from viatool.report.states.record import (
     UnsafeState,
     Verdicts,
 )
-from viatool.report.states.stopped import left_out_of, not_judged, stopped_early
+from viatool.report.states.stopped import left_out_of, stopped_early
+from viatool.report.stopped import behind, not_judged
 from viatool.report.verified import Verified
 from viatool.report.wording import describe_eps, describe_value
 from viatool.setting.criteria import SAMPLED
@@ -92,16 +93,13 @@ class StatesDocument(Verified, Explained):
     @property
     def stake(self) -> str:
         """Return in words in how many states the verdict depended on the policy, and what these verdicts are."""
-        return (
-            f"stopped early, {self.incomplete}; of the others: {self._tested}"
-            if self.incomplete
-            else self._tested
-        )
+        return behind(self.incomplete, self._tested)
 
     @property
     def incomplete(self) -> str:
         """Say how many states were not judged, because the outcome of the gate was certain before."""
-        return not_judged(self.record)
+        left = self.record.not_judged
+        return "" if left is None else not_judged(left.overall, self.record.states, "state")
 
     @property
     def left_out(self) -> Mapping[str, LeftOut]:

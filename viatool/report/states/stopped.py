@@ -5,17 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from viatool.report.document import LeftOut
-from viatool.report.numbers import count, counted
+from viatool.report.numbers import count
 from viatool.report.sections import Facts
 from viatool.report.states.record import OUTCOMES, StatesRecord
-
-
-def not_judged(record: StatesRecord) -> str:
-    """Say how many states were not judged; nothing if all were."""
-    left = record.not_judged
-    if left is None:
-        return ""
-    return f"{count(left.overall)} of {counted(left.overall + record.states, 'state')} not judged"
+from viatool.report.stopped import stopped
 
 
 def stopped_early(record: StatesRecord) -> Sequence[Facts]:
@@ -25,13 +18,9 @@ def stopped_early(record: StatesRecord) -> Sequence[Facts]:
         return []
     numbers = {name: getattr(left, name) for name in OUTCOMES[1:]}
     by_outcome = ", ".join(f"{count(number)} in {name}" for name, number in numbers.items() if number)
-    pairs = [
-        ("states not judged", f"{count(left.overall)}{f' ({by_outcome})' if by_outcome else ''}"),
-        *([("close places", close.reason)] if close is not None and close.reason else []),
-        ("why", "the outcome of the gate was certain before"),
-        ("figures", "of the states that were judged, the first ones; how episodes ended is of all of them"),
-    ]
-    return [Facts("Stopped early", tuple(pairs))]
+    told = f"{count(left.overall)}{f' ({by_outcome})' if by_outcome else ''}"
+    beside = [("close places", close.reason)] if close is not None and close.reason else []
+    return stopped("states", told, "; how episodes ended is of all of them", beside)
 
 
 def left_out_of(unjudged: Mapping[str, int]) -> Mapping[str, LeftOut]:

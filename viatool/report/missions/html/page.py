@@ -66,6 +66,7 @@ def _address(key: Key) -> str:
 def _headline(document: MissionsDocument) -> dict[str, str]:
     record, found = document.record, document.headline
     return {
+        "stake": found.stake,
         "rate": found.rate,
         "rest": found.rest,
         "policy": one_line(record.policy.path),
