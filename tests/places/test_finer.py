@@ -17,7 +17,7 @@ from tests.places.test_arriving import (
 )
 from viatool.errors import ConfigurationError
 from viatool.loop.closed_loop import ClosedLoop
-from viatool.places import Campaign, Lookahead, Resolution, certify, over_time
+from viatool.places import Campaign, Lookahead, Resolution, certify, over_time, passages
 from viatool.places.blocks import Blocks
 from viatool.places.forever import CellTransitions
 from viatool.places.mesh import CellSet, Mesh, Ranges
@@ -81,9 +81,20 @@ def unproved_intervals(monkeypatch):
     )
 
 
+def parts_are_dropped(monkeypatch):
+    """Of the parts of a cell the first is followed in place of all."""
+    honest = passages._cut
+
+    def cut(lower, upper, parts):
+        each, ends = int(np.prod(parts)), honest(lower, upper, parts)
+        return tuple(np.repeat(end[::each], each, axis=0) for end in ends)
+
+    monkeypatch.setattr(passages, "_cut", cut)
+
+
 @pytest.mark.parametrize(
     "fault",
-    [half_is_enough, a_cell_is_dropped, unproved_intervals],
+    [half_is_enough, a_cell_is_dropped, unproved_intervals, parts_are_dropped],
     ids=lambda one: one.__name__,
 )
 def test_planted_faults_are_seen_by_the_runs(home, chamber, fault, monkeypatch):
@@ -217,7 +228,7 @@ def test_sets_of_random_blocks_are_those_of_their_definition():
         np.testing.assert_array_equal(loops.spread(loops.exempt), loops.spread(spread))
         assert not ((arrives > 0) & ~loops.for_ever()).any()
         hopeful = loops.hopeful(spread, 0.5)
-        assert (hopeful.side > 1).all()
+        assert set(hopeful.first) <= set(loops.passages.owner)
         assert not hopeful.every(spread).any()
         several += len(set(expected.values())) > 2
     assert several > 3

@@ -154,11 +154,13 @@ def test_sums_tell_what_ranges_a_set_covers():
     last = first + generator.integers(0, 3, (800, 5))
     plain = [0, 1, 3, 4]
     last[:, plain] = np.minimum(last[:, plain], cells.count[plain] - 1)
-    covers = CellSet(cells, mask).covers(Ranges(first.astype(np.int16), last.astype(np.int16)))
+    ranges = Ranges(first.astype(np.int16), last.astype(np.int16))
+    covers, share = CellSet(cells, mask).covers(ranges), CellSet(cells, mask).share(ranges)
     members = mask.reshape(tuple(cells.count))
-    for low, high, found in zip(first, last, covers, strict=True):
+    for low, high, found, part in zip(first, last, covers, share, strict=True):
         index = [np.arange(a, b + 1) % n for a, b, n in zip(low, high, cells.count, strict=True)]
         assert members[np.ix_(*index)].all() == found
+        assert members[np.ix_(*index)].mean() == pytest.approx(part)
 
 
 def test_ranges_hold_every_state_between_their_ends():

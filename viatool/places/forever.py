@@ -143,7 +143,7 @@ class CellTransitions:
             arrived[new], rows = True, rows[~there]
 
     def hopeful(self, arrived: Booleans, share: float) -> Blocks:
-        """Return blocks of more than a cell each part of which leads, with a share of its range, to cells that arrive.
+        """Return blocks each part of which leads, with some share of its range, to cells that arrive, and that may not.
 
         Parameters
         ----------
@@ -154,7 +154,7 @@ class CellTransitions:
         """
         owner, within = self.passages.owner, CellSet(self.mesh, arrived)
         followed = self._followed
-        open_ = followed.select((followed.side > 1) & ~followed.every(arrived))
+        open_ = followed.select(~followed.every(arrived))
         rows = np.flatnonzero(self._named(open_)[owner])
         best = np.zeros(len(rows))
         for index, ranges in enumerate(self.passages.ranges):

@@ -157,17 +157,18 @@ class CellSet:
 
     def __init__(self, mesh: Mesh, mask: Booleans) -> None:
         self._axes = [axis for axis in range(len(AXES)) if mesh.count[axis] > 1 or axis == _THETA]
-        members = mask.reshape(tuple(mesh.count[self._axes]))
-        place = self._axes.index(_THETA)
-        turned = np.concatenate([members, members], axis=place)  # a range of headings may go on past a turn
-        sums = np.zeros(tuple(np.array(turned.shape) + 1), np.int64 if len(mesh) > 2**30 else np.int32)
-        sums[(slice(1, None),) * len(self._axes)] = turned
+        self._turn, self._place = int(mesh.count[_THETA]), self._axes.index(_THETA)
+        members = mask.reshape(
+            tuple(mesh.count[self._axes])
+        ).copy()  # masks are changed while sets are in use
+        sums = np.zeros(tuple(np.array(members.shape) + 1), np.int64 if len(mesh) > 2**30 else np.int32)
+        sums[(slice(1, None),) * len(self._axes)] = members
         for axis in range(len(self._axes)):
             np.cumsum(sums, axis=axis, out=sums)
         self._strides = np.array(sums.strides, np.int64) // sums.itemsize
         self._sums = sums.ravel()
-        self._steps = np.array(turned.strides, np.int64) // turned.itemsize
-        self._members = turned.ravel()
+        self._steps = np.array(members.strides, np.int64) // members.itemsize
+        self._members = members.ravel()
 
     @property
     def bytes(self) -> int:
@@ -177,7 +178,11 @@ class CellSet:
     def covers(self, ranges: Ranges) -> Booleans:
         """Tell which ranges lie in the set, (P,)."""
         ends = np.stack([ranges.first, ranges.last])[:, :, self._axes].astype(np.int64)
-        found = self._members[ends @ self._steps].all(axis=0)  # most that are not covered have an end outside
+        corners = ends.copy()
+        corners[:, :, self._place] %= self._turn
+        found = self._members[corners @ self._steps].all(
+            axis=0
+        )  # most that are not covered have an end outside
         first, last = ends[:, found]
         found[found] = self._held(first, last) == np.prod(last - first + 1, axis=1)
         return np.asarray(found)
@@ -188,7 +193,20 @@ class CellSet:
         return np.asarray(self._held(first, last) / np.prod(last - first + 1, axis=1))
 
     def _held(self, first: Indices, last: Indices) -> Indices:
-        """Count the cells of ranges that are in the set, (P,)."""
+        """Count the cells of ranges that are in the set, (P,); headings that pass a turn begin anew."""
+        passing = np.flatnonzero(last[:, self._place] >= self._turn)
+        if not len(passing):
+            return self._summed(first, last)
+        end, begin, rest = last.copy(), first[passing], last[passing]
+        end[passing, self._place] = self._turn - 1
+        begin[:, self._place] = 0
+        rest[:, self._place] -= self._turn
+        held = self._summed(first, end)
+        held[passing] += self._summed(begin, rest)
+        return held
+
+    def _summed(self, first: Indices, last: Indices) -> Indices:
+        """Count the cells of ranges within a turn that are in the set, (P,)."""
         below, above = first * self._strides, (last + 1) * self._strides
         held = np.zeros(len(first), np.int64)
         for corner in itertools.product((False, True), repeat=len(self._axes)):

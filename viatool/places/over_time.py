@@ -194,6 +194,7 @@ class _Follower:
 
     def __post_init__(self) -> None:
         self.side = np.ones(len(self.mesh), np.int8)
+        self.in_parts = np.zeros(len(self.mesh), bool)
         self.passages = join([])
 
     @property
@@ -213,10 +214,12 @@ class _Follower:
         blocks = Blocks.over(self.mesh, 2**finer)
         return blocks.select(~blocks.every(self.exempt) & blocks.every(self.status >= BLOCKED))
 
-    def follow(self, blocks: Blocks, intervals: int, known: Booleans, stage: str = "followed") -> int:
+    def follow(
+        self, blocks: Blocks, intervals: int, known: Booleans, stage: str = "followed", parts: int = 1
+    ) -> int:
         """Follow blocks for some intervals, or to cells that are known; return how many there was time for."""
         certified = blocks.every(self.safe | (self.status == BLOCKED))
-        work = FollowWork(self.loop, blocks, certified, intervals, known | self.exempt, stage)
+        work = FollowWork(self.loop, blocks, certified, intervals, known | self.exempt, stage, parts)
         kept = self.campaign.within(f"follow-{digest_of(work.describe())[:16]}")
         found = kept.carry_out(work, self.tell, until=self.until.moved(-_LOOPS / 2.0))
         done = blocks.first[: found.units]
@@ -226,16 +229,24 @@ class _Follower:
         return found.units
 
     def halve_hopeful(self, intervals: int) -> int:
-        """Halve and follow blocks that lead nearly into cells that arrive, until there are none; return how many."""
+        """Halve and follow blocks that lead nearly into cells that arrive, until there are none; return how many.
+
+        Of those that are single cells the halves are parts, all of which have to arrive.
+        """
         arrived, followed = self.transitions.spread(self.exempt), 0
         while not self.until.passed:
             hopeful = self.transitions.hopeful(arrived, _HOPEFUL)
-            if not len(hopeful):
+            single = (hopeful.side == 1) & ~self.in_parts[hopeful.first]
+            blocks, cells = hopeful.select(hopeful.side > 1), hopeful.select(single)
+            if not len(blocks) + len(cells):
                 break
-            self._forget(hopeful.first)
-            halves = hopeful.halved()
+            self._forget(blocks.first)
+            halves = blocks.halved()
             halves = halves.select(~halves.every(self.exempt))
-            followed += self.follow(halves, intervals, arrived, "halved and followed")
+            for some, parts in ((halves, 1), (cells, 2)):
+                if len(some):
+                    followed += self.follow(some, intervals, arrived, "halved and followed", parts)
+            self.in_parts[cells.first] = True
             arrived = self.transitions.spread(arrived)
         return followed
 
@@ -264,6 +275,8 @@ class FollowWork(EvenWork[tuple[Blocks, Booleans], Passages]):
         (N,) bool, in which cells nothing needs to be followed further.
     done : str
         What happens to the cells, in a word.
+    parts : int
+        Into how many parts each side of a block is cut along x, y and theta.
     """
 
     loop: ClosedLoop
@@ -272,6 +285,7 @@ class FollowWork(EvenWork[tuple[Blocks, Booleans], Passages]):
     intervals: int
     known: Booleans
     done: str = "followed"
+    parts: int = 1
     piece = 8192
 
     @property
@@ -287,7 +301,7 @@ class FollowWork(EvenWork[tuple[Blocks, Booleans], Passages]):
     def function(self) -> Callable[[tuple[Blocks, Booleans]], Passages]:
         """Return what follows some blocks."""
         known = CellSet(self.blocks.mesh, self.known)
-        return partial(_follow, self.loop, self.intervals, known)
+        return partial(_follow, self.loop, self.intervals, known, (*(self.parts,) * 3, 1, 1))
 
     def content(self, span: Span) -> tuple[Blocks, Booleans]:
         """Return some blocks, and which of them are certified."""
@@ -298,7 +312,7 @@ class FollowWork(EvenWork[tuple[Blocks, Booleans], Passages]):
         """Return everything that the passages depend on beside the search, in whose folder they are kept."""
         known = np.packbits(self.known)
         cells = self.blocks.first, self.blocks.side, self.certified
-        return {"cells": digest_of((*cells, known)), "intervals": self.intervals}
+        return {"cells": digest_of((*cells, known)), "intervals": self.intervals, "parts": self.parts}
 
     def to_arrays(self, part: Passages) -> dict[str, NDArray[Any]]:
         """Return passages as arrays."""
@@ -313,17 +327,18 @@ class FollowWork(EvenWork[tuple[Blocks, Booleans], Passages]):
         return join(parts)
 
 
-def _follow(loop: ClosedLoop, intervals: int, known: CellSet, some: tuple[Blocks, Booleans]) -> Passages:
+def _follow(
+    loop: ClosedLoop,
+    intervals: int,
+    known: CellSet,
+    parts: tuple[int, int, int, int, int],
+    some: tuple[Blocks, Booleans],
+) -> Passages:
     blocks, certified = some
     return follow(
-        loop,
-        blocks.mesh,
-        blocks.first,
-        intervals=intervals,
-        known=known,
-        side=blocks.side,
+        loop, blocks.mesh, blocks.first, intervals=intervals, parts=parts, known=known, side=blocks.side,
         certified=certified,
-    )
+    )  # fmt: skip
 
 
 def _without_free_pose(loop: ClosedLoop, mesh: Mesh) -> Booleans:
