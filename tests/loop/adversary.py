@@ -12,9 +12,11 @@ from tests.sight.bunch_oracle import scan_bunch
 from tests.sight.ray_oracle import outlines
 
 Floats = np.ndarray
-KINDS = ("uniform", "corners anew", "corners held", "greedy", "branching")
+KINDS = ("uniform", "corners anew", "corners held", "greedy", "branching", "exploring")
 _STEPS = np.array([0.02, 0.02, 0.04])
 """Metres and radians by which extents count alike where runs branch."""
+_CELL = np.array([0.01, 0.01, 0.02])
+"""Sides of the cells over which exploring runs are spread, in metres, metres and radians."""
 
 
 class Course:
@@ -79,11 +81,12 @@ class Course:
 
 
 class Adversary:
-    """Errors (R, n) of each interval in turn, of runs of five kinds (R,).
+    """Errors (R, n) of each interval in turn, of runs of six kinds (R,).
 
     A greedy run has each reading off to the side on which the policy turns further left, or right, or drives faster,
     or slower, for some intervals on end; a branching one keeps to its side, and goes on as one at the rim of its bunch
-    where it is in the midst of it.
+    where it is in the midst of it. An exploring one errs now in this way, now in that, and goes on as any of them,
+    sooner as one that is alone in its cell.
     """
 
     def __init__(self, course, kinds, radii, generator):
@@ -102,25 +105,45 @@ class Adversary:
         z = self.held.copy()
         some = kinds == 0
         z[some] = generator.uniform(-1.0, 1.0, (some.sum(), seen.shape[1]))
-        some = kinds == 1
+        way = generator.integers(0, 4, len(kinds))
+        some = (kinds == 1) | ((kinds == 5) & (way == 0))
         z[some] = generator.choice([-1.0, 1.0], (some.sum(), seen.shape[1]))
-        turned = generator.random(len(seen)) < np.where(kinds == 4, 0.01, 0.1)
+        turned = generator.random(len(seen)) < np.array([0.1, 0.1, 0.1, 0.1, 0.01, 0.5])[kinds]
         self.side = np.where(turned, -self.side, self.side)
-        led = kinds >= 3
+        led = (kinds == 3) | (kinds == 4) | ((kinds == 5) & (way >= 2))
         again = np.flatnonzero(led & going & ((np.arange(len(kinds)) // 8 + self.round) % 2 == 0))
         if len(again):
             command = self.course.policy.run(seen[again])
             self.signs[again] = self.course.slopes(seen[again], command, self.radii, self.weights[again])
         z[led] = self.side[led, None] * self.signs[led]
+        self.held = np.where((kinds == 5)[:, None], z, self.held)
         self.round += 1
         return z * self.radii
 
     def branched(self, poses, going):
         """Which run (R,) each one goes on as."""
         source = np.arange(len(poses))
-        rows = np.flatnonzero((self.kinds == 4) & going)
+        self._at_the_rim(source, poses, np.flatnonzero((self.kinds == 4) & going))
+        self._over_cells(source, poses, np.flatnonzero((self.kinds == 5) & going))
+        for own in (self.held, self.side, self.weights, self.signs):
+            own[:] = own[source]
+        flipped = (source != np.arange(len(poses))) & (self.generator.random(len(poses)) < 0.25)
+        self.side = np.where(flipped, -self.side, self.side)
+        return source
+
+    def _over_cells(self, source, poses, rows):
+        """Let exploring runs go on, sooner those that are alone in their cell."""
+        if not len(rows):
+            return
+        cells = np.floor(poses[rows] / _CELL).astype(np.int64)
+        _, cell, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
+        weight = 1.0 / count[cell.ravel()]
+        source[rows] = self.generator.choice(rows, len(rows), p=weight / weight.sum())
+
+    def _at_the_rim(self, source, poses, rows):
+        """Let a quarter of the branching runs, those in the midst, go on as some at the rim."""
         if len(rows) < 8:
-            return source
+            return
         directions = self.generator.normal(size=(16, 3))
         directions[:3], directions[3:6] = np.eye(3), -np.eye(3)
         along = ((poses[rows] - poses[rows].mean(axis=0)) / _STEPS) @ directions.T
@@ -130,9 +153,3 @@ class Adversary:
         inner = np.argsort(-rank.min(axis=1), kind="stable")[: len(rows) // 4]
         rim = order[: max(len(rows) // 64, 1)].ravel()
         source[rows[inner]] = rows[self.generator.choice(rim, len(inner))]
-        changed = rows[inner]
-        for own in (self.held, self.side, self.weights, self.signs):
-            own[changed] = own[source[changed]]
-        flipped = changed[self.generator.random(len(changed)) < 0.25]
-        self.side[flipped] = -self.side[flipped]
-        return source

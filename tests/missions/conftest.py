@@ -7,6 +7,12 @@ import pytest
 import viatool
 from tests.hall import MAP
 from tests.missions.dodging import write_dodging_policy
+from viatool.missions import branching
+
+
+@pytest.fixture(autouse=True)
+def fewer_branches(monkeypatch):
+    monkeypatch.setattr(branching, "RUNS", 50)
 
 
 @pytest.fixture(scope="module")

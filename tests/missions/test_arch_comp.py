@@ -45,14 +45,19 @@ def proof(name, path, folder, capsys):
     return json.loads(report.read_text()), np.load(tube)
 
 
-def runs(name, path, starts, seed=0):
-    """States (R, K + 1, 24, 4) of runs of the exported program, by Runge-Kutta: disturbed at corners, held or anew."""
+def program_of(path):
+    """Return what onnxruntime makes of states as the network observes them, (R, 4)."""
     session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
+    return lambda observed: session.run(None, {session.get_inputs()[0].name: observed})[0]
+
+
+def runs(name, program, starts, seed=0):
+    """States (R, K + 1, 24, 4) of runs of the exported program, by Runge-Kutta: disturbed at corners, held or anew."""
     generator, states, found = np.random.default_rng(seed), starts, []
     held = generator.choice([-1.0, 1.0], (len(starts), 2))
     for _ in range(30 if name == "nav" else 50):
         observed = states[:, OBSERVED[name]].astype(np.float32)
-        (commands,) = session.run(None, {session.get_inputs()[0].name: observed})
+        commands = program(observed)
         anew = generator.choice([-1.0, 1.0], held.shape)
         disturbed = ERRORS[name] * np.where(np.arange(len(starts))[:, None] % 2, held, anew)
         found.append(drive(states, commands - ABOVE[name] + disturbed, np.inf, least=-np.inf))
@@ -69,7 +74,7 @@ def test_the_benchmarks_are_proved_from_one_part_and_hold_every_run(trained, tmp
     lower, upper = np.array(starts["lower"]), np.array(starts["upper"])
     share = np.random.default_rng(1).uniform(0.0, 1.0, (RUNS, 4))
     share[::2] = np.round(share[::2])
-    states = runs(name, path, lower + share * (upper - lower))
+    states = runs(name, program_of(path), lower + share * (upper - lower))
     for step in range(states.shape[1] - 1):
         part = tube["step"] == step + 1
         ends = states[:, step, -1]

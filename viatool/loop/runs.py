@@ -40,6 +40,59 @@ class Begun:
 
 
 @dataclass(frozen=True, eq=False)
+class Instant:
+    """R robots where a control interval begins.
+
+    Parameters
+    ----------
+    poses, before : ndarray
+        (R, 3) and (R, K): where they are, and what stands behind the poses (`Kinematics.before`).
+    command : ndarray, optional
+        (R, A) commands before, where these are not what stands behind the poses.
+    raw : ndarray, optional
+        (R, ...) what the network gave before, where that is observed.
+    """
+
+    poses: Floats
+    before: Floats
+    command: Floats | None = None
+    raw: Floats | None = None
+
+    @property
+    def states(self) -> Floats:
+        """Return poses and what stands behind them, (R, 3 + K)."""
+        return np.concatenate([self.poses, self.before], axis=1)
+
+    def rows(self, which: Indices) -> Instant:
+        """Return some of the robots, repeated at will."""
+        command, raw = (None if part is None else part[which] for part in (self.command, self.raw))
+        return Instant(self.poses[which], self.before[which], command, raw)
+
+    def readings(self, loop: ClosedLoop, told: Told) -> Floats:
+        """Return what perfect sensors read, (R, n)."""
+        return loop.sensors.read(self.poses, self.before, self.command, told.given(self.raw))
+
+    def held(self, loop: ClosedLoop, readings: Floats) -> tuple[Floats, Floats, Floats, Instant]:
+        """Hold for an interval what the deployed program commands of readings (R, n).
+
+        Returns
+        -------
+        tuple
+            What the program receives (R, n), the commands (R, A), the state of the motion in which they are given
+            (R, S), and where the next interval begins.
+        """
+        rules, move = loop.rules, loop.rules.kinematics
+        seen = loop.sensors.encode(readings).astype(loop.setting.number).astype(np.float64)
+        command = rules.clip(np.asarray(loop.driven.run(seen)))
+        raw = loop.policy.outputs(seen) if loop.sensors.recollection.outputs is not None else None
+        motion = self.before if move.state else self.before[:, :0]
+        held = np.concatenate([command, motion], axis=1)
+        ends = replace(rules.manoeuvre, deceleration=None).path(self.poses, held, np.ones(len(self.poses)))
+        before = move.after(held, rules.interval) if move.state else command
+        return seen, command, motion, Instant(ends, before, command, raw)
+
+
+@dataclass(frozen=True, eq=False)
 class Runs:
     """R runs over K intervals.
 
@@ -96,24 +149,17 @@ def drive(
     Runs
         R of them; they go on behind the goal, where their clearance counts no more.
     """
-    loop, rules = follower.loop, follower.loop.rules
-    move, held_path = rules.kinematics, replace(rules.manoeuvre, deceleration=None)
+    loop = follower.loop
+    now = Instant(poses, before, command)
     found: list[tuple[Floats, ...]] = []
-    driving, raw = ~follower.ended(np.concatenate([poses, before], axis=1)), None
+    driving = ~follower.ended(now.states)
     counts: list[Booleans] = []
     for k in range(errors.shape[1]):
-        readings = loop.sensors.read(poses, before, command, told.after(k).given(raw)) + errors[:, k]
-        seen = loop.sensors.encode(readings).astype(loop.setting.number).astype(np.float64)
-        command = rules.clip(np.asarray(loop.driven.run(seen)))
-        raw = loop.policy.outputs(seen) if loop.sensors.recollection.outputs is not None else None
-        motion = before if move.state else before[:, :0]
-        held = np.concatenate([command, motion], axis=1)
-        ends = held_path.path(poses, held, np.ones(len(poses)))
-        before = move.after(held, rules.interval) if move.state else command
-        found.append((poses, seen, command, motion, ends, before))
+        seen, command, motion, after = now.held(loop, now.readings(loop, told.after(k)) + errors[:, k])
+        found.append((now.poses, seen, command, motion, after.poses, after.before))
         counts.append(driving)
-        poses = ends
-        driving = driving & ~follower.ended(np.concatenate([poses, before], axis=1))
+        now = after
+        driving = driving & ~follower.ended(now.states)
     begun, seen, actions, motions, ends, behind = (
         np.stack(part, axis=1) for part in zip(*found, strict=True)
     )

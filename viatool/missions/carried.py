@@ -20,7 +20,7 @@ several intervals together; parts that fail then are found to have failed where 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -59,7 +59,11 @@ _AT_FIRST = 50
 class CarriedFollower(MissionFollower):
     """Follows the closed loop of one scenario to its destination, in forms of where runs begin."""
 
-    def prove(self, lower: Floats, upper: Floats) -> MissionProof:
+    def attempts(self, lower: Floats, upper: Floats) -> Iterator[MissionProof]:
+        """Yield what following every run finds, once."""
+        yield self._proof(lower, upper)
+
+    def _proof(self, lower: Floats, upper: Floats) -> MissionProof:
         """Follow every run from a box of states (3 + K,), with finer parts of it where the first do not suffice.
 
         Notes

@@ -141,12 +141,21 @@ class CellSides:
             lower[:, quantity] = np.where(which == firsts[of, place], lower[:, quantity], begins)
             upper[:, quantity] = np.where(which == lasts[of, place], upper[:, quantity], ends)
         own = lower[:, self.cut], upper[:, self.cut]
-        for place, quantity in enumerate(self.cut):
-            middle, slope, spread = _regression(states, rows, int(quantity))
+        regressions = [_regression(states, rows, int(quantity)) for quantity in self.cut]
+        count = lower.shape[1] - len(directions)
+        for some in (
+            slice(count),
+            slice(count, None),
+        ):  # most pieces are empty by what they hold of states alone
             near = of - rows[0]
-            ends = slope[near] * own[0][:, place, None], slope[near] * own[1][:, place, None]
-            np.maximum(lower, middle[near] + np.minimum(*ends) - spread[near], out=lower)
-            np.minimum(upper, middle[near] + np.maximum(*ends) + spread[near], out=upper)
+            for place, parts in enumerate(regressions):
+                middle, slope, spread = (part[near, some] for part in parts)
+                ends = slope * own[0][:, place, None], slope * own[1][:, place, None]
+                np.maximum(lower[:, some], middle + np.minimum(*ends) - spread, out=lower[:, some])
+                np.minimum(upper[:, some], middle + np.maximum(*ends) + spread, out=upper[:, some])
+            kept = not_crossed(lower[:, some], upper[:, some])
+            of, cell, lower, upper = of[kept], cell[kept], lower[kept], upper[kept]
+            own = own[0][kept], own[1][kept]
         lower, upper = directions.tightened(lower, upper)
         kept = not_crossed(lower, upper)
         return cell[kept], lower[kept], upper[kept]

@@ -13,16 +13,16 @@ not proved, with which the mission ends as unknown.
 
 *Cells.* Cells that are too coarse let a set grow, and a small set can afford fine ones: so the cells of each interval
 are sized by how many parts there were before. Beside boxes, parts are bounded along `directions` that follow the loop.
-Where the set still comes too near, does not arrive or has too many parts, the mission is begun again with cells sized
-for four times as many parts, and parts whose commands are far apart are cut in eight for their interval; what was found
-before is not needed.
+Parts whose commands are far apart are cut in eight for their interval. Where the set still comes too near, does not
+arrive, has too many parts, or is wide of what driven runs attain, the mission is begun again with cells sized for four
+times as many parts, and by the command before as well where policies answer to it; what was found before is not needed.
 """
 
 from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -39,7 +39,7 @@ from viatool.loop.told import Told
 from viatool.missions.cells import CellSides
 from viatool.missions.directions import BoundedParts, PoseDirections
 from viatool.missions.families import directions_of
-from viatool.schedule import check_time
+from viatool.schedule import TimeUp, check_time
 from viatool.sets.states import StateBoxes
 
 _log = logging.getLogger(__name__)
@@ -61,13 +61,14 @@ class MissionLimits:
     position, heading : float
         Sides of the largest cells, in metres and radians.
     finer : int
-        How often a mission that is not proved is begun again in cells for four times as many parts.
+        How often a mission that is not proved, or whose sets are wide of what runs attain, is begun again in cells for
+        four times as many parts.
     """
 
     steps: int
     parts: int = 4000
-    position: float = 0.06
-    heading: float = 0.04
+    position: float = 0.075
+    heading: float = 0.025
     finer: int = 2
 
     def __post_init__(self) -> None:
@@ -150,6 +151,8 @@ class MissionFollower:
         Where a run arrives instead.
     refuted : bool
         Whether a run is known that collides or does not arrive: then one interval is followed, and nothing is proved.
+    attained : ndarray
+        (K, 3) extents of driven runs in x, y and theta after each interval until the first arrives, if any were driven.
     """
 
     loop: ClosedLoop
@@ -157,6 +160,7 @@ class MissionFollower:
     limits: MissionLimits
     elsewhere: Destination | None = None
     refuted: bool = False
+    attained: Floats = field(default_factory=lambda: np.zeros((0, 3)))
 
     @property
     def destination(self) -> Destination:
@@ -170,32 +174,43 @@ class MissionFollower:
         -----
         Sound: yes, see the module. Cost: one step of the closed loop for each part and interval.
         """
+        return best(self.attempts(lower, upper))
+
+    def attempts(self, lower: Floats, upper: Floats) -> Iterator[MissionProof]:
+        """Yield what following every run finds, in finer cells each time, until narrow sets prove it."""
         directions = (PoseDirections.none(),) if self.refuted else directions_of(self, lower, upper)
-        found = None
         for sides, aim in self._ways():
             found = self._follow(lower, upper, sides, aim, directions)
             told = "proved" if found.proved else f"not proved, as {found.reason}"
             _log.info("cells for %d parts: %d intervals followed, %s", aim, found.steps, told)
-            if found.proved or not found.steps:
-                break
-        assert found is not None
-        return found
+            yield found
+            if not found.steps or (found.proved and not self._is_wide(found.tube)):
+                return
+
+    def _is_wide(self, tube: MissionTube) -> bool:
+        """Tell whether sets are wide of what driven runs attain, and of cells, at the median over the intervals."""
+        largest = np.array([self.limits.position, self.limits.position, self.limits.heading])
+        ratios = []
+        for k, attained in enumerate(self.attained, start=1):
+            part = tube.step == k
+            if part.any():
+                extent = (tube.upper[part].max(axis=0) - tube.lower[part].min(axis=0))[:3]
+                ratios.append((extent / np.maximum(attained, largest)).max())
+        return bool(ratios and np.median(ratios) > _WIDE)
 
     def _ways(self) -> Iterator[tuple[CellSides, int]]:
         """Yield the sides of the largest cells, and for how many parts they are sized; later ones cut commands too."""
-        limits, rules = self.limits, self.loop.rules
+        limits, rules, before = self.limits, self.loop.rules, 0
         pose = np.array([limits.position, limits.position, limits.heading])
         for finer in range(limits.finer + 1):
             behind = np.full(len(rules.carried), np.inf)
             if finer and self.loop.setting.quantities.answer_to_before:
                 behind[: len(rules.lower)] = (rules.upper - rules.lower) * _COMMAND_SHARE
-            aim = max(min(self._first_aim * 4**finer, limits.parts // 2), 1)
+            aim = max(min(max(limits.parts // _AIM, 1) * 4**finer, limits.parts // 2), 1)
+            if finer > 1 and aim == before:
+                return
             yield CellSides(np.concatenate([pose, behind])), aim
-
-    @property
-    def _first_aim(self) -> int:
-        """Return for how many parts cells are sized at first."""
-        return max(self.limits.parts // _AIM, 1)
+            before = aim
 
     def _follow(
         self, lower: Floats, upper: Floats, sides: CellSides, aim: int, directions: Sequence[PoseDirections]
@@ -213,7 +228,7 @@ class MissionFollower:
             check_time()
             now = replace(self, loop=loop_after(self.loop, k - 1))
             share = _next_share(share, len(parts), aim)
-            parts, after = now._stepped(parts, k, cutting=aim > self._first_aim)
+            parts, after = now._stepped(parts, k)
             clearance, clear = now._clearance_of_each(parts.boxes, after)
             trace.clearance = min(trace.clearance, float(clearance.min(initial=np.inf)))
             if not clear.all():
@@ -239,12 +254,12 @@ class MissionFollower:
                 )
         return trace.ended(self.limits.steps, f"runs may still be on their way, {place_words(parts.boxes)}")
 
-    def _stepped(self, parts: BoundedParts, k: int, *, cutting: bool) -> tuple[BoundedParts, LoopStep]:
-        """Follow parts through interval k; where commands would be far apart, cut in eight if that is wished."""
+    def _stepped(self, parts: BoundedParts, k: int) -> tuple[BoundedParts, LoopStep]:
+        """Follow parts through interval k, cut in eight where commands would be far apart."""
         after = step(self.loop, states_of(parts.cells), self.told(len(parts)).after(k - 1))
         apart = (after.upper - after.lower) > _FAR * (self.loop.rules.upper - self.loop.rules.lower)
         wide = np.unique(after.origin[apart.any(axis=1)])
-        if not cutting or not len(wide):
+        if not len(wide):
             return parts, after
         smaller = parts.select(wide).halved()
         again = step(self.loop, states_of(smaller.cells), self.told(len(smaller)).after(k - 1))
@@ -272,6 +287,19 @@ class MissionFollower:
         return np.where(proved, np.maximum(least, self.loop.rules.clearance.collision), least), proved
 
 
+def best(proofs: Iterable[MissionProof]) -> MissionProof:
+    """Return the last proof, or what was found last if there is none; what was proved before its time is up counts."""
+    found: MissionProof | None = None
+    try:
+        for one in proofs:
+            found = one if found is None or one.proved or not found.proved else found
+    except TimeUp:
+        if found is None or not found.proved:
+            raise
+    assert found is not None
+    return found
+
+
 TOO_MANY = "too many parts"
 TOO_NEAR = "the clearance is not proved"
 REFUTED = "a run refutes it"
@@ -279,6 +307,8 @@ _COMMAND_SHARE = 0.15
 """Of the range of a command, that a cell spans where commands are cut."""
 _AIM = 32
 """Cells are sized for so many times less parts than there may be, at first."""
+_WIDE = 5.0
+"""Times as wide as what driven runs attain, who are few, beyond which a proved set is followed again in finer cells."""
 _FAR = 0.25
 """Of the range of a command, over which those of a part are far apart."""
 _FIRST_SHARE, _SMALLEST_SHARE = 0.5, 1 / 16

@@ -7,6 +7,7 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -17,9 +18,9 @@ from viatool.errors import ConfigurationError
 from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.destination import Destination
 from viatool.missions.arrival import destination_of, names_of_state
-from viatool.missions.attack import MissionRuns, attack
+from viatool.missions.attack import MissionRuns, attack, attack_again
 from viatool.missions.carried import CarriedFollower
-from viatool.missions.follow import MissionFollower, MissionLimits
+from viatool.missions.follow import MissionFollower, MissionLimits, MissionProof, best
 from viatool.missions.verdicts import Mission, late_run
 from viatool.policy import Policy
 from viatool.rounding import SPARE
@@ -79,15 +80,16 @@ class MissionExamination:
         follower = self.follower(loop, scenario)
         lower, upper = self.starts(scenario)
         driven = attack(follower, lower, upper, seed=self.seed)
-        refuted = bool(len(driven.crashes) or len(driven.late))
         _log.info(
-            "mission %s: %s", scenario.name, _next(driven, loop.rules.clearance.collision, refuted=refuted)
+            "mission %s: %s",
+            scenario.name,
+            _next(driven, loop.rules.clearance.collision, refuted=driven.refuting),
         )
-        if refuted:  # whatever a proof would need to say of it
+        if driven.refuting:  # whatever a proof would need to say of it
             follower = replace(follower, limits=replace(follower.limits, parts=1, finer=0), refuted=True)
         elif driven.disproves(loop.rules.clearance.collision):
             follower = replace(follower, limits=replace(follower.limits, finer=0))
-        proof = follower.prove(lower, upper)
+        proof, driven = self._followed(follower, lower, upper, driven)
         seconds = time.process_time() - begun
         return Mission(
             scenario,
@@ -107,6 +109,17 @@ class MissionExamination:
             self._nearest(scenario, driven),
             driven.flawless,
         )
+
+    def _followed(
+        self, follower: MissionFollower, lower: Floats, upper: Floats, driven: MissionRuns
+    ) -> tuple[MissionProof, MissionRuns]:
+        """Follow every run, and attack once more before what is not proved is tried in finer cells."""
+        attempts = replace(follower, attained=driven.attained).attempts(lower, upper)
+        proof = next(attempts)
+        if proof.proved or driven.refuting:
+            return best(chain([proof], attempts)), driven
+        driven = attack_again(follower, lower, upper, driven, seed=self.seed)
+        return (proof if driven.refuting else best(chain([proof], attempts))), driven
 
     def _nearest(self, scenario: Scenario, driven: MissionRuns) -> str:
         """Return what the run comes near to that collides, in words; nothing without one."""
