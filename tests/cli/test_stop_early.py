@@ -121,3 +121,68 @@ def test_what_needs_every_mission_is_refused(
     found = run(*MISSIONS, "--stop-early", *more)
     assert found.exit_code == 2
     assert named in found.output
+
+
+CELLS = (
+    "certify",
+    "policy.onnx",
+    "--map",
+    "map.yaml",
+    "--eps",
+    "0.01",
+    "--smallest",
+    "0.3",
+    "--halvings",
+    "0",
+)
+
+
+@pytest.mark.parametrize(
+    ("gate", "code"), [(("--fail-under", "0.99"), 1), (("--fail-under", "overall=0.01"), 0)]
+)
+def test_a_certificate_says_what_was_left_out(
+    run: Callable[..., Result],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    gate: tuple[str, ...],
+    code: int,
+) -> None:
+    monkeypatch.setattr("viatool.places.campaign.RootWork.piece", 4)
+    names = {"json": "c.json", "junit": "c.xml", "html": "c.html", "markdown": "c.md"}
+    outputs = [f"--output={one}:{tmp_path / name}" for one, name in names.items()]
+    early = (*CELLS, *gate, "--stop-early", "--checkpoint", tmp_path / "kept")
+    whole, found = run(*CELLS, *gate, "-q"), run(*early, *outputs)
+    assert whole.exit_code == found.exit_code == code, found.output
+    again = json.loads(run(*early, "--resume", "-q", "--output", "json:-").stdout)
+    report = json.loads((tmp_path / "c.json").read_text())
+    assert {**again, "seconds": 0} == {**report, "seconds": 0}
+    judged, left = report["roots"]["examined"], report["not_judged"]
+    assert judged + left["overall"] == report["roots"]["total"]
+    assert left["smallest_cells"] == 512 * left["overall"]
+    told = f"stopped early, {left['overall']} of {report['roots']['total']} roots not judged; of the others: "
+    assert found.output.startswith(told)
+    for name in ("c.xml", "c.html", "c.md"):
+        assert told in (tmp_path / name).read_text(), name
+    cases = ElementTree.parse(tmp_path / "c.xml").getroot()
+    assert not [
+        one for one in cases.iter("testcase") if one.get("classname") == "viatool.heading" and not len(one)
+    ]
+    assert "NOT DECIDED" in run("gate", tmp_path / "c.json", "--fail-under", "0.5").output
+
+
+@pytest.mark.parametrize(
+    ("more", "named"),
+    [
+        ((), "there is no gate"),
+        (("--sample", "0.1", "--max-unsafe", "0"), "--sample"),
+        (("--budget-cells", "9", "--max-unsafe", "0"), "--budget-cells"),
+        (("--explain-errors", "--max-unsafe", "0"), "--explain-errors"),
+        (("--steps", "2", "--max-unsafe", "0"), "beyond the next action"),
+    ],
+)
+def test_what_needs_every_cell_is_refused(
+    run: Callable[..., Result], more: tuple[str, ...], named: str
+) -> None:
+    found = run(*CELLS, "--stop-early", *more)
+    assert found.exit_code == 2
+    assert named in found.output

@@ -9,9 +9,10 @@ import click
 
 from viatool.cli import options
 from viatool.cli.command import Command
-from viatool.cli.gating import build_gate, gate_options, leave_by_gate
+from viatool.cli.gating import build_gate, gate_options, leave_by_gate, stop_early_option
 from viatool.cli.reporting import read_outputs, tell
 from viatool.cli.shapes import FootprintType, PointType
+from viatool.cli.stopping import certain, require_stoppable
 from viatool.cli.terminal import show_progress
 from viatool.cli.work import keeping, work_options
 from viatool.errors import ConfigurationError
@@ -151,6 +152,7 @@ if TYPE_CHECKING:
     "Repeatable.",
 )
 @gate_options
+@stop_early_option
 @work_options
 @options.threads_option
 @options.quiet_option
@@ -165,8 +167,11 @@ def command(ctx: click.Context, /, **given: Any) -> None:
     from viatool.policy import load_policy
     from viatool.report import evaluate
     from viatool.report.places.run import PlacesRun
+    from viatool.report.places.so_far import PlacesSoFar
     from viatool.schedule import Deadline, open_scheduler
 
+    if given["stop_early"]:
+        require_stoppable(given)
     until = Deadline.after(given["budget_seconds"])
     outputs = read_outputs(given["output"], PlacesRun)
     gate = build_gate(given, PlacesRun)
@@ -195,6 +200,7 @@ def command(ctx: click.Context, /, **given: Any) -> None:
                 open_scheduler(given["workers"], given["scheduler"]), given["checkpoint"], given["resume"]
             ),
             tell=progress,
+            enough=certain(gate, PlacesSoFar) if given["stop_early"] else None,
             **{name: given[name] for name in _PASSED_ON},
         )
     document = PlacesRun(certificate)

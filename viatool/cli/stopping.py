@@ -33,6 +33,16 @@ def require_stoppable(given: Mapping[str, Any]) -> None:
             f"--stop-early leaves out what cannot change the gate, and {needing[0]} is about all",
             f"leave {needing[0]} out, or --stop-early",
         )
+    partly = [
+        f"--{name}"
+        for name, unless in (("sample", 1.0), ("budget-cells", None))
+        if given.get(name.replace("-", "_"), unless) != unless
+    ]
+    if partly:
+        raise ConfigurationError(
+            f"{partly[0]} examines a part of the map, of which no condition of a gate holds",
+            f"leave {partly[0]} out, or --stop-early",
+        )
     limits = (given.get(name) for name in ("max_unsafe", "max_unknown", "min_contested"))
     if not given["fail_under"] and all(limit is None for limit in limits):
         raise ConfigurationError(

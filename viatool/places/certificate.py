@@ -14,10 +14,11 @@ from viatool.arrays import Indices
 from viatool.loop.closed_loop import ClosedLoop
 from viatool.loop.deceived import Deceptions, errors_of
 from viatool.loop.vicinity import Vicinity
-from viatool.places.findings import REFUTED, SETTLED, STATUSES, CellFindings
+from viatool.places.findings import REFUTED, SETTLED, STATUSES, UNKNOWN, CellFindings
 from viatool.places.lasting import LastingCells
 from viatool.places.raster import Raster, rasterise
-from viatool.places.tree import AXES, Lattice, Nodes
+from viatool.places.so_far import CellsKnown, volume_of
+from viatool.places.tree import AXES, Lattice
 from viatool.policy import Policy
 from viatool.safety import JudgedStates, Witnesses
 from viatool.setting.asked import Asked
@@ -64,6 +65,8 @@ class Certificate(Asked):
         What holds beyond the next action, if it was asked.
     error_costs : ErrorCosts, optional
         What each error costs, in leaves, if it was asked.
+    unjudged : int
+        The volume in smallest cells of roots that nobody examined, as it was enough: it counts into nothing.
     """
 
     policy: Policy
@@ -78,12 +81,18 @@ class Certificate(Asked):
     versions: Mapping[str, str]
     lasting: LastingCells | None = None
     error_costs: ErrorCosts | None = None
+    unjudged: int = 0
 
     @cached_property
     def units(self) -> dict[str, int]:
         """Return the volume of each status in smallest cells, as integers."""
-        each = self._units_of(self.findings.nodes)
-        return {name: int(each[self.findings.status == kind].sum()) for kind, name in enumerate(STATUSES)}
+        return dict(zip(STATUSES, volume_of(self.lattice, self.findings).tolist(), strict=True))
+
+    @property
+    def _known(self) -> CellsKnown:
+        """Return the volumes of what was examined."""
+        cells = np.bincount(self.findings.status, minlength=len(STATUSES)).tolist()
+        return CellsKnown(self.units, cells[REFUTED], cells[UNKNOWN], self.unjudged)
 
     @property
     def unit(self) -> float:
@@ -93,24 +102,18 @@ class Certificate(Asked):
     @property
     def contested(self) -> tuple[int, int]:
         """Return the certified and all of the contested volume; what was not examined is not in it."""
-        units = self.units
-        return units["certified"], units["certified"] + units["refuted"] + units["unknown"]
+        return self._known.contested
 
     @property
     def free(self) -> tuple[int, int]:
         """Return the safe and all of the free volume: uncontested or certified, and these with the rest."""
-        certified, contested = self.contested
-        return self.units["uncontested"] + certified, self.units["uncontested"] + contested
+        return self._known.free
 
     @property
     def decided(self) -> tuple[int, int]:
         """Return the certified or refuted, and all of the contested volume."""
         units, (_, contested) = self.units, self.contested
         return units["certified"] + units["refuted"], contested
-
-    def _units_of(self, nodes: Nodes) -> Indices:
-        depth = int(self.lattice.deepest.sum()) - nodes.level.sum(axis=1, dtype=np.int64)
-        return np.asarray(np.left_shift(np.int64(1), depth), dtype=np.int64)
 
     @cached_property
     def raster(self) -> Raster:
@@ -189,6 +192,7 @@ class Certificate(Asked):
             **self._state,
             "smallest_cell": dict(zip(self._names, size.tolist(), strict=False)),
             "roots": {"examined": self.examined, "total": self.roots},
+            **self._not_judged,
             "cells": {name: int((status == kind).sum()) for kind, name in enumerate(STATUSES)},
             "volume": {name: units * unit for name, units in self.units.items()},
             "contested_rate": _rate(certified, contested),
@@ -201,6 +205,12 @@ class Certificate(Asked):
             "versions": dict(self.versions),
             "premises": [premise.to_json() for premise in self.premises],
         }
+
+    @property
+    def _not_judged(self) -> dict[str, Any]:
+        """Return how many roots were left out, and their volume; nothing if none was."""
+        left = {"overall": self.roots - self.examined, "smallest_cells": self.unjudged}
+        return {"not_judged": left} if self.unjudged else {}
 
     @property
     def _names(self) -> tuple[str, ...]:

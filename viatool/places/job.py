@@ -21,6 +21,7 @@ from viatool.places.explaining import cost_of_cells
 from viatool.places.forecast import foretell
 from viatool.places.lasting import Lookahead
 from viatool.places.over_time import check_lookahead, look_ahead
+from viatool.places.so_far import CellCount, Enough
 from viatool.places.tree import Lattice
 from viatool.policy import Policy, PolicySpecification, as_policy
 from viatool.schedule import Campaign, Deadline, Progress, ignore
@@ -91,6 +92,7 @@ def certify(
     seed: int = 0,
     campaign: Campaign | None = None,
     tell: Progress = ignore,
+    enough: Enough | None = None,
 ) -> Certificate:
     """Decide for every pose of a map, and every command before it, whether the next action is safe.
 
@@ -132,6 +134,9 @@ def certify(
         Who does the work, and where it is kept; by default this process.
     tell : Progress
         Told the stage, the roots done and the roots in all.
+    enough : callable, optional
+        Called after each piece of the roots with what is known, a `viatool.places.so_far.CellsKnown`; once it is true
+        the roots behind are not examined, see `Certificate.unjudged`.
 
     Returns
     -------
@@ -180,6 +185,11 @@ def certify(
     lookahead = lookahead or Lookahead()
     grain = max(1, lookahead.coarser)
     lattice = Lattice.over(setting.world_map.bounds, _before(rules), smallest, grain)
+    if lookahead.asked and enough is not None:
+        raise ConfigurationError(
+            "what holds beyond the next action is found of all cells, and some are to be left out",
+            "leave out --steps, --forever and --arrive, or --stop-early",
+        )
     if lookahead.asked:
         check_lookahead(lookahead, rules, lattice, moving=loop.around.moving is not None)
     _log.info(
@@ -197,8 +207,12 @@ def certify(
     left = search_until.left
     if tell is not ignore and math.isinf(left) and not campaign.resume:
         foretell(work, campaign.scheduler.workers, tell)
+    watch = None if enough is None else CellCount(lattice, enough)
     found = campaign.carry_out(
-        work, tell, until=search_until, enough=lambda parts: sum(map(len, parts)) >= budget.cells
+        work,
+        tell,
+        until=search_until,
+        enough=lambda parts: (watch is not None and watch(parts)) or sum(map(len, parts)) >= budget.cells,
     )
     if not found.units:
         raise _too_short(search_until, left, campaign.scheduler.workers)
@@ -231,6 +245,7 @@ def certify(
     return Certificate(
         policy, setting, scenario, arithmetic, lattice, found.part, found.units,
         int(np.prod(lattice.count)), seconds, result_versions(), lasting, costs,
+        watch.known.unjudged if watch is not None and watch.satisfied else 0,
     )  # fmt: skip
 
 

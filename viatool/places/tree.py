@@ -136,6 +136,15 @@ class Lattice:
         index = np.stack([axis.ravel() for axis in axes], axis=1).astype(np.int32)
         return Nodes(np.zeros(index.shape, np.int8), index)
 
+    def units(self, nodes: Nodes) -> Indices:
+        """Return the volumes of nodes (N,) in smallest cells, as integers."""
+        return np.asarray(np.left_shift(np.int64(1), self.halvings(nodes).astype(np.int64)), dtype=np.int64)
+
+    @property
+    def whole(self) -> int:
+        """Return the volume of all roots in smallest cells."""
+        return int(np.prod(self.count)) << int(self.deepest.sum())
+
     def bounds(self, nodes: Nodes) -> tuple[Floats, Floats]:
         """Return lower and upper ends of nodes, (N, 5)."""
         step = self.size * np.exp2(-nodes.level.astype(np.float64))

@@ -22,12 +22,13 @@ class Verified(Document):
 
     @property
     def terms(self) -> Mapping[str, str]:
-        """Return eps, criterion and arithmetic."""
+        """Return eps, criterion and arithmetic, and what was left out of a run that was stopped early."""
         record = self.record
         return {
             "eps": describe_eps(record.eps),
             "criterion": record.criterion,
             "arithmetic": record.arithmetic,
+            **({"stopped early": self.incomplete} if self.left_out else {}),
         }
 
     def stated(self, *places: str) -> str:

@@ -183,11 +183,6 @@ class MissionsDocument(Verified, Explained, Cased, Annotated, Located, Tabled):
         return f"exact{slip}; {acts}" + (f", but for {driven}" if driven else "")
 
     @property
-    def terms(self) -> Mapping[str, str]:
-        """Return what was asked, and what was left out."""
-        return {**super().terms, **({"stopped early": self.incomplete} if self.incomplete else {})}
-
-    @property
     def settings(self) -> Mapping[str, str]:
         """Return what was asked, with the missions and where they start."""
         asked = [*(mission.scenario for mission in self.record.missions), *self._left]

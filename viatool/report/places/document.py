@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from viatool.report.document import Annotated, Explained
+from viatool.report.document import Annotated, Explained, LeftOut
 from viatool.report.error_costs import cells_table
 from viatool.report.numbers import count, counted, percentage, significant
 from viatool.report.places.explained import explain_place, nearest
@@ -25,6 +25,7 @@ from viatool.report.sections import (
     Table,
     Tally,
 )
+from viatool.report.stopped import behind, not_judged, stopped
 from viatool.report.verified import Verified
 from viatool.report.wording import describe_eps
 
@@ -76,7 +77,10 @@ class PlacesDocument(Verified, Annotated, Explained):
         text = "of the contested volume is certified" if rate.total else "no pose is contested"
         if roots.examined < roots.total:
             text += f", in a random {percentage(roots.examined, roots.total)} of the map"
-        return Headline(rate.percentage() if rate.total else "", text)
+        stake = behind(self.incomplete, f"{rate.percentage()} of the contested volume certified")
+        return Headline(
+            rate.percentage() if rate.total else "", text, stake=stake if self.record.not_judged else ""
+        )
 
     @property
     def subject(self) -> Sequence[str]:
@@ -99,9 +103,17 @@ class PlacesDocument(Verified, Annotated, Explained):
 
     @property
     def sections(self) -> Sequence[Section]:
-        """Return volumes by status, shares, what holds beyond the next action, what errors cost, and worst places."""
+        """Return what was left out, volumes by status, shares, what holds later, what errors cost, and worst places."""
+        left = self.record.not_judged
+        told = (
+            "" if left is None else f"{count(left.overall)}, of {count(left.smallest_cells)} smallest cells"
+        )
         tables = (self.shares, self.lasting, self.error_costs, self.worst)
-        return [self.volumes, *(table for table in tables if table is not None and table.rows)]
+        return [
+            *stopped("roots", told, " in random order"),
+            self.volumes,
+            *(table for table in tables if table is not None and table.rows),
+        ]
 
     @property
     def volumes(self) -> Breakdown:
@@ -299,11 +311,19 @@ class PlacesDocument(Verified, Annotated, Explained):
 
     @property
     def incomplete(self) -> str:
-        """Say how many roots were examined if not all were."""
-        roots = self.record.roots
+        """Say how many roots were examined if not all were, or not judged where a run was stopped early."""
+        roots, left = self.record.roots, self.record.not_judged
+        if left is not None:
+            return not_judged(left.overall, roots.examined, "root")
         if roots.examined == roots.total:
             return ""
         return f"only {count(roots.examined)} of {count(roots.total)} roots were examined"
+
+    @property
+    def left_out(self) -> Mapping[str, LeftOut]:
+        """Return what volume each rate, and how many cells each limit may yet count."""
+        left = self.record.not_judged
+        return {} if left is None else left_out_of(left.smallest_cells)
 
     def annotations(self) -> Sequence[Annotation]:
         """Return a warning for each of the worst places."""
@@ -323,6 +343,12 @@ class PlacesDocument(Verified, Annotated, Explained):
             for (pose, previous, action, near), place in zip(self.worst.rows, self.record.worst, strict=True):
                 text = f"At {pose} after {previous}: {action} comes within {near}."
                 yield Finding("refuted-place", text, pose, pose, "unsafe", subject=_square(place))
+
+
+def left_out_of(unjudged: int) -> Mapping[str, LeftOut]:
+    """Return what of so many smallest cells that were not judged each rate and limit may yet count: any part."""
+    names = ("contested", "overall", "unsafe", "unknown")
+    return {name: LeftOut(unjudged, count=False) for name in names} if unjudged else {}
 
 
 def _square(place: WorstPlace) -> Key:

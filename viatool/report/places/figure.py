@@ -47,7 +47,7 @@ def draw_certificate(certificate: Certificate, headline: Headline) -> Figure:
         _draw_slice(axes, certificate, raster, sector)
         axes.set_title(f"heading {name}", fontsize=8, color=INK, pad=2)
     title = one_line(certificate.scenario.name).replace("$", r"\$")
-    figure.suptitle(f"{title}: {headline}", fontsize=10, color=INK)
+    figure.suptitle(f"{title}: {headline.stake or headline}", fontsize=10, color=INK)
     figure.legend(handles=_legend(), loc="outside lower center", ncols=6, fontsize=8, frameon=False)
     return figure
 

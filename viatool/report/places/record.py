@@ -45,6 +45,13 @@ class Roots(ReportPart):
     total: Count
 
 
+class NotJudgedRoots(ReportPart):
+    """How many roots were left out once the outcome of the gate was certain, and how many smallest cells they hold."""
+
+    overall: Count
+    smallest_cells: Count
+
+
 class CellsRecord(ReportPart):
     """Leaves of the tree by status."""
 
@@ -144,6 +151,7 @@ class PlacesRecord(VerifiedRecord):
     state: StateRecord | None = None
     smallest_cell: dict[str, float]
     roots: Roots
+    not_judged: NotJudgedRoots | None = None
     cells: CellsRecord
     volume: Volume
     contested_rate: ShareRecord

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -58,10 +59,14 @@ class PlacesRun(PlacesDocument, Cased, Located, Tabled, Drawn, Explorable, Repla
         """Return every slice by heading, with the half metre squares in which it is not safe."""
         raster = self.certificate.sectors
         volumes = np.moveaxis(raster.volumes, 0, 1)  # (sectors, statuses, X, Y)
-        return [
+        every = [
             _slice(name, part.sum(axis=(1, 2)).tolist(), [*_squares(raster, part)])
             for name, part in zip(SECTOR_NAMES, volumes, strict=True)
         ]
+        if not self.left_out:
+            return every
+        partly: Mapping[str, Any] = {"outcome": "skipped", "message": "not all of it was judged"}
+        return [replace(case, **partly) if case.outcome == "passed" else case for case in every]
 
     def findings(self) -> tuple[Iterable[Finding], int]:
         """Return each half metre square with a counterexample, the worst first, then those with unknown volume."""

@@ -257,11 +257,6 @@ class StatesDocument(Verified, Explained):
         }
 
     @property
-    def terms(self) -> Mapping[str, str]:
-        """Return what was asked, and what was left out."""
-        return {**super().terms, **({"stopped early": self.incomplete} if self.incomplete else {})}
-
-    @property
     def settings(self) -> Mapping[str, str]:
         """Return what a comparison has to agree in, which of the two engines ran left out."""
         engine = self.record.engine

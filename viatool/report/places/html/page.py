@@ -78,6 +78,7 @@ def _headline(document: PlacesDocument) -> dict[str, str]:
     record, found = document.record, document.headline
     roots = record.roots
     return {
+        "stake": found.stake,
         "rate": found.rate,
         "rest": found.rest,
         "policy": one_line(record.policy.path),
