@@ -65,7 +65,7 @@ class StoredPlaces(PlacesDocument):
             raise ConfigurationError(
                 f"no cell holds x {x:g} m, y {y:g} m, heading {theta:g} rad: it is blocked, off the map, or was not "
                 "examined",
-                "give a free place, or certify without --sample and with a larger budget",
+                "give a free place, or certify without --sample and --stop-early, and with a larger budget",
             )
         status = cells["status"][rows]
         numbers = [
