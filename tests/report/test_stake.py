@@ -77,7 +77,7 @@ def test_every_format_for_people_and_dashboards_begins_with_it(result, name) -> 
     )
     assert name in FORMATS
     if name == "figure":  # drawn as paths
-        title = document.draw().subfigs[0].axes[0].get_title(loc="left")
+        title = document.draw().subfigs[0].get_suptitle().replace(";\n", "; ")
         assert title.splitlines()[0] == document.stake
         return
     assert document.stake in text
