@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tests.motion import changing_plant as plant
+from viatool.errors import ConfigurationError
 from viatool.motion import signals
 from viatool.motion.changing import ChangingTwist
 from viatool.motion.manoeuvre import Manoeuvre
@@ -55,6 +56,13 @@ def poses(generator, count):
 
 def turned(first, second):
     return np.abs(np.angle(np.exp(1j * (first - second))))
+
+
+@pytest.mark.parametrize("deceleration", [0.0, -1.0, float("nan")])
+def test_brakes_that_never_stop_are_refused(deceleration: float) -> None:
+    """The compiled proof takes 0 for no brakes at all."""
+    with pytest.raises(ConfigurationError, match="never stops"):
+        Manoeuvre(0.5, deceleration)
 
 
 @each

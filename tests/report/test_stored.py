@@ -122,7 +122,16 @@ def test_damaged_foreign_and_other_tables_are_told_by_name(
     report["schema_version"] = 7
     text = np.frombuffer(json.dumps(report).encode(), dtype=np.uint8)
     np.savez(version, **{**arrays, "run.report": text})
+    turned, shortened = tmp_path / "turned.npz", tmp_path / "shortened.npz"
+    np.savez(turned, **{**arrays, "verdict": np.full_like(arrays["verdict"], "safe")})
+    states = len(arrays["verdict"])
+    np.savez(
+        shortened,
+        **{name: array[: states - 1] if len(array) == states else array for name, array in arrays.items()},
+    )
     for path, words in (
+        (turned, "the table gives "),
+        (shortened, "cannot be shown"),
         (cut, "is cut off or damaged"),
         (foreign, "holds no report"),
         (lacking, "lacks 'observation'"),

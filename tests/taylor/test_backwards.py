@@ -99,6 +99,24 @@ def test_hulls_that_were_met_hold_every_node(hidden: ActivationFunction) -> None
             assert escape(kernel_over(network), centre - eps, centre + eps, backwards=True) == 0.0
 
 
+def test_a_layer_that_reads_nothing_is_a_constant() -> None:
+    """Which numpy does alone."""
+    hidden = Affine((), (), np.linspace(-1.0, 2.0, 64))
+    network = Network(
+        (
+            Input(2),
+            hidden,
+            Activation(1, activation("Relu"), 64),
+            Affine((2,), (np.ones((1, 64)),), np.zeros(1)),
+        )
+    )
+    lower, upper = by_numpy(network, np.full((3, 2), -0.1), np.full((3, 2), 0.1))
+    exact = np.maximum(hidden.bias, 0.0).sum()
+    assert (lower <= exact).all()
+    assert (upper >= exact).all()
+    assert (upper - lower < 1e-9).all()
+
+
 @ENGINES
 def test_what_overflows_proves_nothing(bounds: Bounds) -> None:
     """Weights of both signs with infinite products give a row that is not a number at a ReLU."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from viatool.arrays import Booleans, Floats, Indices
+from viatool.errors import ConfigurationError
 from viatool.motion.kinematics import DIFFERENTIAL
 from viatool.motion.law import Directions, Kinematics, PathDeviation
 from viatool.rounding import CLOCK_ROUNDING, SLIGHTLY_MORE
@@ -39,6 +40,11 @@ class Manoeuvre:
     deceleration`` seconds and covers the way that the full velocity would cover in half of that time. The
     whole path is hence that of a velocity which stays from then on until `seconds`, which makes braking a longer
     interval and nothing else. Steered wheels keep their angle while a car brakes.
+
+    Raises
+    ------
+    ConfigurationError
+        If the deceleration is given and not above 0.
     """
 
     interval: float
@@ -47,6 +53,13 @@ class Manoeuvre:
     kinematics: Kinematics = DIFFERENTIAL
     begins: float = 0.0
     passive: bool = False
+
+    def __post_init__(self) -> None:
+        if self.deceleration is not None and not self.deceleration > 0.0:
+            raise ConfigurationError(
+                f"a robot that brakes with {self.deceleration:g} m/s^2 never stops",
+                "give a deceleration above 0, or choose the criterion swept",
+            )
 
     def seconds(self, speed: Floats, turn: Floats) -> Floats:
         """Return for how long the constant command would take to cover the same path.

@@ -60,7 +60,10 @@ def _bound_from_above(network: Network, hulls: Sequence[Hull], seeds: Floats) ->
         row, node = rows.pop(index), network.nodes[index]
         match node:
             case Affine():
-                total, size = total + row @ node.bias, size + _weighed(np.abs(row), _size_of(node, hulls))
+                total, size = (
+                    total + row @ node.bias,
+                    size + _weighed(np.abs(row), _size_of(node, hulls, len(row))),
+                )
                 for source, weight in zip(node.sources, node.weights, strict=True):
                     rows[source] = rows.get(source, 0.0) + row @ weight
             case Activation():
@@ -108,13 +111,13 @@ def _weighed(rows: Floats, values: Floats) -> Floats:
     return np.asarray(np.einsum("bkn,bn->bk", rows, values))
 
 
-def _size_of(node: Affine, hulls: Sequence[Hull]) -> Floats:
+def _size_of(node: Affine, hulls: Sequence[Hull], count: int) -> Floats:
     """Bound the sum of the absolute values of all that a node adds up, (B, N)."""
     parts = (
         magnitude(hulls[source]) @ merged.T
         for source, merged in zip(node.sources, node.magnitudes, strict=True)
     )
-    return np.asarray(sum(parts, node.bias_magnitude) * SLIGHTLY_MORE)
+    return np.asarray(sum(parts, np.tile(node.bias_magnitude, (count, 1))) * SLIGHTLY_MORE)
 
 
 def _roundings(network: Network) -> int:

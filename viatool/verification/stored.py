@@ -103,15 +103,15 @@ def read_result(
 
     Raises
     ------
-    KeyError, ValueError, TypeError
-        If something is missing or of another form.
+    KeyError, IndexError, ValueError, TypeError
+        If something is missing or of another form, or the table has not what the report tells.
     ViatoolError
         If what was asked does not fit the map.
     """
     setting = _setting(report, asked, world_map)
     driven = _result(report, asked, setting, table, more, report.get("reasons", ()))
     if "close_pose" not in table:
-        return driven
+        return _as_told(driven, report)
     close = _result(
         report,
         {**asked, "horizon": None, "trajectory": asked["close_trajectory"]},
@@ -120,7 +120,25 @@ def read_result(
         {name.removeprefix("close."): array for name, array in more.items() if name.startswith("close.")},
         report["close"].get("reasons", ()),
     )
-    return replace(driven, close=close)
+    return _as_told(replace(driven, close=close), report)
+
+
+_COUNTED = ("states", "verdicts", "stake", "safety_rate", "danger_rate", "contested_rate", "close_rate")
+
+
+def _as_told(result: Result, report: Mapping[str, Any]) -> Result:
+    """Return a result whose table has what its report tells.
+
+    Raises
+    ------
+    ValueError
+        If a count differs.
+    """
+    found = result.to_json()
+    for name in _COUNTED:
+        if found.get(name) != report.get(name):
+            raise ValueError(f"the table gives {name} {found.get(name)}, its report {report.get(name)}")
+    return result
 
 
 def _setting(report: Mapping[str, Any], asked: Mapping[str, Any], world_map: WorldMap) -> Setting:
