@@ -272,6 +272,7 @@ def test_commands_beyond_the_robot_are_clipped_and_said(folder: Path) -> None:
     )
     assert "guessed: commands of linear from 0 to 0.5 are clipped to the robot's 0 to 0.3" in made.output
     assert 'prefer = ["limits=map"]' in (folder / "viatool.toml").read_text(encoding="utf-8")
+    assert "--map site.yaml --prefer limits=map, then viatool run" in made.output
     assert run("run", "--min-contested", 0, "--quiet").exit_code in (0, 1)
 
 
@@ -297,12 +298,18 @@ def test_what_numbers_are_can_be_said_in_their_order(folder: Path) -> None:
         (("--observation", "goal_distance"), "the policy takes 38 numbers"),
         (("--command", "linear"), "the policy gives 2 numbers"),
         (("--eps", "wide"), "is not a finite radius"),
+        (("--map", "office.ros.yaml"), "--resolution has no effect: a map_server YAML states both"),
+        (("--eps", "foo=1"), "there is no observation channel 'foo'"),
         (("--start", "0,0,0"), "--start and --goal belong together"),
+        (("--start=0,0,0", "--goal=-9,0"), "--start 0,0,0: the robot is 0.000 m from the nearest obstacle"),
+        ((*FLOOR, "--goal=-8.25,-6.25"), "--goal -8.25,-6.25 lies in an obstacle"),
     ],
 )
 def test_what_cannot_be_used_is_named_and_nothing_is_written(
     folder: Path, more: tuple[str, ...], told: str
 ) -> None:
+    shutil.copy(MAPS.folder / "office.ros.yaml", folder / "office.ros.yaml")
+    shutil.copy(MAPS.folder / "office.png", folder / "office.png")
     words = [str(word) for word in INIT]
     if more[0] in words:
         at = words.index(more[0])
@@ -325,3 +332,77 @@ def test_a_policy_with_a_specification_and_a_sample_need_nothing_more(folder: Pa
     assert run("run", "--list").output == "drive/via/lab\n"
     assert run("run", "--min-contested", 0, "--quiet").exit_code == 0
     assert np.all([not (folder / name).exists() for name in ("via.onnx", "via.spec.yaml", "site.yaml")])
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        ("--nav2", "nav2_params.yaml"), ("--footprint", "0.2"), ("--clearance", "0.2"), ("--resolution", "0.05"),
+        ("--origin=0,0,0",), ("--start=0,0,0", "--goal=1,1"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("kept", ["lab", "mine.yaml"])
+def test_a_native_map_states_its_robot_and_takes_no_other(
+    folder: Path, more: tuple[str, ...], kept: str
+) -> None:
+    shutil.copy(MAPS.folder / "lab.yaml", folder / "mine.yaml")
+    refused = run("init", "--policy", "via", "--map", kept, "--yes", *more)
+    assert refused.exit_code == 2
+    assert f"{more[0].partition('=')[0]} has no effect: a native map states its robot" in refused.output
+    assert not (folder / "viatool.toml").exists()
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        ("--scan", "scan.yaml"), ("--scan-yaw", "0.1"), ("--observation", "foo"), ("--command", "linear,angular"),
+        ("--interval", "0.2"), ("--environment", "none:Robot-v0"),
+    ],
+)  # fmt: skip
+def test_a_policy_with_a_specification_takes_nothing_else_that_it_says(
+    folder: Path, more: tuple[str, ...]
+) -> None:
+    refused = run("init", "--policy", "via", "--map", "floor.png", "--resolution", 0.05, "--yes", *more)
+    assert refused.exit_code == 2
+    assert f"{more[0]} has no effect: the policy has its own specification" in refused.output
+    assert not (folder / "viatool.toml").exists()
+
+
+def test_no_question_is_asked_whose_answer_would_have_no_effect(folder: Path) -> None:
+    asked = run("init", "--policy", "via", "--map", "lab", said="0.02\n")
+    assert asked.exit_code == 0, asked.output
+    assert asked.output.count("[") == asked.output.count("Sensor error") == 1
+
+
+def test_a_footprint_brings_no_other_limits_than_the_policy_has(folder: Path) -> None:
+    kinds = ("--command", "angular,linear")  # up to 0.5 rad/s, and from -1 to 1 m/s
+    course = ("--origin=-8.3,-6.3,0", "--start=-6,-1.5,0", "--goal=-5,-1.5")
+    assert run(*INIT, *kinds, *course, "--footprint", 0.2).exit_code == 0
+    robot = load_map(folder / "site.yaml").robot
+    assert (robot.min_linear, robot.max_linear, robot.max_angular) == (-1.0, 1.0, 0.5)
+    assert robot.footprint.radius == 0.2
+    assert run("run", "--min-contested", 0, "--quiet").exit_code in (0, 1)
+
+
+def test_what_nav2_does_not_limit_the_policy_does(folder: Path) -> None:
+    (folder / "slow.yaml").write_text("max_vel_x: 0.3\nfootprint: ''\n", encoding="utf-8")
+    kinds = ("--command", "angular,linear")
+    assert run(*INIT, *kinds, "--nav2", "slow.yaml").exit_code == 0
+    robot = load_map(folder / "site.yaml").robot
+    assert (robot.min_linear, robot.max_linear, robot.max_angular) == (-1.0, 0.3, 0.5)
+
+
+def test_distances_and_errors_that_nobody_gave_are_said_to_be_guessed(folder: Path) -> None:
+    keeps = "guessed: the footprint keeps 0.05 m, and is in danger below 0.15 m"
+    errs = "guessed: every sensor errs by up to 0.01"
+    guessed = run(*INIT, "--footprint", 0.2).output
+    assert keeps in guessed
+    assert errs in guessed
+    answers = "\n0.2\nlidar,goal_distance,goal_bearing\nlinear,angular\n0.1\n0.01\n"
+    words = [word for word in INIT if word != "--yes"]
+    asked = run(*words, "--output", "asked", said=answers)
+    assert keeps in asked.output, asked.output
+    assert errs not in asked.output
+    given = run(*INIT, "--footprint", 0.2, "--clearance", 0.1, "--eps", 0.01, "--force").output
+    assert "keeps" not in given
+    assert errs not in given

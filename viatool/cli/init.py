@@ -108,9 +108,12 @@ def command(**given: Any) -> None:
         load_scanner,
         read_model,
         require_readable,
+        states_its_robot,
         write_beginning,
     )
 
+    if (given["start"] is None) != (given["goal"] is None):
+        raise click.UsageError("--start and --goal belong together")
     ask = _Asker(quiet=given["yes"])
     model = ask.read(
         given["policy"],
@@ -121,19 +124,41 @@ def command(**given: Any) -> None:
     map_path = ask.read(
         given["map_path"], "Map (YAML, an image, or a sample such as lab)", "--map", _existing_map
     )
+    native = states_its_robot(map_path)
+    if native:
+        _refuse(
+            ("nav2", "footprint", "clearance", "resolution", "origin", "start", "goal"),
+            "a native map states its robot, its clearance and its courses, and a sample stays as it is: change the "
+            "map, or give an image or a map_server YAML in its place",
+        )
+    if map_path.suffix.lower() in (".yaml", ".yml"):
+        _refuse(
+            ("resolution", "origin"), "a map_server YAML states both: leave the option out, or change the map"
+        )
+    if model.proposal is None:
+        _refuse(
+            ("scan", "scan_topic", "scan_yaw", "environment", "observation", "commands", "interval"),
+            "the policy has its own specification, which says this: leave the option out, or change the specification",
+        )
     picture = (
         map_path.suffix.lower() not in ("", ".yaml", ".yml") and not map_path.with_suffix(".yaml").is_file()
     )
     resolution = (
         ask.number(given["resolution"], "Side of a pixel in m", 0.05) if picture else given["resolution"]
     )
-    scanner = ask.optional(
-        given["scan"],
-        "LaserScan message or bag (empty: none)",
-        lambda path: load_scanner(path, given["scan_topic"]),
-    )
-    robot = ask.optional(given["nav2"], "nav2_params.yaml (empty: none)", load_nav2) or RobotFacts()
-    robot = robot.with_more(RobotFacts(ask.footprint(given["footprint"], known=robot.footprint is not None)))
+    scanner = None
+    if model.proposal is not None:
+        scanner = ask.optional(
+            given["scan"],
+            "LaserScan message or bag (empty: none)",
+            lambda path: load_scanner(path, given["scan_topic"]),
+        )
+    robot = RobotFacts()
+    if not native:
+        robot = ask.optional(given["nav2"], "nav2_params.yaml (empty: none)", load_nav2) or robot
+        robot = robot.with_more(
+            RobotFacts(ask.footprint(given["footprint"], known=robot.footprint is not None))
+        )
     if given["environment"] is not None:
         robot = robot.with_more(load_environment(given["environment"]))
     proposal = described(model, scanner, robot, Preferences(yaw=given["scan_yaw"])).proposal
@@ -155,9 +180,7 @@ def command(**given: Any) -> None:
         )
         if robot.interval is None:
             interval = ask.number(interval, "Time between two commands in s", 0.1)
-    eps = given["eps"] or (ask.text("Sensor error (RADIUS, or CHANNEL=RADIUS ...)", "0.01", _check_eps),)
-    if (given["start"] is None) != (given["goal"] is None):
-        raise click.UsageError("--start and --goal belong together")
+    eps = given["eps"] or ask.text("Sensor error (RADIUS, or CHANNEL=RADIUS ...)", "0.01", _check_eps)
     answers = Preferences(
         kinds=seen,
         commands=done,
@@ -175,6 +198,15 @@ def command(**given: Any) -> None:
     if not given["quiet"]:
         for line in beginning.lines(given["output"]):
             click.echo(line)
+
+
+def _refuse(names: tuple[str, ...], why: str) -> None:
+    """Refuse options that would have no effect, the first that was given by its name."""
+    context = click.get_current_context()
+    for parameter in context.command.params:
+        given = context.get_parameter_source(parameter.name or "")
+        if parameter.name in names and given is not click.core.ParameterSource.DEFAULT:
+            raise click.UsageError(f"{parameter.opts[0]} has no effect: {why}.")
 
 
 def _existing_map(path: Path) -> Path:
@@ -254,14 +286,14 @@ class _Asker:
         chosen: tuple[str, ...] = () if self.quiet else _answer(text, read, default=",".join(proposed))
         return chosen
 
-    def text(self, text: str, default: str, check: Callable[[str], None]) -> str:
-        """Return a text."""
+    def text(self, text: str, default: str, check: Callable[[str], None]) -> tuple[str, ...]:
+        """Return a text; none where nothing may be asked."""
 
         def read(answer: str) -> str:
             check(answer)
             return answer
 
-        return default if self.quiet else str(_answer(text, read, default=default))
+        return () if self.quiet else (_answer(text, read, default=default),)
 
 
 def _answer(text: str, read: Callable[[str], Any], **more: Any) -> Any:

@@ -13,7 +13,7 @@ from viatool.projects.robot_files import RobotFacts, load_environment, load_nav2
 from viatool.projects.run import Request, choose_cells, run_cells
 from viatool.projects.schema import project_schema
 from viatool.projects.selection import Selection
-from viatool.projects.site import Preferences
+from viatool.projects.site import Preferences, states_its_robot
 from viatool.projects.start import begin, described, read_model, require_readable, write_beginning
 from viatool.projects.tables import print_cells, print_summary
 
@@ -43,6 +43,7 @@ __all__ = [
     "read_overrides",
     "require_readable",
     "run_cells",
+    "states_its_robot",
     "worst",
     "write_beginning",
 ]

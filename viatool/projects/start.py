@@ -6,7 +6,7 @@ import json
 import math
 import tempfile
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from viatool.policy import PolicySpecification, load_specification
 from viatool.policy.specification_file import specification_from_json
 from viatool.projects.file import PROJECT
 from viatool.projects.robot_files import RobotFacts
-from viatool.projects.site import Preferences, Site, seen_from, site_of
+from viatool.projects.site import EPS, Preferences, check_course, seen_from, site_of
 from viatool.proposals import (
     Proposal,
     Scanner,
@@ -79,6 +79,8 @@ class Beginning:
         What has to be filled in before anything can be verified.
     policy, specification, site : str
         How the project calls the policy, its specification (nothing if it has its own) and the map.
+    prefer : str
+        Which counts where they contradict each other, as ``--prefer`` takes it; nothing where they do not.
     """
 
     files: Mapping[str, bytes]
@@ -88,6 +90,7 @@ class Beginning:
     told: tuple[str, ...] = ()
     guesses: tuple[str, ...] = ()
     missing: tuple[str, ...] = ()
+    prefer: str = ""
 
     def lines(self, folder: Path) -> Iterator[str]:
         """Yield what a person reads: what was written, from what, what to check, and what to do next."""
@@ -99,7 +102,8 @@ class Beginning:
             yield f"look at {(folder / RAYS).as_posix()}: do the rays point where they do on the robot?"
         policy, spec, site = self.policy, self.specification, self.site
         said = f" --spec {spec}" if spec else ""
-        yield f"next: viatool doctor {policy}{said} --map {site}, then viatool run" + (
+        counts = f" --prefer {self.prefer}" if self.prefer else ""
+        yield f"next: viatool doctor {policy}{said} --map {site}{counts}, then viatool run" + (
             "" if folder == Path() else f", in {folder.as_posix()}"
         )
 
@@ -203,14 +207,24 @@ def begin(
         files[spec_file] = model.proposal.to_yaml().encode("utf-8")
         policy["spec"] = spec_file
     site = site_of(map_path, folder, robot, answers, spec)
+    check_course(map_path, robot, answers, spec)
     clipped = _beyond(spec, robot) if site.limits else ()
+    prefer = "limits=map" if clipped else ""
+    radii = answers.eps or (EPS,)
+    if spec is not None:
+        _check_eps(spec, radii)
     files |= site.files
     if spec is not None and (picture := _rays(spec, robot, scanner)) is not None:
         files[RAYS] = picture
-    files[PROJECT] = _project(model.name, policy, site, answers, clipped=bool(clipped)).encode("utf-8")
+    fixed = answers.course is not None or not site.files
+    files[PROJECT] = _project(model.name, policy, site.name, radii, prefer, fixed=fixed).encode("utf-8")
     guesses = [str(guess) for guess in (model.proposal.guesses if model.proposal else ())]
     if model.proposal is not None and "control_interval" not in (model.proposal.more or {}):
         guesses.append("the policy acts every 0.1 s (the step of the environment)")
+    if not answers.eps:
+        guesses.append(
+            f"every sensor errs by up to {EPS} in its channel's unit (--eps, see docs/choosing-eps.md)"
+        )
     return Beginning(
         files,
         policy["file"],
@@ -219,7 +233,13 @@ def begin(
         (*model.words, *robot.words),
         (*guesses, *site.guesses, *clipped),
         missing,
+        prefer,
     )
+
+
+def _check_eps(spec: PolicySpecification, radii: Sequence[str]) -> None:
+    """Refuse sensor errors of channels that a policy does not have, or not of all that it has."""
+    spec.radii({name: float(radius) for name, _, radius in (text.rpartition("=") for text in radii)})
 
 
 def _specification(model: Model) -> tuple[PolicySpecification | None, tuple[str, ...]]:
@@ -282,22 +302,23 @@ def _outline(robot: RobotFacts) -> Floats:
     return max(float(footprint["radius"]), 1e-3) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
-def _project(name: str, policy: Mapping[str, Any], site: Site, answers: Preferences, *, clipped: bool) -> str:
+def _project(
+    name: str, policy: Mapping[str, Any], site: str, radii: Sequence[str], prefer: str, *, fixed: bool
+) -> str:
     """Return the project file."""
     entry = policy["file"] if len(policy) == 1 else policy
-    fixed = answers.course is not None or not site.files
-    radii = [text if "=" in text else float(text) for text in answers.eps]
-    eps = radii[0] if len(radii) == 1 else radii
+    numbers = [text if "=" in text else float(text) for text in radii]
+    eps = numbers[0] if len(numbers) == 1 else numbers
     lines = [
         "# Made by viatool init; docs/project.md says what may stand here.",
         f"policies = {toml_value({name: entry})}",
-        f"maps = {toml_value([site.name])}",
+        f"maps = {toml_value([site])}",
         "",
         "[defaults] # options of every check",
         f"eps = {toml_value(eps)} # sensor error in each channel's unit, see docs/choosing-eps.md",
         *(
-            ['prefer = ["limits=map"] # the robot clips what the policy asks beyond its limits']
-            if clipped
+            [f"prefer = {toml_value([prefer])} # the robot clips what the policy asks beyond its limits"]
+            if prefer
             else []
         ),
         "",
