@@ -64,6 +64,7 @@ Every command prints its report on stdout and everything else on stderr; `--verb
 | 3 | internal error, or the network and onnxruntime disagree (self-check) |
 | 5 | nothing was evaluated, so there is no rate |
 | 130 | interrupted |
+| 141 | who reads the output has closed the pipe |
 """
 
 

@@ -13,10 +13,12 @@ from pathlib import Path
 import jsonschema
 import numpy as np
 import pytest
+import yaml
 from click.testing import Result
 from onnx import TensorProto, helper
 
 import viatool
+from tests.hall import MAP
 from tests.policy.models import model_of, node, save
 from viatool.report import formats_of
 from viatool.report.outputs import FOLDERS
@@ -453,3 +455,39 @@ def test_options_about_a_horizon_ask_for_one(run: Run) -> None:
     done = run(*VERIFY, "--fail-under", "horizon=0.9")
     assert done.exit_code == 2
     assert "add --horizon" in done.output
+
+
+def test_what_is_given_in_place_of_another_file_is_called_by_its_name(run: Run, tmp_path: Path) -> None:
+    image, training = tmp_path / "floor.png", tmp_path / "training.yaml"
+    image.write_bytes(b"\x89PNG\r\n\x1a\n")
+    training.write_text("method: via\nepochs: 60\n", encoding="utf-8")
+    for command in (("map", image), ("verify", "policy.onnx", "--map", image)):
+        said = run(*command).stderr
+        assert "is an image, not the YAML of a map" in said
+        assert "viatool init --map IMAGE" in said
+    said = run("inspect", "policy.onnx", "--spec", training).stderr.splitlines()
+    assert said[0] == f"error: {training}: this is a training configuration, not a specification"
+    assert len(said) == 2
+    said = run(*VERIFY, "--fail-under", "margin=0.01").stderr
+    assert "viatool margin gates on it" in said
+
+
+def test_a_specification_that_lies_beside_a_policy_is_named(run: Run, hall: Path, tmp_path: Path) -> None:
+    policy = tmp_path / "foreign.onnx"
+    policy.write_bytes((hall / "foreign.onnx").read_bytes())
+    asked = ("doctor", policy, "--map", "map.yaml")
+    assert "describe it with --spec robot.yaml" in run(*asked).stderr
+    policy.with_suffix(".yaml").touch()
+    assert f"give --spec {policy.with_suffix('.yaml')}" in run(*asked).stderr
+
+
+def test_a_map_without_scenarios_is_said_to_have_none(run: Run, tmp_path: Path) -> None:
+    world_map = tmp_path / "bare.yaml"
+    fields = yaml.safe_load(MAP)
+    fields = {name: value for name, value in fields.items() if name not in ("scenarios", "generator")}
+    world_map.write_text(yaml.safe_dump(fields), encoding="utf-8")
+    for command in ("mission", "simulate", "certify", "verify"):
+        eps = () if command == "simulate" else ("--eps", 0.01)
+        said = run(command, "policy.onnx", "--map", world_map, *eps).stderr
+        assert f"map '{world_map}' has no scenarios" in said
+        assert ("--trajectory" in said) == (command == "verify")

@@ -59,7 +59,7 @@ def assert_explained(code: int, error: str, *words: str) -> None:
         (
             ["train", "--workers", "2"],
             "viatool.train.train_seeds",
-            "what is trained is kept in '{0}'; continue with --resume {0}",
+            "nothing is saved yet in '{0}'; --resume {0} begins anew",
         ),
         (
             ["reproduce", "table2", "--workers", "2"],
@@ -178,3 +178,37 @@ def test_an_interrupted_mission_leaves_what_it_found(tmp_path: Path, monkeypatch
     run = CliRunner().invoke(main, [*map(str, words), "-o", f"json:{report}"])
     assert (run.exit_code, run.stdout) == (130, "")
     assert not report.exists()
+
+
+def test_who_interrupts_a_training_with_a_saved_state_can_go_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        (tmp_path / "batch-1").mkdir()
+        (tmp_path / "batch-1" / "state.pt").touch()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("viatool.train.train_seeds", interrupted)
+    run = CliRunner().invoke(main, ["train", "--output", str(tmp_path)])
+    assert f"what is trained is kept in '{tmp_path}'; continue with --resume {tmp_path}" in run.stderr
+
+
+def test_a_training_that_goes_on_refuses_options_of_a_new_one(tmp_path: Path) -> None:
+    asked = ("--preset", "quick", "--set", "epochs=3", "--map", "lab", "--workers", "2", "--quiet")
+    run = CliRunner().invoke(main, ["train", "--resume", str(tmp_path), *asked])
+    assert run.exit_code == 2
+    assert "error: --preset, --set, --map: a run that goes on" in run.stderr
+
+
+@pytest.mark.skipif(os.name == "nt", reason="pipes of POSIX")
+@pytest.mark.parametrize("command", [["inspect", "via"], ["--help"], ["train", "--help"]])
+def test_a_closed_pipe_is_no_failed_gate(command: list[str]) -> None:
+    read, write = os.pipe()
+    os.close(read)
+    try:
+        run = subprocess.run(
+            [sys.executable, "-m", "viatool", *command], stdout=write, stderr=subprocess.PIPE, text=True
+        )
+    finally:
+        os.close(write)
+    assert (run.returncode, run.stderr) == (141, "")

@@ -351,3 +351,23 @@ def test_what_is_changed_of_close_places_is_named(
     found = recheck(beside)
     assert found.code == 1
     assert named in "\n".join([*found.contradicted, *found.unconfirmed])
+
+
+def test_a_missing_field_is_named_with_its_file(folder: Path) -> None:
+    edited(folder / "report.json", lambda report: report["verdicts"].pop("unsafe"))
+    hashed_again(folder)
+    lines = recheck(folder).contradicted
+    assert any("report.json has no field 'unsafe'" in line for line in lines), lines
+    assert not any("KeyError" in line for line in lines)
+
+
+def test_what_is_no_folder_of_evidence_is_said_in_words(tmp_path: Path) -> None:
+    file = tmp_path / "states.npz"
+    file.touch()
+    for path, words in (
+        (file, "a file, not a folder"),
+        (tmp_path / "no", "not there"),
+        (tmp_path, "it has no"),
+    ):
+        with pytest.raises(UnreadableFolder, match=words):
+            recheck(path)

@@ -15,7 +15,7 @@ import torch
 from tests.train.test_run import Lines, tiny
 from viatool.errors import ConfigurationError
 from viatool.schedule import Processes
-from viatool.train import TrainingResult, resume_seeds, train, train_seeds
+from viatool.train import TrainingResult, holds_progress, resume_seeds, train, train_seeds
 
 OPTIONS = tiny(seeds=3, seed=7, tensorboard=False, state_interval=1)
 
@@ -146,3 +146,16 @@ def test_an_idle_worker_is_explained(tmp_path: Path, monkeypatch: pytest.MonkeyP
     with pytest.raises(KeyboardInterrupt):
         train_seeds(OPTIONS, tmp_path / "run", scheduler=Idle(2), progress=progress)
     assert progress.lines == ["1 of 2 workers have a batch of seeds, see --batch"]
+
+
+def test_a_run_without_a_saved_state_says_that_it_begins_anew(tmp_path: Path) -> None:
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train(OPTIONS, tmp_path, interrupt)
+    assert not holds_progress(tmp_path)
+    progress = Lines()
+    resume_seeds(tmp_path, progress=progress)
+    assert "begins anew at epoch 1" in progress.lines[0]
+    assert holds_progress(tmp_path)

@@ -8,6 +8,7 @@ import os
 import re
 import sys
 import traceback
+from collections.abc import Iterator
 
 import click
 
@@ -34,6 +35,23 @@ _EXTRA_OF_MODULE = {
     "bokeh": "html",
     "jinja2": "html",
 }
+
+
+class ReaderGone(Exception):  # noqa: N818  # nothing went wrong
+    """Who reads the output has closed the pipe."""
+
+
+@contextlib.contextmanager
+def reader_may_go() -> Iterator[None]:
+    """Call a closed pipe by a name of its own: click and rich would leave with 1, the code of a failed gate."""
+    try:
+        yield
+    except BrokenPipeError as error:
+        raise ReaderGone from error
+    except SystemExit as left:
+        if isinstance(left.__context__, BrokenPipeError):  # of a console of rich
+            raise ReaderGone from left
+        raise
 
 
 def explain(error: BaseException) -> tuple[int, str]:
@@ -66,6 +84,8 @@ def explain(error: BaseException) -> tuple[int, str]:
         return UNUSABLE_INPUT, _missing_extra((error.name or "").split(".")[0])
     if isinstance(error, OSError):
         return _operating_system(error)
+    if isinstance(error, ReaderGone):
+        return _closed_pipe()
     return _internal(error)
 
 
@@ -91,12 +111,16 @@ def _missing_extra(module: str) -> str:
     )
 
 
+def _closed_pipe() -> tuple[int, str]:
+    """Give the interpreter's last flush somewhere to go, for the reader has gone."""
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return BROKEN_PIPE, ""
+
+
 def _operating_system(error: OSError) -> tuple[int, str]:
     if error.errno == errno.EPIPE:
-        # The reader has gone: give the interpreter's last flush somewhere to go.
-        with contextlib.suppress(OSError, ValueError):
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return BROKEN_PIPE, ""
+        return _closed_pipe()
     name = f"{error.filename}: " if error.filename else ""
     return UNUSABLE_INPUT, compose(f"{name}{error.strerror or error}", "check the path and its permissions")
 

@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 
 import click
 
-from viatool.cli.failures import compose, explain
+from viatool.cli.failures import compose, explain, reader_may_go
 from viatool.cli.interrupts import terminated_as_interrupted
 from viatool.cli.started import begin
 from viatool.errors import PolicyWarning
@@ -78,6 +78,16 @@ class CommandGroup(click.Group):
         with formatter.section("Commands"):
             formatter.write_dl(lines)
 
+    def make_context(self, *args: Any, **extra: Any) -> click.Context:
+        """Read the arguments, which may print a help that nobody reads to its end."""
+        with reader_may_go():
+            return super().make_context(*args, **extra)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run a command, whose output somebody may not read to its end."""
+        with reader_may_go():
+            return super().invoke(ctx)
+
     def main(self, args: Sequence[str] | None = None, *rest: Any, **extra: Any) -> NoReturn:
         """Run a command and leave the process with an exit code of the contract.
 
@@ -140,7 +150,7 @@ def _print_versions(ctx: click.Context, param: click.Parameter, wanted: bool) ->
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog=(
         "Exit codes: 0 passed, 1 gate failed, 2 usage or unreadable input, 3 internal error or self-check "
-        "mismatch, 5 nothing was evaluated, 130 interrupted."
+        "mismatch, 5 nothing was evaluated, 130 interrupted, 141 the output was not read to its end."
     ),
 )
 @click.option(

@@ -124,7 +124,7 @@ def command(
         write_whole(sidecar, imported.proposal.to_yaml().encode())
     if not quiet:
         print_inspection(describe(output), open_console())
-        _print_import(imported, sidecar)
+        _print_import(imported, output, sidecar)
 
 
 def _limits(
@@ -137,7 +137,7 @@ def _limits(
     return tuple(zip(low, high, strict=True))
 
 
-def _print_import(imported: Imported, sidecar: Path | None) -> None:
+def _print_import(imported: Imported, output: Path, sidecar: Path | None) -> None:
     click.echo("imported")
     for words in imported.inside:
         click.echo(f"  {words}")
@@ -148,3 +148,4 @@ def _print_import(imported: Imported, sidecar: Path | None) -> None:
         click.echo(f"  guessed: {guess}")
     if not imported.proposal.is_complete:
         click.echo(f"  to fill in: every FILL_IN of {sidecar}; it is refused until then")
+    click.echo(f"next: viatool doctor {output} --spec {sidecar} --map MAP")

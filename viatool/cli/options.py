@@ -327,9 +327,15 @@ def warn(text: str) -> None:
 
 
 def draw_scenarios(
-    world_map: WorldMap, scenarios: int | None, seed: int, chosen: Sequence[str] = ()
+    world_map: WorldMap,
+    scenarios: int | None,
+    seed: int,
+    chosen: Sequence[str] = (),
+    instead: str = "",
 ) -> tuple[Scenario, ...]:
     """Return the map's fixed scenarios, those of them that are chosen, or as many drawn ones as are asked for.
+
+    The hint names what the command takes `instead` of scenarios, if anything.
 
     Raises
     ------
@@ -339,6 +345,7 @@ def draw_scenarios(
     """
     from viatool.errors import ConfigurationError
 
+    other = f", or give {instead}" if instead else ""
     if chosen and scenarios is not None:
         raise ConfigurationError(
             "--scenario names scenarios of the map, --scenarios draws others", "leave one out"
@@ -358,12 +365,12 @@ def draw_scenarios(
             )
         raise ConfigurationError(
             f"map '{world_map.path}' has no scenarios",
-            "add 'scenarios' or a 'generator' to the map, or give --trajectory",
+            f"add 'scenarios' or a 'generator' to the map{other}",
         )
     if scenarios is None:
         raise ConfigurationError(
             f"map '{world_map.path}' has no scenarios",
-            "draw some with --scenarios N, or give --trajectory",
+            f"draw some with --scenarios N{other}",
         )
     return world_map.generator.draw(scenarios, seed)
 

@@ -136,7 +136,8 @@ def choose_scenarios(given: Mapping[str, Any], world_map: WorldMap) -> tuple[Sce
         from viatool.world import Scenario
 
         return tuple(Scenario(f"goal {x:g},{y:g}", (x, y, 0.0), (x, y)) for x, y in given["goals"])
-    return draw_scenarios(world_map, given["scenarios"], given["seed"], given["chosen"])
+    instead = "--trajectory" if given["places"] is None else "--goal X,Y"
+    return draw_scenarios(world_map, given["scenarios"], given["seed"], given["chosen"], instead)
 
 
 def bag_settings(given: Mapping[str, Any]) -> BagSettings | None:

@@ -7,11 +7,14 @@ from pathlib import Path
 from typing import Literal
 
 import click
+from click.core import ParameterSource
 
 from viatool.cli import options
 from viatool.cli.command import Command
 from viatool.cli.terminal import open_console, show_progress
 from viatool.cli.work import keeping, worker_options
+
+_WITH_RESUME = ("interrupted", "workers", "scheduler", "watch", "quiet")
 
 
 @click.command(cls=Command)
@@ -76,7 +79,8 @@ from viatool.cli.work import keeping, worker_options
     "interrupted",
     type=options.READABLE,
     metavar="DIRECTORY",
-    help="Continue an interrupted run, with its own options.",
+    help="Continue an interrupted run, with its own options; only --workers, --scheduler, --watch and --quiet go with "
+    "it.",
 )
 @click.option(
     "--watch",
@@ -84,7 +88,10 @@ from viatool.cli.work import keeping, worker_options
     help="Draw the learning curves after every epoch: success, collisions, cost, lambda, u.",
 )
 @options.quiet_option
+@click.pass_context
 def command(
+    ctx: click.Context,
+    /,
     preset: str,
     file: Path | None,
     settings: tuple[str, ...],
@@ -106,11 +113,14 @@ def command(
     Options and metrics are explained in docs/training.md, methods in docs/methods.md. Two runs with the same
     seed on the same machine give the same policy, also when one was interrupted and resumed, and whoever trains.
     """
+    if interrupted is not None:
+        _refuse_options_of_a_new_run(ctx)
     from viatool.report.simulations.failures import draw_failures
     from viatool.schedule import Progress, open_scheduler
     from viatool.train import (
         TrainingResult,
         failing_scenarios,
+        holds_progress,
         make_configuration,
         resume_seeds,
         train_seeds,
@@ -135,7 +145,7 @@ def command(
         return train_seeds(configuration, directory, batch=batch, scheduler=who, progress=progress)
 
     kept = interrupted or directory
-    told = keeping(kept, "what is trained is", f"--resume {kept}")
+    told = keeping(kept, "what is trained is", f"--resume {kept}", holds_progress)
     with told, show_progress(quiet=quiet, whole="training") as progress:
         result = run(watching(progress, kept) if watch else progress)
     drawn = draw_failures(result.policy, failing_scenarios(kept), kept)
@@ -144,3 +154,18 @@ def command(
     console = open_console()
     for line in [*result.lines(), *(f"failures    {path}" for path in drawn)]:
         console.print(line, markup=False, soft_wrap=True)
+
+
+def _refuse_options_of_a_new_run(ctx: click.Context) -> None:
+    """Refuse by name what a run that goes on would silently do without."""
+    given = [
+        param.opts[0]
+        for param in ctx.command.params
+        if param.name not in _WITH_RESUME
+        and param.expose_value
+        and ctx.get_parameter_source(param.name or "") is ParameterSource.COMMANDLINE
+    ]
+    if given:
+        raise click.UsageError(
+            f"{', '.join(given)}: a run that goes on with --resume keeps the options with which it began", ctx
+        )

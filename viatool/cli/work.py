@@ -67,12 +67,26 @@ def work_options(command: Command) -> Command:
     return worker_options("states")(checkpoint(resume(command)))
 
 
+def _always(folder: Path) -> bool:
+    return True
+
+
 @contextmanager
-def keeping(folder: Path | None, what: str = "finished states are", how: str = "--resume") -> Iterator[None]:
-    """Say where finished work is kept, and how to go on with it, when the user interrupts it."""
+def keeping(
+    folder: Path | None,
+    what: str = "finished states are",
+    how: str = "--resume",
+    holds: Callable[[Path], bool] = _always,
+) -> Iterator[None]:
+    """Say where finished work is kept, and how to go on with it, when the user interrupts it.
+
+    Where a folder does not hold any yet, it says that instead.
+    """
     try:
         yield
     except KeyboardInterrupt:
         if folder is not None and folder.is_dir():
-            click.echo(f"{what} kept in '{folder}'; continue with {how}", err=True)
+            kept = f"{what} kept in '{folder}'; continue with {how}"
+            nothing = f"nothing is saved yet in '{folder}'; {how} begins anew"
+            click.echo(kept if holds(folder) else nothing, err=True)
         raise

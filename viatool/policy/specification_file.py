@@ -26,6 +26,8 @@ _SPEC_HINT = (
     "see docs/specification.md for the layout, or write a template with `viatool inspect --write-spec`"
 )
 
+_OF_TRAININGS = {"epochs", "epoch_steps", "robots", "seeds", "horizon", "replay_capacity"}
+
 _TYPE = re.compile(
     r"float|int|str|bool|[a-z-]+\[.*\]"
 )  # what pydantic puts behind a place, of a field of several types
@@ -94,6 +96,10 @@ def load_specification(path: str | os.PathLike[str]) -> PolicySpecification:
     try:
         return PolicySpecification.model_validate(content)
     except ValidationError as error:
+        if isinstance(content, dict) and "observation" not in content and content.keys() & _OF_TRAININGS:
+            raise PolicyError(
+                f"{path}: this is a training configuration, not a specification", _SPEC_HINT
+            ) from error
         raise PolicyError(_findings(error, path, root), _SPEC_HINT) from error
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from viatool.recheck.evidence import REQUIRED, StoredEvidence
+from viatool.recheck.evidence import REQUIRED, MissingField, StoredEvidence
 from viatool.recheck.files import check_claims, check_files, check_inputs
 from viatool.recheck.geometry import check_geometry
 from viatool.recheck.observations import check_observations
@@ -66,7 +66,6 @@ def recheck(folder: Path) -> Outcome:
             step(evidence, found)
         except Exception as error:  # whatever damaged content raises is no confirmation
             name = step.__name__.removeprefix("check_")
-            found.contradicted.append(
-                f"{name}: could not be rechecked, for something is malformed: {error!r}"
-            )
+            why = str(error) if isinstance(error, MissingField) else repr(error)
+            found.contradicted.append(f"{name}: could not be rechecked, for something is malformed: {why}")
     return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -126,6 +127,26 @@ class StoredEvidence:
         return reasons
 
 
+class MissingField(KeyError):  # noqa: N818  # the name says what is wrong
+    """A file lacks a field that is rechecked."""
+
+    def __str__(self) -> str:
+        """Return the words, without the quotes of a key."""
+        return str(self.args[0])
+
+
+class _Fields(dict[str, Any]):
+    """A JSON object that knows of which file it is, for what is asked of it in vain."""
+
+    def __init__(self, file: str, fields: dict[str, Any]) -> None:
+        super().__init__(fields)
+        self.file = file
+
+    def __missing__(self, name: str) -> Any:
+        """Name the file and the field."""
+        raise MissingField(f"{self.file} has no field '{name}' where it belongs")
+
+
 def read_json(path: Path) -> Any:
     """Read a JSON file."""
-    return json.loads(path.read_text(encoding="utf-8"))
+    return json.loads(path.read_text(encoding="utf-8"), object_hook=partial(_Fields, path.name))

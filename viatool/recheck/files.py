@@ -19,6 +19,10 @@ MANIFEST = "manifest.json"
 
 def check_files(folder: Path, found: Outcome) -> None:
     """Compare the files that are there with the manifest."""
+    if not folder.is_dir():
+        raise UnreadableFolder(f"'{folder}' is {'a file, not a folder' if folder.exists() else 'not there'}")
+    if not (folder / MANIFEST).exists():
+        raise UnreadableFolder(f"'{folder}' is not an evidence folder: it has no {MANIFEST}")
     try:
         manifest = read_json(folder / MANIFEST)
         version, what = manifest["schema_version"], manifest["what"]

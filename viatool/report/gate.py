@@ -77,6 +77,11 @@ def parse_threshold(text: str, kind: type[Document]) -> Threshold:
     name = name if equals else "overall"
     if name in kind.RADII:
         return Threshold(name, _parse_error(number.strip(), text, name))
+    if name == "margin":
+        raise ConfigurationError(
+            f"'{text}': {kind.WHAT} has no margin to survive",
+            f"viatool margin gates on it: --fail-under {text}",
+        )
     if name not in kind.RATES:
         radii = [f"{one}=ERROR" for one in kind.RADII]
         raise ConfigurationError(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from viatool.schedule import Progress
-from viatool.train.batches import complete, failing_scenarios, resume_seeds, train_seeds
+from viatool.train.batches import complete, failing_scenarios, holds_progress, resume_seeds, train_seeds
 from viatool.train.configuration import TrainingConfiguration, load_configuration, make_configuration
 from viatool.train.export import export_checkpoint
 from viatool.train.maps import TrainingMaps
@@ -19,6 +19,7 @@ __all__ = [
     "complete",
     "export_checkpoint",
     "failing_scenarios",
+    "holds_progress",
     "load_configuration",
     "make_configuration",
     "resume",

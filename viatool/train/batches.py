@@ -29,7 +29,7 @@ from viatool.train.configuration import TrainingConfiguration, load_configuratio
 from viatool.train.maps import TrainingMaps, load_maps, random_scenarios
 from viatool.train.records import write_json, write_text
 from viatool.train.selection import best_candidates
-from viatool.train.trainer import BATCHES, CONFIGURATION, EVALUATION, TrainingResult, resume, train
+from viatool.train.trainer import BATCHES, CONFIGURATION, EVALUATION, STATE, TrainingResult, resume, train
 from viatool.whole_file import whole_file
 from viatool.world import Scenario, WorldMap
 
@@ -151,6 +151,13 @@ def resume_seeds(
     else:
         raise ConfigurationError(f"there is no training run in {directory}", "give the folder of a run")
     return _carry_out(configuration, together, load_maps(configuration), directory, scheduler, progress)
+
+
+def holds_progress(run_directory: str | Path) -> bool:
+    """Tell whether a run that was interrupted would go on, and not begin anew: a state or a finished batch is there."""
+    directory = Path(run_directory)
+    folders = [directory, *directory.glob("batch-*")]
+    return any((folder / name).exists() for folder in folders for name in (STATE, EVALUATION))
 
 
 def _read_plan(path: Path) -> tuple[TrainingConfiguration, int]:

@@ -172,6 +172,8 @@ def resume(
             run = resume_run(load_checkpoint(directory / STATE), directory, maps)
         else:
             run = begin_run(load_configuration(directory / CONFIGURATION), maps)
+            line = f"no state of {directory} was saved before it ended: it begins anew at epoch 1"
+            (progress or ignore)(_stage(run), 0, run.configuration.epochs, line)
         return _train(run, directory, progress or ignore)
 
 

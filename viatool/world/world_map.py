@@ -110,6 +110,11 @@ class WorldMap:
         ConfigurationError
             If there is none.
         """
+        if not self.scenarios:
+            raise ConfigurationError(
+                f"map '{self.path}' has no scenarios",
+                "add 'scenarios' to the map, or give a goal with --goal X,Y",
+            )
         if not 0 <= number < len(self.scenarios):
             raise ConfigurationError(
                 f"map '{self.path}' has {len(self.scenarios)} scenarios, so none of number {number}",

@@ -11,6 +11,9 @@ import yaml
 
 from viatool.errors import MapError
 
+_IMAGES = (b"\x89PNG", b"\xff\xd8\xff", b"P5", b"P6", b"BM", b"GIF8", b"II*\x00", b"MM\x00*")
+"""How files of images begin: PNG, JPEG, binary PGM and PPM, BMP, GIF, TIFF."""
+
 
 @dataclass(frozen=True, eq=False)
 class YamlDocument:
@@ -54,6 +57,12 @@ def read_yaml(path: Path, text: bytes) -> YamlDocument:
     try:
         loader = yaml.SafeLoader(text.decode("utf-8"))
     except (UnicodeDecodeError, yaml.reader.ReaderError) as error:
+        if text.startswith(_IMAGES):
+            raise MapError(
+                f"{path}: is an image, not the YAML of a map",
+                "give the YAML that map_server wrote beside it, or make one with viatool init --map IMAGE "
+                "--resolution METRES",
+            ) from error
         raise MapError(f"{path}: is not a UTF-8 text file ({error})", "save it as YAML in UTF-8") from error
     try:
         root = loader.get_single_node()
