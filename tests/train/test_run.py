@@ -200,6 +200,9 @@ def test_a_checkpoint_becomes_a_policy(run: tuple[TrainingResult, Lines], tmp_pa
     policies = [export_checkpoint(checkpoint, tmp_path / f"{seed}.onnx", seed=seed) for seed in (0, 1)]
     rows = np.random.default_rng(0).uniform(0, 2, (20, 26))
     assert not np.allclose(policies[0](rows), policies[1](rows))
+    for given in (load_map("lab"), "maps/lab.yaml"):  # the file is the same wherever the map is found
+        again = export_checkpoint(checkpoint, tmp_path / "again.onnx", seed=0, map_path=given)
+        assert again.sha256 == policies[0].sha256
     best = export_checkpoint(checkpoint, tmp_path / "best.onnx")
     assert any(np.array_equal(best(rows), policy(rows)) for policy in policies)
     with pytest.raises(ConfigurationError, match="seed 2"):

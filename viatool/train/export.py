@@ -189,9 +189,11 @@ def export_checkpoint(
     """
     content = load_checkpoint(Path(checkpoint))
     configuration = TrainingConfiguration.model_validate_json(content["configuration"])
-    if map_path is not None:
-        configuration = configuration.model_copy(update={"map": str(map_path)})
-    robot = map_path.robot if isinstance(map_path, WorldMap) else load_maps(configuration).robot
+    robot = (
+        map_path.robot
+        if isinstance(map_path, WorldMap)
+        else load_maps(_elsewhere(configuration, map_path)).robot
+    )
     scaling = make_scaling(robot, configuration.budget_limit, configuration.layout)
     if seed is None:
         success = np.nan_to_num(np.asarray(content["validation_success"]), nan=-1.0)
@@ -205,6 +207,15 @@ def export_checkpoint(
     training = training_record(configuration, seed, content["epoch"])
     specification = make_specification(robot, float(content["var"][seed]), training, configuration.layout)
     return export_actor(every.one(seed), scaling, specification, path)
+
+
+def _elsewhere(
+    configuration: TrainingConfiguration, map_path: str | os.PathLike[str] | None
+) -> TrainingConfiguration:
+    """Return a configuration whose map stands elsewhere now."""
+    if map_path is None:
+        return configuration
+    return configuration.model_copy(update={"map": os.fspath(map_path)})
 
 
 def check_against_torch(policy: Policy, actor: Weights, scaling: UnitScaling) -> float:
