@@ -214,7 +214,7 @@ def test_evidence_is_a_folder_and_stdout_is_not() -> None:
 def test_a_folder_that_is_none_of_evidence_is_unreadable(tmp_path: Path) -> None:
     code, told = run("check", tmp_path)
     assert code == 2
-    assert "is not an evidence folder: manifest.json" in told
+    assert "is not an evidence folder: it has no manifest.json" in told
 
 
 @pytest.mark.parametrize(
