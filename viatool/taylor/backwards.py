@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from viatool.arrays import Floats, Hull
-from viatool.policy.network import Activation, Affine, Cast, Network
+from viatool.policy.network import Activation, Affine, Cast, Input, Maximum, Minimum, Network, Product
 from viatool.rounding import ENGINE_ROUNDOFF, SLIGHTLY_MORE
 from viatool.taylor.approximation import pick_slope, residual_range
 from viatool.taylor.curve import Curve, curve_of
@@ -78,7 +78,7 @@ def _bound_from_above(network: Network, hulls: Sequence[Hull], seeds: Floats) ->
                 rows[node.source] = rows.get(node.source, 0.0) + pulled
             case Cast():
                 rows[node.source] = rows.get(node.source, 0.0) + row
-            case _:
+            case Input() | Product() | Maximum() | Minimum():
                 return np.full((batch, len(seeds)), np.inf)
     row, (lower, upper) = rows.get(0, np.zeros((batch, len(seeds), network.input_size))), hulls[0]
     total = total + _weighed(np.maximum(row, 0.0), upper) + _weighed(np.minimum(row, 0.0), lower)
