@@ -23,8 +23,8 @@ def rates(fraction: float, **options: object) -> list[float]:
         return {}
 
     learner = SimpleNamespace(replay=SimpleNamespace(size=100), updates=0, update=update)
-    run: Any = SimpleNamespace(configuration=tiny(**options), learner=learner, multiplier=np.zeros(2))
-    trainer._learn(run, fraction, [])
+    run: Any = SimpleNamespace(configuration=tiny(**options), learner=learner, multiplier=np.zeros(2), due=0)
+    trainer._learn(run, fraction, 1, [])
     return seen
 
 
