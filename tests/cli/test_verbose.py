@@ -6,20 +6,10 @@ import logging
 import re
 from pathlib import Path
 
-import pytest
 from click.testing import CliRunner
 
-from tests.hall import MAP, write_policy
 from viatool.cli import main
 from viatool.cli.group import COMMANDS
-
-
-@pytest.fixture(scope="module")
-def hall(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("hall")
-    write_policy(folder / "policy.onnx")
-    (folder / "map.yaml").write_text(MAP, encoding="utf-8")
-    return folder
 
 
 def said(folder: Path, *words: str) -> tuple[str, str]:

@@ -11,6 +11,7 @@ from tests.benchmarks.forever import Arriving, Robots, drive_to_goal
 from tests.places.test_arriving import (
     EPS,
     RADIUS,
+    Looks,
     chamber,
     drive,
     homing,
@@ -119,17 +120,6 @@ def test_work_that_is_kept_changes_nothing(home, tmp_path, monkeypatch):
     for name in ("arrives", "moves", "intervals"):
         np.testing.assert_array_equal(getattr(shared, name), getattr(whole, name))
         np.testing.assert_array_equal(getattr(resumed, name), getattr(whole, name))
-
-
-class Looks:
-    """A clock that goes on by a second with every look at it."""
-
-    def __init__(self):
-        self.now = 0.0
-
-    def __call__(self):
-        self.now += 1.0
-        return self.now
 
 
 def test_what_was_not_followed_in_time_is_not_claimed(home, monkeypatch):

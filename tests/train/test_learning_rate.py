@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests.train.test_run import tiny
-from viatool.train import train, trainer
+from viatool.train import epoch, train
 from viatool.train.agent import Learner
 
 
@@ -24,7 +24,7 @@ def rates(fraction: float, **options: object) -> list[float]:
 
     learner = SimpleNamespace(replay=SimpleNamespace(size=100), updates=0, update=update)
     run: Any = SimpleNamespace(configuration=tiny(**options), learner=learner, multiplier=np.zeros(2), due=0)
-    trainer._learn(run, fraction, 1, [])
+    epoch._learn(run, fraction, 1, [])
     return seen
 
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import torch
 
-from tests.train.test_run import tiny, weights
+from tests.train.test_run import interrupted, tiny, weights
 from viatool.errors import ConfigurationError
-from viatool.train import TrainingMaps, load_configuration, make_configuration, resume, train
+from viatool.train import TrainingMaps, load_configuration, make_configuration, train
 from viatool.train.maps import load_maps
 from viatool.train.run import begin_run
 from viatool.world import load_map
@@ -72,14 +72,7 @@ def test_a_run_on_two_maps_is_tested_on_each_and_goes_on_after_an_interruption(t
         parts = [evaluation[f"{name} {kind}"]["collision_rate"] for name in ("lab", "office")]
         assert evaluation[kind]["collision_rate"] == pytest.approx(np.mean(parts))
     assert load_configuration(tmp_path / "whole" / "configuration.yaml") == options
-
-    def stop(stage: str, done: float, total: float, line: str = "", /) -> None:
-        if line.startswith("epoch   1"):
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        train(options, tmp_path / "parts", stop)
-    assert weights(resume(tmp_path / "parts")) == weights(whole)
+    assert weights(interrupted(options, tmp_path / "parts")) == weights(whole)
 
 
 def test_one_policy_is_for_one_robot(tmp_path: Path) -> None:

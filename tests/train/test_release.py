@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.train.test_run import tiny, weights
+from tests.train.test_run import interrupted, tiny, weights
 from viatool.errors import ConfigurationError
-from viatool.train import TrainingMaps, make_configuration, resume, train
+from viatool.train import TrainingMaps, epoch, make_configuration, train
 from viatool.train.maps import load_maps
 from viatool.train.run import begin_run
 from viatool.world import load_map
@@ -37,12 +37,15 @@ def test_the_robot_may_drive_faster_than_the_map_says() -> None:
 
 
 def test_goals_come_to_be_as_far_as_the_curriculum_ends() -> None:
-    options = tiny(curriculum_start=2.0, curriculum_end=8.0, curriculum_epochs=2, robots=30)
-    fleet, _ = begin_run(options).robots()
-    fleet.limit_goal_distance(2.0)
-    generator = fleet.collectors[0].simulator.generator
-    assert generator is not None
-    assert generator.goal_distance[1] == 2.0
+    run = begin_run(tiny(curriculum_start=2.0, curriculum_end=8.0, curriculum_epochs=2, warmup_episodes=0))
+    fleet, _ = run.robots()
+    farthest = []
+    for run.epoch in range(4):
+        epoch._set_curriculum(run, fleet)
+        generator = fleet.collectors[0].simulator.generator
+        assert generator is not None
+        farthest.append(generator.goal_distance[1])
+    assert farthest == [2.0, 5.0, 8.0, 8.0]
 
 
 @pytest.mark.parametrize("each", [3, 1])
@@ -62,14 +65,7 @@ def test_updates_by_episodes_are_as_many_as_episodes_bring_also_after_an_interru
         rows = list(csv.DictReader(stream))
     episodes = sum(int(row["episodes"]) for row in rows)
     assert int(rows[-1]["updates"]) == each * episodes // options.seeds
-
-    def stop(stage: str, done: float, total: float, line: str = "", /) -> None:
-        if line.startswith("epoch   1"):
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        train(options, tmp_path / "parts", stop)
-    assert weights(resume(tmp_path / "parts")) == weights(whole)
+    assert weights(interrupted(options, tmp_path / "parts")) == weights(whole)
 
 
 def test_a_checkpoint_may_be_chosen_on_the_fixed_scenarios(tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ def test_a_diverging_training_is_stopped_with_a_message(
         assert isinstance(measured, list)
         measured.append({"task_critic_loss": torch.tensor([1.0, float("nan")])})
 
-    monkeypatch.setattr("viatool.train.trainer._learn", broken)
+    monkeypatch.setattr("viatool.train.epoch._learn", broken)
     with pytest.raises(ViatoolError, match="diverged in epoch 1: task_critic_loss is not finite"):
         train(tiny(tensorboard=False), tmp_path / "run")
 

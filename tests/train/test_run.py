@@ -84,6 +84,18 @@ def test_the_same_seed_repeats_bit_for_bit(run: tuple[TrainingResult, Lines], tm
     assert weights(other) != weights(first)
 
 
+def interrupted(options: TrainingConfiguration, folder: Path) -> TrainingResult:
+    """Train, stop after the first epoch, and go on."""
+
+    def stop(stage: str, done: float, total: float, line: str = "", /) -> None:
+        if line.startswith("epoch   1"):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train(options, folder, stop)
+    return resume(folder)
+
+
 def weights(result: TrainingResult) -> list[bytes]:
     rows = np.random.default_rng(0).uniform(-1, 5, (50, 26))
     return [result.policy(rows).tobytes()]

@@ -6,7 +6,6 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from functools import partial
 from pathlib import Path
 from threading import Lock
@@ -15,19 +14,15 @@ from typing import Any
 import numpy as np
 import torch
 
-from viatool.arrays import Floats, Indices
-from viatool.errors import ConfigurationError, ViatoolError
+from viatool.errors import ConfigurationError
 from viatool.policy import Policy
 from viatool.schedule import Progress, ignore
-from viatool.train.collection import Episodes
 from viatool.train.configuration import TrainingConfiguration, load_configuration
-from viatool.train.constraint import update_multiplier, update_var
+from viatool.train.epoch import run_epoch, stage
 from viatool.train.export import export_actor, training_record
 from viatool.train.feedback import find_feedback
-from viatool.train.fleet import Fleet
 from viatool.train.health import complaints, largest_return
 from viatool.train.maps import TrainingMaps
-from viatool.train.methods.method import EpochCosts
 from viatool.train.observation import make_specification
 from viatool.train.records import (
     MetricsLog,
@@ -37,12 +32,11 @@ from viatool.train.records import (
     write_json,
     write_text,
 )
-from viatool.train.run import TrainingRun, begin_run, checkpoint, resume_run, run_state, var_ceiling
+from viatool.train.run import TrainingRun, begin_run, checkpoint, resume_run, run_state
 from viatool.train.scoring import score_missions, score_safety
 from viatool.train.selection import Candidate, best_candidates, choose, evaluate_policy, validate
 from viatool.whole_file import remove_drafts
 
-MEASURED_EVERY = 100  # updates between two of which the metrics are recorded
 CONFIGURATION = "configuration.yaml"
 BATCHES = "batches.yaml"  # of a run of several batches
 STATE = "state.pt"
@@ -173,7 +167,7 @@ def resume(
         else:
             run = begin_run(load_configuration(directory / CONFIGURATION), maps)
             line = f"no state of {directory} was saved before it ended: it begins anew at epoch 1"
-            (progress or ignore)(_stage(run), 0, run.configuration.epochs, line)
+            (progress or ignore)(stage(run), 0, run.configuration.epochs, line)
         return _train(run, directory, progress or ignore)
 
 
@@ -216,37 +210,12 @@ def _train(run: TrainingRun, directory: Path, progress: Progress) -> TrainingRes
             line = finish_epoch(run, directory)
             log.write(run.rows, options.seeds)
             spent = f"{line}  {time.perf_counter() - started:.0f} s"
-            progress(_stage(run), run.epoch, options.epochs, spent)
+            progress(stage(run), run.epoch, options.epochs, spent)
             for complaint in _new_complaints(run):
-                progress(_stage(run), run.epoch, options.epochs, f"warning: {complaint}")
+                progress(stage(run), run.epoch, options.epochs, f"warning: {complaint}")
     finally:
         log.close()
     return _finish(run, directory, progress, started)
-
-
-def run_epoch(run: TrainingRun, progress: Progress) -> None:
-    """Collect and learn for one epoch, then update u and lambda and record the metrics."""
-    options = run.configuration
-    fleet, returns = run.robots()
-    _set_curriculum(run, fleet)
-    run.epoch += 1
-    finished: list[Episodes] = []
-    measured: list[dict[str, torch.Tensor]] = []
-    counts = np.zeros(options.seeds, dtype=np.int64)
-    steps, part = 0, 0.0
-    while part < 1.0:
-        transition, episodes = fleet.step(run.learner.agent.actor.weights, run.var)
-        batch = returns.push(transition)
-        if batch is not None:
-            run.learner.replay.add(batch)
-        finished.append(episodes)
-        counts += np.bincount(episodes.seed, minlength=options.seeds)
-        steps += 1
-        _learn(run, (run.epoch - 1 + part) / options.epochs, len(episodes), measured)
-        part = _part_of_epoch(options, steps, counts)
-        progress(_stage(run), run.epoch - 1 + min(part, 1.0), options.epochs)
-    run.steps += steps
-    _record(run, Episodes.joined(finished), _average(measured), fleet)
 
 
 def _new_complaints(run: TrainingRun) -> list[str]:
@@ -255,126 +224,6 @@ def _new_complaints(run: TrainingRun) -> list[str]:
     fresh = [words for kind, words in found.items() if kind not in run.complained]
     run.complained |= found.keys()
     return fresh
-
-
-def _stage(run: TrainingRun) -> str:
-    return f"epoch {run.epoch}/{run.configuration.epochs}"
-
-
-def _part_of_epoch(options: TrainingConfiguration, steps: int, counts: Indices) -> float:
-    """Return the part of the epoch that is done, 1 or more at its end."""
-    if options.epoch_steps is not None:
-        return steps / options.epoch_steps
-    assert options.epoch_episodes is not None
-    return float(counts.min()) / options.epoch_episodes
-
-
-def _set_curriculum(run: TrainingRun, fleet: Fleet) -> None:
-    options = run.configuration
-    if options.curriculum_epochs:
-        grown = min(1.0, run.epoch / options.curriculum_epochs)
-        start = options.curriculum_start
-        fleet.limit_goal_distance(start + grown * (options.curriculum_end - start))
-
-
-def _learn(run: TrainingRun, fraction: float, episodes: int, measured: list[dict[str, torch.Tensor]]) -> None:
-    """Take the updates that belong to one step of the robots, in which so many episodes ended."""
-    options = run.configuration
-    if run.learner.replay.size < options.learning_starts:
-        return
-    run.due += _updates_due(options, episodes)
-    rate = options.learning_rate * (1.0 - (1.0 - options.final_learning_rate) * fraction)
-    run.learner.progress = fraction
-    multiplier = torch.from_numpy(run.multiplier).to(torch.float32)
-    while run.due >= 1:
-        run.due -= 1
-        measure = (run.learner.updates + 1) % MEASURED_EVERY == 0
-        metrics = run.learner.update(multiplier, rate, measure=measure)
-        if measure:
-            measured.append(metrics)
-
-
-def _updates_due(options: TrainingConfiguration, episodes: int) -> Fraction:
-    """Return the updates of all seeds that a step of the robots brings."""
-    if options.updates_per_episode is None:
-        return Fraction(options.updates_per_step)
-    return Fraction(options.updates_per_episode * episodes, options.seeds)
-
-
-def _average(measured: list[dict[str, torch.Tensor]]) -> dict[str, Floats]:
-    """Return the mean over the measured updates of every metric, ``(S,)`` each."""
-    names = dict.fromkeys(name for metrics in measured for name in metrics)
-    return {
-        name: np.mean(
-            [metrics[name].numpy() for metrics in measured if name in metrics], axis=0, dtype=np.float64
-        )
-        for name in names
-    }
-
-
-def _record(run: TrainingRun, episodes: Episodes, losses: dict[str, Floats], fleet: Fleet) -> None:
-    """Update u and lambda of every seed and write down the epoch.
-
-    Raises
-    ------
-    ViatoolError
-        If a loss is not finite.
-    """
-    options = run.configuration
-    start = run.learner.start_cost(fleet.start_observation)
-    for seed in range(options.seeds):
-        metrics: dict[str, float] = {"epoch": run.epoch, "seed": seed}
-        metrics |= {"steps": run.steps * options.robots, "updates": run.learner.updates}
-        metrics |= _episode_metrics(episodes.where(episodes.seed == seed))
-        steady = episodes.where((episodes.seed == seed) & episodes.steady).cost
-        metrics |= _update_constraint(run, seed, steady, float(start[seed]))
-        metrics |= {name: float(values[seed]) for name, values in losses.items()}
-        run.rows.append(metrics)
-    diverged = [name for name, values in losses.items() if not np.isfinite(values).all()]
-    if diverged:
-        raise ViatoolError(
-            f"the training diverged in epoch {run.epoch}: {', '.join(diverged)} is not finite",
-            "lower learning_rate or target_rate, see docs/training.md",
-        )
-
-
-def _episode_metrics(episodes: Episodes) -> dict[str, float]:
-    if len(episodes) == 0:
-        return {"episodes": 0}
-    return {
-        "episodes": len(episodes),
-        "success_rate": float(episodes.success.mean()),
-        "collision_rate": float(episodes.collision.mean()),
-        "episode_cost": float(episodes.cost.mean()),
-        "episode_reward": float(episodes.reward.mean()),
-        "episode_length": float(episodes.length.mean()),
-    }
-
-
-def _update_constraint(run: TrainingRun, seed: int, costs: Floats, start: float) -> dict[str, float]:
-    """Update u by the costs of the epoch, and lambda by these costs and the u that they were driven with."""
-    options, method = run.configuration, run.learner.method
-    metrics: dict[str, float] = {}
-    if costs.size:
-        judged = EpochCosts(float(run.var[seed]), costs, start)
-        slack = method.slack(judged)
-        run.multiplier[seed] = update_multiplier(
-            float(run.multiplier[seed]),
-            slack,
-            step=options.multiplier_step,
-            maximum=options.multiplier_maximum,
-        )
-        var, metrics = update_var(
-            judged.var,
-            costs,
-            alpha=options.alpha,
-            step=options.var_step,
-            ceiling=var_ceiling(options),
-            rule=options.var_rule,
-        )
-        run.var[seed] = var if method.budgeted else 0.0
-        metrics |= {} if slack is None else {"slack": slack}
-    return {"var": float(run.var[seed]), "multiplier": float(run.multiplier[seed])} | metrics
 
 
 def finish_epoch(run: TrainingRun, directory: Path) -> str:
